@@ -1,0 +1,1 @@
+"""Judgement: pure functions over observations and exchanges that give frozen findings."""

@@ -1,0 +1,209 @@
+"""Reading the arguments of a frame, sound or not."""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Value, Variant, vt_name
+
+MAX_NESTING = 32
+"""VARIANT arrays inside VARIANT arrays that are followed. Controllers nest two deep (an argument list
+that holds a pose); the bound keeps a hostile frame from exhausting the interpreter's stack."""
+
+SMALLEST_ARGUMENT = 10
+"""Bytes of an argument without data: u32 length, u16 type, u32 count."""
+
+_TYPE_COUNT = struct.Struct("<HI")
+_U32 = struct.Struct("<I")
+_WIDTHS = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
+
+
+class Problem(NamedTuple):
+    """Something in the bytes that is not as b-CAP has it.
+
+    Attributes:
+        offset: where in the frame's bytes.
+        code: a short stable word for programs.
+        reason: one clause for people.
+    """
+
+    offset: int
+    code: str
+    reason: str
+
+
+class Argument(NamedTuple):
+    """An argument of a frame and where it stands.
+
+    Attributes:
+        variant: the typed value, as far as its bytes go.
+        start: offset of its length field.
+        stop: offset behind its last byte.
+    """
+
+    variant: Variant
+    start: int
+    stop: int
+
+
+class Number(NamedTuple):
+    """Where plain numbers stand: `repeat` times the struct format character `code` from `start` on.
+
+    The data of a UI1 array is one "number" of code ``s``.
+    """
+
+    start: int
+    code: str
+    repeat: int
+
+
+class ArgumentReader:
+    """Reads arguments from `pos` to `end`; never raises, never reads past `end`.
+
+    The values decide where the next argument begins and the length field before each is only checked,
+    as in DENSO's present libraries (orin_bcap C, C#, Java and Python ignore it). Where a value cannot
+    be read to its end, the length field is used after all, as the older C client did.
+
+    Attributes:
+        arguments: what was read, the last one perhaps only in part.
+        problems: what is not as it should be, in the order of the bytes.
+        numbers: where plain numbers stand.
+        pos: offset of the first byte that was not read.
+    """
+
+    def __init__(self, raw: bytes, pos: int, end: int) -> None:
+        self.raw = raw
+        self.pos = pos
+        self.end = end
+        self.arguments: list[Argument] = []
+        self.problems: list[Problem] = []
+        self.numbers: list[Number] = []
+        self._lost = False
+
+    def read(self, argc: int) -> None:
+        """Read `argc` arguments, or as many as the bytes hold."""
+        for index in range(argc):
+            if self.end - self.pos < SMALLEST_ARGUMENT:
+                self._report(self.pos, "argc", f"argument count is {argc}, bytes for {index}")
+                return
+            if not self._read_one():
+                return
+
+    def _report(self, offset: int, code: str, reason: str) -> None:
+        self.problems.append(Problem(offset, code, reason))
+
+    def _lose(self, offset: int, code: str, reason: str) -> None:
+        self._report(offset, code, reason)
+        self._lost = True
+
+    def _read_one(self) -> bool:
+        start = self.pos
+        (claimed,) = _U32.unpack_from(self.raw, start)
+        claimed_stop = start + 4 + claimed
+        self.pos = start + 4
+        self._lost = False
+        variant = self._variant(0)
+        if self._lost:
+            found = claimed >= SMALLEST_ARGUMENT - 4 and claimed_stop <= self.end
+            self.pos = claimed_stop if found else self.end
+            if variant.value == b"":
+                variant = variant._replace(value=self.raw[start + SMALLEST_ARGUMENT : self.pos])
+        elif self.pos != claimed_stop:
+            taken = self.pos - start - 4
+            self._report(
+                start, "argument-length", f"argument length is {claimed}, type and value take {taken}"
+            )
+        self.arguments.append(Argument(variant, start, self.pos))
+        return not self._lost or self.pos == claimed_stop
+
+    def _variant(self, depth: int) -> Variant:
+        start = self.pos
+        vt, count = _TYPE_COUNT.unpack_from(self.raw, start)
+        self.pos = start + 6
+        base = vt & ~ARRAY
+        if vt & ARRAY:
+            return Variant(vt, self._array(base, count, depth), count)
+        value: Value = None
+        if base in NUMBER_FORMATS:
+            values = self._numbers(base, 1)
+            value = values[0] if values else None
+        elif base == VT.BSTR:
+            value = self._bstr()
+        elif base not in (VT.EMPTY, VT.NULL):
+            self._lose(start, "type", f"{vt_name(vt)} is no type that b-CAP carries")
+            return Variant(vt, b"", count)
+        if count != 1 and base > VT.NULL:
+            self._report(start + 2, "count", f"element count of a scalar is {count}, read as one")
+        return Variant(vt, value, count)
+
+    def _array(self, base: int, count: int, depth: int) -> Value:
+        if base == VT.UI1:
+            return self._bytes(count)
+        if base in NUMBER_FORMATS:
+            return self._numbers(base, count)
+        if base == VT.BSTR:
+            return self._strings(count)
+        if base == VT.VARIANT:
+            return self._variants(count, depth)
+        self._lose(self.pos - 6, "type", f"{vt_name(base | ARRAY)} is no type that b-CAP carries")
+        return b""
+
+    def _promise(self, count: int, vt: int, fits: int) -> None:
+        elements = "1 element" if count == 1 else f"{count} elements"
+        self._lose(self.pos, "data", f"{elements} of {vt_name(vt)} promised, bytes for {fits}")
+
+    def _numbers(self, base: int, count: int) -> tuple[Value, ...]:
+        width = _WIDTHS[base]
+        fits = min(count, (self.end - self.pos) // width)
+        code = NUMBER_FORMATS[base]
+        values = struct.unpack_from(f"<{fits}{code}", self.raw, self.pos)
+        if fits and base != VT.BOOL:
+            self.numbers.append(Number(self.pos, code, fits))
+        self.pos += fits * width
+        if fits < count:
+            self._promise(count, base, fits)
+        return tuple(value != 0 for value in values) if base == VT.BOOL else values
+
+    def _bytes(self, count: int) -> bytes:
+        start = self.pos
+        self.pos = min(start + count, self.end)
+        if self.pos < start + count:
+            self._promise(count, VT.UI1, self.pos - start)
+        if self.pos > start:
+            self.numbers.append(Number(start, "s", self.pos - start))
+        return self.raw[start : self.pos]
+
+    def _bstr(self) -> str | None:
+        if self.end - self.pos < 4:
+            self._lose(self.pos, "data", "bytes end before the length of a string")
+            return None
+        (size,) = _U32.unpack_from(self.raw, self.pos)
+        start = self.pos + 4
+        stop = min(start + size, self.end)
+        if size % 2:
+            self._report(self.pos, "string", f"string length is {size}, UTF-16 takes two bytes a unit")
+        if stop < start + size:
+            self._lose(self.pos, "data", f"a string of {size} bytes promised, there are {stop - start}")
+        self.pos = stop
+        return self.raw[start : stop - (stop - start) % 2].decode("utf-16-le", "surrogatepass")
+
+    def _strings(self, count: int) -> tuple[Value, ...]:
+        values: list[Value] = []
+        while len(values) < count and not self._lost:
+            value = self._bstr()
+            if value is not None:
+                values.append(value)
+        return tuple(values)
+
+    def _variants(self, count: int, depth: int) -> tuple[Variant, ...]:
+        values: list[Variant] = []
+        if depth == MAX_NESTING:
+            self._lose(self.pos, "nesting", f"VARIANT arrays nested more than {MAX_NESTING} deep")
+            return ()
+        while len(values) < count and not self._lost:
+            if self.end - self.pos < _TYPE_COUNT.size:
+                self._promise(count, VT.VARIANT, len(values))
+                break
+            values.append(self._variant(depth + 1))
+        return tuple(values)

@@ -1,0 +1,144 @@
+"""Everything behind a frame's header, decoded in full: framing, arguments, problems."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from enum import Enum
+
+from bcapscope.protocol.arguments import Argument, ArgumentReader, Number, Problem
+from bcapscope.protocol.checksum import crc16
+
+SOH = 0x01
+EOT = 0x04
+HEADER_SIZE = 15
+SMALLEST_FRAME = 16
+
+LARGEST_FRAME = 16 * 1024 * 1024
+"""What the older C client names as its limit on TCP (b-Cap.h); the present libraries name none."""
+
+LARGEST_UNPACKED = LARGEST_FRAME
+"""What a compressed body may unpack to: no more than a frame that was not compressed may hold."""
+
+_HEADER = struct.Struct("<xIHHIH")
+_ZLIB_BODY = 13
+_SMALLEST_UNPACKED = 6
+
+
+class Framing(Enum):
+    """What stands between the last argument and EOT."""
+
+    PLAIN = "plain"
+    """Nothing."""
+    SERIAL_LINE = "serial line"
+    """A CRC of two bytes (orin_bcap C/src/bcap_common.c)."""
+    VERSION_1 = "version 1"
+    """A mode byte 0; `reserved` is 1 (keioku/bcap-python)."""
+    VERSION_1_ZLIB = "version 1, zlib"
+    """A mode byte 1; from offset 9 on stand the u32 unpacked size and a zlib stream of function id,
+    argument count and arguments (keioku/bcap-python)."""
+
+
+class Content:
+    """A frame of at least a header, taken apart; never raises.
+
+    Attributes:
+        framing: how the frame ends, as far as its bytes tell.
+        body: the frame's bytes; for a compressed one, what it unpacks to stands in place of the
+            compressed bytes, between the same first nine and EOT.
+        code: function id or HRESULT.
+        arguments: as far as they could be read; spans are offsets in `body`.
+        problems: what is not as b-CAP has it, in the order of the bytes; offsets in `body`.
+        numbers: where plain numbers stand in `body`.
+    """
+
+    __slots__ = ("arguments", "body", "code", "framing", "numbers", "problems")
+
+    def __init__(self, raw: bytes) -> None:
+        self.framing = Framing.PLAIN
+        self.body = raw
+        length, _, _, self.code, _ = _HEADER.unpack_from(raw)
+        head: list[Problem] = []
+        if raw[0] != SOH:
+            head.append(Problem(0, "soh", f"first byte is {raw[0]:02X}, a frame begins with 01"))
+        if length != len(raw):
+            head.append(Problem(1, "length", f"length is {length}, there are {len(raw)} bytes"))
+        unpacked = _unpack(raw) if looks_zlib(raw) else None
+        if unpacked is not None:
+            self.framing = Framing.VERSION_1_ZLIB
+            self.body, unpack_problems = unpacked
+            head += unpack_problems
+            (self.code,) = struct.unpack_from("<I", self.body, 9)
+        reader = self._read_arguments()
+        self.arguments: tuple[Argument, ...] = tuple(reader.arguments)
+        self.numbers: list[Number] = reader.numbers
+        self.problems: tuple[Problem, ...] = (*head, *reader.problems)
+
+    def _read_arguments(self) -> ArgumentReader:
+        body = self.body
+        has_eot = len(body) > HEADER_SIZE and body[-1] == EOT
+        end = len(body) - 1 if has_eot else len(body)
+        reader = ArgumentReader(body, HEADER_SIZE, end)
+        reader.read(int.from_bytes(body[13:15], "little"))
+        if reader.pos < end and not reader.problems:
+            self._read_tail(reader)
+        if len(body) <= HEADER_SIZE:
+            reader.problems.append(Problem(len(body), "eot", "bytes end before EOT"))
+        elif not has_eot:
+            reader.problems.append(
+                Problem(len(body) - 1, "eot", f"last byte is {body[-1]:02X}, a frame ends with 04")
+            )
+        return reader
+
+    def _read_tail(self, reader: ArgumentReader) -> None:
+        """Tell the framing by what stands between the last argument and EOT."""
+        body, end = self.body, reader.end
+        tail = body[reader.pos : end]
+        if len(tail) == 1 and tail[0] == 0 and body[7:9] == b"\x01\x00":
+            self.framing = Framing.VERSION_1
+        elif len(tail) == 2 and tail == crc16(body[1 : end - 2]).to_bytes(2, "little"):
+            self.framing = Framing.SERIAL_LINE
+        else:
+            count = "1 byte" if len(tail) == 1 else f"{len(tail)} bytes"
+            reader.problems.append(
+                Problem(reader.pos, "left-over", f"{count} left over behind the last argument")
+            )
+
+
+def looks_zlib(raw: bytes) -> bool:
+    """Tell whether `raw` has the marks of a compressed version 1 frame.
+
+    `reserved` 1, mode byte 1 before EOT and a zlib header where the compressed body begins, none of
+    which a plain frame has at once: its argument count would be over 30,000.
+    """
+    return (
+        len(raw) > _ZLIB_BODY + 4
+        and raw[7:9] == b"\x01\x00"
+        and raw[-2:] == b"\x01\x04"
+        and raw[_ZLIB_BODY] & 0x0F == 8
+        and int.from_bytes(raw[_ZLIB_BODY : _ZLIB_BODY + 2], "big") % 31 == 0
+    )
+
+
+def _unpack(raw: bytes) -> tuple[bytes, list[Problem]] | None:
+    """Unpack a compressed body; None where there is nothing to unpack after all."""
+    claimed = int.from_bytes(raw[9:_ZLIB_BODY], "little")
+    machine = zlib.decompressobj()
+    try:
+        data = machine.decompress(raw[_ZLIB_BODY:-2], LARGEST_UNPACKED)
+    except zlib.error:
+        return None
+    if len(data) < _SMALLEST_UNPACKED:
+        return None
+    problems = []
+    if machine.unconsumed_tail:
+        problems.append(
+            Problem(_ZLIB_BODY, "unpacked", f"unpacks to over {LARGEST_UNPACKED} bytes, cut there")
+        )
+    elif not machine.eof:
+        problems.append(Problem(_ZLIB_BODY, "unpacked", "compressed bytes end early"))
+    elif len(data) != claimed:
+        problems.append(Problem(9, "unpacked", f"unpacked size is {claimed}, there are {len(data)} bytes"))
+    if machine.unused_data:
+        problems.append(Problem(_ZLIB_BODY, "left-over", "bytes left over behind the compressed ones"))
+    return raw[:9] + data + raw[-1:], problems

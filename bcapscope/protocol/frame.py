@@ -1,0 +1,239 @@
+"""The b-CAP frame: header first, everything else when asked for.
+
+Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the
+Slave mode"): 0 SOH 0x01; 1 u32 length of the whole frame; 5 u16 serial; 7 u16 reserved; 9 u32 function
+id of a request, HRESULT of a reply; 13 u16 argument count; 15 arguments; last byte EOT 0x04.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+
+from bcapscope.errors import LocalProtocolError
+from bcapscope.protocol import layout as layouts
+from bcapscope.protocol.arguments import Argument, Problem
+from bcapscope.protocol.checksum import crc16
+from bcapscope.protocol.content import (
+    EOT,
+    HEADER_SIZE,
+    LARGEST_FRAME,
+    SMALLEST_FRAME,
+    SOH,
+    Content,
+    Framing,
+    looks_zlib,
+)
+from bcapscope.protocol.layout import Layout, Numbers
+from bcapscope.protocol.variant import Variant, encode_argument
+
+__all__ = [
+    "EOT",
+    "HEADER_SIZE",
+    "LARGEST_FRAME",
+    "LARGEST_UDP_FRAME",
+    "SMALLEST_FRAME",
+    "SOH",
+    "Frame",
+    "Framing",
+    "Malformed",
+    "Problem",
+    "encode",
+    "parse_datagram",
+]
+
+LARGEST_UDP_FRAME = 503
+"""Whole frame, UDP and serial line (orin_bcap C/include/dn_udp.h); longer ones are refused unsent."""
+
+_SERIAL_RESERVED_CODE = struct.Struct("<5xHHI")
+_LENGTH_SERIAL_RESERVED = struct.Struct("<BIHH")
+_CODE_ARGC = struct.Struct("<IH")
+
+
+class Malformed:
+    """Bytes that are no frame, or a hole in a stream.
+
+    Attributes:
+        raw: the bytes; empty for a hole.
+        problems: why they are no frame.
+        missing: how many bytes of the stream were never seen; 0 unless this is a hole.
+    """
+
+    __slots__ = ("missing", "problems", "raw")
+
+    def __init__(self, raw: bytes, problems: tuple[Problem, ...], missing: int = 0) -> None:
+        self.raw = raw
+        self.problems = problems
+        self.missing = missing
+
+    def __repr__(self) -> str:
+        return f"Malformed({self.raw.hex()!r}, {self.problems}, missing={self.missing})"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Malformed):
+            return NotImplemented
+        return (self.raw, self.problems, self.missing) == (other.raw, other.problems, other.missing)
+
+    def __hash__(self) -> int:
+        return hash((self.raw, self.problems, self.missing))
+
+
+class Frame:
+    """A frame that has at least its header; what follows may be damaged.
+
+    Nothing in a frame tells a request from a reply: `code` is the one or the other by who sent it.
+
+    Attributes:
+        raw: the bytes as they came.
+        serial: chosen by the client, copied into the reply.
+        reserved: marks retries on UDP.
+        code: function id or HRESULT, unsigned.
+        note: a problem that the frame's own bytes do not show, such as a capture that kept only the
+            beginning of the packet; None for nearly all.
+    """
+
+    __slots__ = ("_content", "code", "note", "raw", "reserved", "serial")
+
+    def __init__(self, raw: bytes, note: Problem | None = None) -> None:
+        """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes."""
+        self.raw = raw
+        self.note = note
+        self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE.unpack_from(raw)
+        self._content: Content | None = None
+        if self.reserved == 1 and looks_zlib(raw):
+            self.code = self._decoded.code
+
+    def __repr__(self) -> str:
+        return f"Frame({self.raw.hex()!r})"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Frame):
+            return NotImplemented
+        return (self.raw, self.note) == (other.raw, other.note)
+
+    def __hash__(self) -> int:
+        return hash(self.raw)
+
+    @property
+    def length(self) -> int:
+        """The length field, which may not agree with the bytes there are."""
+        return int.from_bytes(self.raw[1:5], "little")
+
+    @property
+    def argc(self) -> int:
+        """The argument count field."""
+        return int.from_bytes(self.body[13:15], "little")
+
+    @property
+    def layout(self) -> tuple[Layout, Numbers] | None:
+        """What this frame shares with others of its form, and its own numbers.
+
+        The cheap way through millions of frames: `arguments` gives the same values one by one. None for
+        a frame with problems and for the few that are decoded on their own.
+        """
+        found = layouts.find(self.raw)
+        if found is None and self._content is None and not self._decoded.problems:
+            found = layouts.find(self.raw)
+        return found
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """The arguments, as far as their bytes go; spans are offsets in `body`."""
+        found = self.layout
+        return self._decoded.arguments if found is None else found[0].arguments(found[1])
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """What is not as b-CAP has it; empty for a sound frame."""
+        own = () if self.layout is not None else self._decoded.problems
+        return own if self.note is None else (*own, self.note)
+
+    @property
+    def framing(self) -> Framing:
+        """How the frame ends, as far as its bytes tell."""
+        return Framing.PLAIN if self.layout is not None else self._decoded.framing
+
+    @property
+    def body(self) -> bytes:
+        """`raw`; for a compressed frame the same bytes with what it unpacks to in place."""
+        return self._decoded.body if self.reserved == 1 else self.raw
+
+    @property
+    def _decoded(self) -> Content:
+        if self._content is None:
+            self._content = content = Content(self.raw)
+            if content.framing is Framing.PLAIN and not content.problems:
+                layouts.learn(self.raw, content.numbers, content.arguments)
+        return self._content
+
+
+def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
+    """Take a datagram apart: one frame, several, or bytes that are none.
+
+    What begins with SOH and holds a header is a frame, with whatever problems; a frame that ends sound
+    before the datagram does is followed by what comes behind it.
+    """
+    if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
+        return (Frame(raw),)
+    items: list[Frame | Malformed] = []
+    while True:
+        length = int.from_bytes(raw[1:5], "little")
+        if not SMALLEST_FRAME <= length < len(raw) or raw[0] != SOH or raw[length - 1] != EOT:
+            items.append(parse_bytes(raw))
+            return tuple(items)
+        items.append(Frame(raw[:length]))
+        raw = raw[length:]
+
+
+def parse_bytes(raw: bytes) -> Frame | Malformed:
+    """Take all of `raw` for one frame if it begins as one; its problems tell the rest."""
+    if len(raw) >= HEADER_SIZE and raw[0] == SOH:
+        return Frame(raw)
+    if raw[:1] != b"\x01":
+        first = f"first byte is {raw[0]:02X}" if raw else "there are no bytes"
+        return Malformed(raw, (Problem(0, "soh", f"{first}, a frame begins with 01"),))
+    reason = f"{len(raw)} bytes, a frame has {SMALLEST_FRAME} at least"
+    return Malformed(raw, (Problem(0, "short", reason),))
+
+
+def encode(
+    serial: int,
+    reserved: int,
+    code: int,
+    arguments: Sequence[Variant] = (),
+    framing: Framing = Framing.PLAIN,
+) -> bytes:
+    """Make the bytes of a frame.
+
+    Args:
+        serial: 0 to 65535.
+        reserved: 0 to 65535.
+        code: function id or HRESULT, signed or unsigned.
+        arguments: the values, in order.
+        framing: how the frame ends.
+
+    Raises:
+        LocalProtocolError: a number or a value does not fit, or the frame grows over `LARGEST_FRAME`.
+    """
+    try:
+        inner = _CODE_ARGC.pack(code & 0xFFFFFFFF, len(arguments))
+        inner += b"".join(map(encode_argument, arguments))
+        body = _framed(inner, framing)
+        crc_size = 2 if framing is Framing.SERIAL_LINE else 0
+        length = 10 + len(body) + crc_size
+        head = _LENGTH_SERIAL_RESERVED.pack(SOH, length, serial, reserved)
+    except struct.error as error:
+        raise LocalProtocolError(f"serial {serial}, reserved {reserved}: {error}") from error
+    if length > LARGEST_FRAME:
+        raise LocalProtocolError(f"a frame of {length} bytes, {LARGEST_FRAME} is the most")
+    crc = crc16(head[1:] + body).to_bytes(2, "little") if crc_size else b""
+    return head + body + crc + bytes((EOT,))
+
+
+def _framed(inner: bytes, framing: Framing) -> bytes:
+    if framing is Framing.VERSION_1:
+        return inner + b"\x00"
+    if framing is Framing.VERSION_1_ZLIB:
+        return len(inner).to_bytes(4, "little") + zlib.compress(inner) + b"\x01"
+    return inner

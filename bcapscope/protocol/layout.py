@@ -1,0 +1,156 @@
+"""What frames of one form share, so that a million of them are decoded once.
+
+Robot traffic repeats itself: two set points of a slave-mode session differ in serial, reserved and the
+numbers inside their arguments, nothing else. A `Layout` is what stays, kept from the first frame that
+was decoded in full and found sound; a later frame that agrees with it byte for byte outside those
+places needs only its numbers unpacked.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeAlias
+
+from bcapscope.protocol.arguments import Argument, Number
+from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant
+
+Numbers: TypeAlias = "tuple[int | float | bytes, ...]"
+
+LARGEST_FRAME = 2048
+"""Longer frames are decoded one by one: they are rare, and keeping their bytes would cost more."""
+
+MOST_LAYOUTS = 2048
+"""Layouts kept in all; when more forms than that are met, all are forgotten and learnt again."""
+
+MOST_SHAPES = 8
+"""Shapes tried for one frame length."""
+
+
+class Layout:
+    """The form of a frame.
+
+    Attributes:
+        prototype: arguments of the frame it was learnt from; its numbers mean nothing.
+    """
+
+    __slots__ = ("_plan", "prototype")
+
+    def __init__(self, prototype: tuple[Argument, ...]) -> None:
+        self.prototype = prototype
+        self._plan = tuple((argument, numbers_taken(argument.variant)) for argument in prototype)
+
+    def arguments(self, numbers: Numbers) -> tuple[Argument, ...]:
+        """Put a frame's own `numbers`, in the order of its bytes, into the arguments."""
+        arguments = []
+        pos = 0
+        for argument, taken in self._plan:
+            if taken:
+                variant = _filled(argument.variant, iter(numbers[pos : pos + taken]))
+                arguments.append(Argument(variant, argument.start, argument.stop))
+                pos += taken
+            else:
+                arguments.append(argument)
+        return tuple(arguments)
+
+
+class _Shape:
+    """Where frames of one length keep their numbers; everything else is the key of their layout."""
+
+    __slots__ = ("key", "layouts", "numbers", "spans")
+
+    def __init__(self, length: int, spans: tuple[Number, ...]) -> None:
+        fixed, numbers = ["<5s4x"], [f"<{_header_end(spans, length)}x"]
+        pos = 9
+        for start, code, count in spans:
+            width = struct.calcsize(f"<{count}{code}")
+            fixed.append(f"{start - pos}s{width}x")
+            numbers.append(f"{count}{code}")
+            pos = start + width
+            numbers.append(f"{_next_start(spans, start, length) - pos}x")
+        fixed.append(f"{length - pos}s")
+        self.spans = spans
+        self.key: Callable[[bytes], tuple[bytes, ...]] = struct.Struct("".join(fixed)).unpack
+        self.numbers: Callable[[bytes], Numbers] = struct.Struct("".join(numbers)).unpack
+        self.layouts: dict[tuple[bytes, ...], Layout] = {}
+
+
+def _header_end(spans: tuple[Number, ...], length: int) -> int:
+    return spans[0].start if spans else length
+
+
+def _next_start(spans: tuple[Number, ...], start: int, length: int) -> int:
+    return next((span.start for span in spans if span.start > start), length)
+
+
+class _Store:
+    """All layouts known, by frame length."""
+
+    def __init__(self) -> None:
+        self.shapes: dict[int, tuple[_Shape, ...]] = {}
+        self.size = 0
+
+    def add(self, raw: bytes, spans: tuple[Number, ...], prototype: tuple[Argument, ...]) -> None:
+        if self.size >= MOST_LAYOUTS:
+            self.shapes.clear()
+            self.size = 0
+        shapes = self.shapes.get(len(raw), ())
+        shape = next((shape for shape in shapes if shape.spans == spans), None)
+        if shape is None:
+            shape = _Shape(len(raw), spans)
+            self.shapes[len(raw)] = (shape, *shapes)[:MOST_SHAPES]
+        shape.layouts[shape.key(raw)] = Layout(prototype)
+        self.size += 1
+
+
+_STORE = _Store()
+_SHAPES = _STORE.shapes
+
+
+def find(raw: bytes) -> tuple[Layout, Numbers] | None:
+    """Return the layout of `raw` and its numbers in the order of its bytes, or None if it is not known.
+
+    A frame whose layout is known is sound: length, EOT and every argument are as b-CAP has them.
+    """
+    for shape in _SHAPES.get(len(raw), ()):
+        layout = shape.layouts.get(shape.key(raw))
+        if layout is not None:
+            return layout, shape.numbers(raw)
+    return None
+
+
+def learn(raw: bytes, spans: Sequence[Number], arguments: tuple[Argument, ...]) -> None:
+    """Keep the form of a frame that was decoded in full and found sound.
+
+    Args:
+        raw: the frame.
+        spans: where its numbers stand, in the order of its bytes.
+        arguments: what it holds.
+    """
+    if len(raw) <= LARGEST_FRAME:
+        _STORE.add(raw, tuple(spans), arguments)
+
+
+def numbers_taken(variant: Variant) -> int:
+    """Count the numbers that a value takes from those of its frame."""
+    base = variant.vt & ~ARRAY
+    value = variant.value
+    if base == VT.VARIANT and isinstance(value, tuple):
+        return sum(numbers_taken(item) for item in value if isinstance(item, Variant))
+    if base not in NUMBER_FORMATS or base == VT.BOOL:
+        return 0
+    if isinstance(value, bytes):
+        return 1 if value else 0
+    return len(value) if isinstance(value, tuple) else 1
+
+
+def _filled(variant: Variant, numbers: Iterator[int | float | bytes]) -> Variant:
+    value = variant.value
+    if numbers_taken(variant) == 0:
+        return variant
+    if not isinstance(value, tuple):
+        return variant._replace(value=next(numbers))
+    if variant.vt == ARRAY | VT.VARIANT:
+        nested = tuple(_filled(item, numbers) for item in value if isinstance(item, Variant))
+        return variant._replace(value=nested)
+    return variant._replace(value=tuple(next(numbers) for _ in value))

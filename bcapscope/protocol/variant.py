@@ -1,0 +1,155 @@
+"""VARIANT: the typed values of b-CAP, their names and their bytes.
+
+Layout of a VARIANT, all numbers little-endian: u16 type, u32 element count, data. An argument of a
+frame puts a u32 byte length before it; the elements of a VARIANT array have none (orin_bcap
+C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from enum import IntEnum
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.errors import LocalProtocolError
+
+
+class VT(IntEnum):
+    """Types that b-CAP carries; numbers are those of COM's VARENUM (orin_bcap C/include/bcap_common.h)."""
+
+    EMPTY = 0
+    NULL = 1
+    I2 = 2
+    I4 = 3
+    R4 = 4
+    R8 = 5
+    CY = 6
+    DATE = 7
+    BSTR = 8
+    ERROR = 10
+    BOOL = 11
+    VARIANT = 12
+    UI1 = 17
+    UI2 = 18
+    UI4 = 19
+    I8 = 20
+    UI8 = 21
+
+
+ARRAY = 0x2000
+"""Flag or-ed with an element type."""
+
+NUMBER_FORMATS: dict[int, str] = {
+    VT.I2: "h",
+    VT.I4: "i",
+    VT.R4: "f",
+    VT.R8: "d",
+    VT.CY: "q",
+    VT.DATE: "d",
+    VT.ERROR: "i",
+    VT.BOOL: "h",
+    VT.UI1: "B",
+    VT.UI2: "H",
+    VT.UI4: "I",
+    VT.I8: "q",
+    VT.UI8: "Q",
+}
+"""struct format character of each type of fixed width."""
+
+CY_SCALE = 10_000
+"""A CY counts ten-thousandths in COM. None of DENSO's libraries applies that, so values stay raw here
+and a view shows the scaled one beside it."""
+
+Value: TypeAlias = "bool | int | float | str | bytes | tuple[Value, ...] | tuple[Variant, ...] | None"
+
+_TYPE_COUNT = struct.Struct("<HI")
+_NAMES = {int(vt): f"VT_{vt.name}" for vt in VT}
+
+
+class Variant(NamedTuple):
+    """A typed value.
+
+    Attributes:
+        vt: type number, `ARRAY` or-ed in for arrays; unknown numbers are kept.
+        value: None for EMPTY and NULL; int, float, bool or str for scalars (CY and ERROR as raw
+            integers, DATE as days since 1899-12-30); a tuple for arrays, `bytes` for an array of UI1,
+            a tuple of Variant for an array of VARIANT; the raw `bytes` of an unknown type.
+        elements: element count as it stands in the frame. Scalars have 1; EMPTY and NULL are read with 0
+            as well. More than there are values where a frame promises more than it holds.
+    """
+
+    vt: int
+    value: Value
+    elements: int = 1
+
+    @classmethod
+    def array(cls, element: int, values: bytes | tuple[Value, ...] | tuple[Variant, ...]) -> Variant:
+        """Make an array of `element` type."""
+        return cls(ARRAY | element, values, len(values))
+
+
+EMPTY = Variant(VT.EMPTY, None)
+
+
+def vt_name(vt: int) -> str:
+    """Name a type number: ``VT_I4``, ``VT_R8|VT_ARRAY``, ``VT_0x0009`` where b-CAP has no such type."""
+    base = _NAMES.get(vt & ~ARRAY) or f"VT_0x{vt & ~ARRAY:04X}"
+    return f"{base}|VT_ARRAY" if vt & ARRAY else base
+
+
+def encode_variant(variant: Variant) -> bytes:
+    """Pack type, count and data, as they stand inside a VARIANT array.
+
+    Raises:
+        LocalProtocolError: the value does not fit its type, or b-CAP has no such type.
+    """
+    return _TYPE_COUNT.pack(variant.vt, variant.elements) + _encode_data(variant)
+
+
+def encode_argument(variant: Variant) -> bytes:
+    """Pack a VARIANT as an argument: its length in bytes (u32) before it.
+
+    Raises:
+        LocalProtocolError: the value does not fit its type, or b-CAP has no such type.
+    """
+    body = encode_variant(variant)
+    return len(body).to_bytes(4, "little") + body
+
+
+def _encode_data(variant: Variant) -> bytes:
+    base = variant.vt & ~ARRAY
+    try:
+        if variant.vt & ARRAY:
+            return _encode_array(base, variant.value)
+        if base in (VT.EMPTY, VT.NULL):
+            return b""
+        if base == VT.BSTR:
+            return _encode_bstr(variant.value)
+        return _encode_numbers(base, (variant.value,))
+    except (struct.error, TypeError, ValueError, OverflowError, AttributeError, KeyError) as error:
+        raise LocalProtocolError(f"{variant.value!r} is no {vt_name(variant.vt)}: {error}") from error
+
+
+def _encode_array(base: int, values: Value) -> bytes:
+    if not isinstance(values, tuple | bytes):
+        raise TypeError("an array takes a tuple, or bytes for VT_UI1")
+    if base == VT.UI1:
+        return bytes(values)  # type: ignore[arg-type]  # a wrong element raises, and is reported as such
+    pack: Callable[..., bytes] | None = {VT.BSTR: _encode_bstr, VT.VARIANT: encode_variant}.get(VT(base))
+    if pack is None:
+        return _encode_numbers(base, tuple(values))
+    return b"".join(map(pack, values))
+
+
+def _encode_bstr(value: Value) -> bytes:
+    if not isinstance(value, str):
+        raise TypeError("a string is needed")
+    data = value.encode("utf-16-le", "surrogatepass")
+    return len(data).to_bytes(4, "little") + data
+
+
+def _encode_numbers(base: int, values: tuple[Value, ...]) -> bytes:
+    if base == VT.BOOL:
+        values = tuple(-1 if value else 0 for value in values)
+    return struct.pack(f"<{len(values)}{NUMBER_FORMATS[base]}", *values)

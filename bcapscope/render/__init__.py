@@ -1,0 +1,1 @@
+"""Words: lines, trees, hexdumps, tables, JSON and CSV, as strings and bytes only."""

@@ -1,0 +1,94 @@
+"""One thing seen on the wire: what, when, and between whom."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+from bcapscope.protocol.frame import Frame, Malformed
+
+
+class Transport(StrEnum):
+    """What carried the frame."""
+
+    UDP = "udp"
+    TCP = "tcp"
+
+
+class Direction(StrEnum):
+    """Who spoke: nothing inside a frame tells it, only where the server is."""
+
+    REQUEST = "request"
+    RESPONSE = "response"
+
+
+class Endpoint(NamedTuple):
+    """An IP address as text and a port."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+class Conversation:
+    """One client talking to one server over one transport; compared by identity.
+
+    A TCP conversation is one connection: a later connection between the same endpoints is another.
+
+    Attributes:
+        client: the end that asks.
+        server: the end that answers.
+        transport: UDP or TCP.
+        side_known_by: why `server` is held to be the server, in words for the user: "port 5007", or
+            what in the traffic told it.
+    """
+
+    __slots__ = ("client", "server", "side_known_by", "transport")
+
+    def __init__(self, client: Endpoint, server: Endpoint, transport: Transport, side_known_by: str) -> None:
+        self.client = client
+        self.server = server
+        self.transport = transport
+        self.side_known_by = side_known_by
+
+    def __repr__(self) -> str:
+        return f"Conversation({self.client} > {self.server} {self.transport})"
+
+
+class Flow:
+    """One direction of a conversation, with the texts that every line about it needs ready made."""
+
+    __slots__ = ("conversation", "direction", "dst", "dst_text", "src", "src_text")
+
+    def __init__(self, conversation: Conversation, direction: Direction) -> None:
+        ends = (conversation.client, conversation.server)
+        self.conversation = conversation
+        self.direction = direction
+        self.src, self.dst = ends if direction is Direction.REQUEST else ends[::-1]
+        self.src_text, self.dst_text = str(self.src), str(self.dst)
+
+    def __repr__(self) -> str:
+        return f"Flow({self.src_text} > {self.dst_text} {self.conversation.transport} {self.direction})"
+
+
+class Observation(NamedTuple):
+    """A frame, or bytes that are none, as seen at one place.
+
+    Attributes:
+        number: 1 for the first item of the traffic; every item has one, sound or not.
+        time: when its last byte was seen, nanoseconds since 1970-01-01 UTC.
+        began: when its first byte was seen; equal to `time` unless a stream cut the frame.
+        flow: who spoke to whom.
+        item: the frame, or the bytes that are none.
+        packet: number of the captured packet that completed it, from 1 over all packets of the source;
+            0 where there was no capture.
+    """
+
+    number: int
+    time: int
+    began: int
+    flow: Flow
+    item: Frame | Malformed
+    packet: int
