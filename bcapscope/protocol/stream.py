@@ -1,0 +1,225 @@
+"""Cutting a byte stream into frames: any cut, any glue, and back into step after garbage."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+from typing import NamedTuple
+
+from bcapscope.protocol.arguments import SMALLEST_ARGUMENT, Problem
+from bcapscope.protocol.frame import (
+    EOT,
+    HEADER_SIZE,
+    LARGEST_FRAME,
+    SMALLEST_FRAME,
+    SOH,
+    Frame,
+    Malformed,
+)
+
+LARGEST_DOUBTFUL = 64 * 1024
+"""A frame whose length field its arguments do not bear out is waited for up to this size. Frames of real
+sessions are below 10 KiB, so a corrupted length costs a bounded wait and not the rest of the stream."""
+
+LARGEST_GARBAGE = 64 * 1024
+"""Bytes outside of any frame come out in pieces of this size, so that they are never piled up."""
+
+MOST_ARGUMENTS = 64
+"""Arguments of a frame at which a stream may get back into step. No function takes more than four and no
+reply has more than one; the bound keeps crafted garbage from being walked over and over."""
+
+_TAILS = (1, 2, 3)
+"""Bytes from the last argument to the end: EOT, with a mode byte (version 1), or with a CRC."""
+
+
+class Piece(NamedTuple):
+    """A part of a stream.
+
+    Attributes:
+        start: offset in the stream of its first byte; a hole counts with the bytes it is missing.
+        stop: offset behind its last byte.
+        item: the frame, or bytes that are none.
+    """
+
+    start: int
+    stop: int
+    item: Frame | Malformed
+
+
+class _Trust(Enum):
+    FULL = auto()
+    """The arguments end where the length field says."""
+    DOUBT = auto()
+    """The length field is possible, but the arguments do not bear it out."""
+    NONE = auto()
+    """No frame begins here."""
+    OPEN = auto()
+    """More bytes are needed to tell."""
+
+
+class Splitter:
+    """Cuts a stream into pieces; what it gives depends on the bytes alone, never on how they were cut.
+
+    Every byte fed comes out in exactly one piece, in order. At most `limit` bytes are held.
+    """
+
+    def __init__(self, in_step: bool = True, limit: int = LARGEST_FRAME) -> None:
+        """Begin a stream.
+
+        Args:
+            in_step: the first byte fed is the first of a frame; False where the beginning was not seen.
+            limit: the longest frame that is waited for, in bytes.
+        """
+        self._buffer = bytearray()
+        self._base = 0
+        self._in_step = in_step
+        self._limit = limit
+        self._scan = 0
+        self._enough = 0
+        self._walk = (0, 0, 0)
+
+    @property
+    def pending(self) -> int:
+        """Bytes fed that have not come out yet."""
+        return len(self._buffer)
+
+    def feed(self, data: bytes) -> list[Piece]:
+        """Take the next bytes of the stream and return the pieces that they complete."""
+        if not self._buffer and self._in_step and _is_one_frame(data):
+            start, self._base = self._base, self._base + len(data)
+            return [Piece(start, self._base, Frame(data))]
+        self._buffer += data
+        if len(self._buffer) < self._enough:
+            return []
+        return self._cut(final=False)
+
+    def gap(self, missing: int) -> list[Piece]:
+        """End what was begun, then account for `missing` bytes that will never come."""
+        pieces = self._cut(final=True)
+        start, self._base = self._base, self._base + missing
+        reason = f"{missing} bytes of the stream were not seen"
+        hole = Malformed(b"", (Problem(0, "gap", reason),), missing)
+        self._in_step = False
+        return [*pieces, Piece(start, self._base, hole)]
+
+    def close(self) -> list[Piece]:
+        """End the stream: what is left comes out as it is."""
+        return self._cut(final=True)
+
+    def _cut(self, final: bool) -> list[Piece]:
+        pieces: list[Piece] = []
+        while self._buffer:
+            size = self._next_size(final)
+            if size == 0:
+                break
+            pieces.append(self._take(size))
+        if final:
+            self._enough = 0
+        return pieces
+
+    def _take(self, size: int) -> Piece:
+        raw = bytes(self._buffer[:size])
+        del self._buffer[:size]
+        start, self._base = self._base, self._base + size
+        self._scan = self._enough = 0
+        self._walk = (0, 0, 0)
+        return Piece(start, self._base, self._item(raw))
+
+    def _item(self, raw: bytes) -> Frame | Malformed:
+        if raw[0] == SOH and len(raw) >= HEADER_SIZE:
+            return Frame(raw)
+        if raw[0] == SOH:
+            return Malformed(raw, (Problem(0, "short", f"a frame breaks off after {len(raw)} bytes"),))
+        return Malformed(raw, (Problem(0, "soh", "bytes outside of any frame"),))
+
+    def _next_size(self, final: bool) -> int:
+        """Size of the piece that begins the buffer; 0 for "need more"."""
+        if self._scan == 0 and self._in_step and self._buffer[0] == SOH:
+            trust, length = self._weigh(0)
+            if trust is _Trust.OPEN and not final:
+                return 0
+            if trust in (_Trust.FULL, _Trust.DOUBT):
+                if len(self._buffer) >= length:
+                    if trust is _Trust.FULL or self._buffer[length - 1] == EOT:
+                        return length
+                elif not final:
+                    self._enough = length
+                    return 0
+        return self._find_step(final)
+
+    def _find_step(self, final: bool) -> int:
+        """Look for the next byte at which a frame begins beyond doubt; return the size of what is before."""
+        pos = self._scan if self._scan or not self._in_step else 1
+        self._in_step = False
+        while (pos := self._buffer.find(SOH, pos)) >= 0 and pos < LARGEST_GARBAGE:
+            self._scan = pos
+            found = self._begins_frame(pos)
+            if found:
+                self._in_step = True
+                return pos or self._next_size(final)
+            if found is None and not final:
+                return 0
+            pos += 1
+        self._scan = len(self._buffer) if pos < 0 else pos
+        if self._scan >= LARGEST_GARBAGE:
+            return LARGEST_GARBAGE
+        return self._scan if final else 0
+
+    def _begins_frame(self, pos: int) -> bool | None:
+        """Tell whether a whole frame stands at `pos`, None for "need more"."""
+        trust, length = self._weigh(pos, in_step=False)
+        if trust is _Trust.FULL and len(self._buffer) >= pos + length:
+            return self._buffer[pos + length - 1] == EOT
+        if trust is _Trust.FULL:
+            self._enough = pos + length
+        return None if trust in (_Trust.FULL, _Trust.OPEN) else False
+
+    def _weigh(self, pos: int, in_step: bool = True) -> tuple[_Trust, int]:
+        """Judge the frame that may begin at `pos` by its header and the lengths of its arguments."""
+        buffer = self._buffer
+        if len(buffer) - pos < HEADER_SIZE:
+            return _Trust.OPEN, 0
+        length = int.from_bytes(buffer[pos + 1 : pos + 5], "little")
+        argc = int.from_bytes(buffer[pos + 13 : pos + 15], "little")
+        largest = self._limit if in_step else LARGEST_DOUBTFUL
+        if not SMALLEST_FRAME <= length <= largest or (argc > MOST_ARGUMENTS and not in_step):
+            return _Trust.NONE, 0
+        stop = pos + length
+        last = self._walk_arguments(pos, stop, argc)
+        if last is None:
+            return _Trust.OPEN, length
+        if stop - last in _TAILS:
+            return _Trust.FULL, length
+        return (_Trust.DOUBT if length <= LARGEST_DOUBTFUL else _Trust.NONE), length
+
+    def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
+        """Follow the length fields of the arguments to the offset behind the last one.
+
+        Goes on where it left off, so that a long frame in small cuts is walked once. Returns None for
+        "need more" and 0 where the arguments cannot be right.
+        """
+        begun, argument, done = self._walk
+        if begun != pos or done == 0:
+            argument, done = pos + HEADER_SIZE, 0
+        while done < argc:
+            if argument + SMALLEST_ARGUMENT > stop:
+                return 0
+            if argument + 4 > len(self._buffer):
+                self._enough = argument + 4
+                self._walk = (pos, argument, done)
+                return None
+            claimed = int.from_bytes(self._buffer[argument : argument + 4], "little")
+            if claimed < SMALLEST_ARGUMENT - 4:
+                return 0
+            argument += 4 + claimed
+            done += 1
+        return argument
+
+
+def _is_one_frame(data: bytes) -> bool:
+    """Tell the common case: one segment holds one frame that the full walk would take as well."""
+    return (
+        len(data) >= SMALLEST_FRAME
+        and data[0] == SOH
+        and data[-1] == EOT
+        and int.from_bytes(data[1:5], "little") == len(data) <= LARGEST_DOUBTFUL
+    )
