@@ -34,8 +34,8 @@ install_venv() {
     [ "$(id -u)" = 0 ] || command -v sudo >/dev/null || die "as root: apt-get install $package, then run this again"
     say "installing $package"
     as_root apt-get -qq update >/dev/null
-    as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -y install --no-install-recommends "$package" >/dev/null ||
-        die "apt-get could not install $package"
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -y -o Dpkg::Use-Pty=0 \
+        install --no-install-recommends "$package" >/dev/null || die "apt-get could not install $package"
 }
 
 case "${1-}" in
