@@ -1,0 +1,136 @@
+"""What a request asks, and which question a reply answers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.variant import VT
+from bcapscope.traffic.observation import Conversation
+
+MOST_KINDS = 4096
+"""Different beginnings of requests that are remembered, each with its question; when more are met, all are
+forgotten and learnt again. A session has some dozens: a pair of handle and command each."""
+
+MOST_SERIALS = 1024
+"""Of one conversation at least this many latest requests are known to `Questions`, at most twice as many. A
+client waits for each reply before it asks again, so even one that sends a set point every millisecond and
+never waits meets replies a second late."""
+
+MOST_CONVERSATIONS = 256
+"""Conversations known to `Questions`; the one that was silent longest is forgotten first. The official
+server takes 20 clients on either transport (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+COMMAND_FUNCTIONS = frozenset(
+    function.id
+    for function in FUNCTIONS.values()
+    if len(function.params) > 1 and function.params[1].name == "bstrCommand"
+)
+"""The ..._Execute functions that take the name of a command as their second argument."""
+
+_FUNCTION_ID = 9
+_BSTR_START = 29
+_BSTR_DATA = 33
+
+
+class Question(NamedTuple):
+    """What a request asks, its parameters left aside; equal ones are mostly the same object.
+
+    Attributes:
+        function_id: number of the function, known or not.
+        command: as it was sent, for the ..._Execute functions; None for all others, and where the bytes hold
+            no string in its place.
+    """
+
+    function_id: int
+    command: str | None
+
+
+_BY_ID: dict[int, Question] = {function_id: Question(function_id, None) for function_id in FUNCTIONS}
+_BY_BEGINNING: dict[bytes, Question] = {}
+_KNOWN: dict[Question, Question] = {}
+
+
+def question_of(request: Frame) -> Question:
+    """Tell what a request asks."""
+    code = request.code
+    if code not in COMMAND_FUNCTIONS:
+        return _BY_ID.get(code) or Question(code, None)
+    raw = request.raw
+    if request.reserved == 1 or len(raw) <= _BSTR_START:
+        return _read(request)
+    # In nearly all requests a VT_I4 handle of 14 bytes stands first, then the command with its length in
+    # bytes: everything that decides about the command, and no parameter. Where the string is longer than one
+    # byte of length can say, or where the handle is of another type, the slice is not kept.
+    beginning = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START]]
+    return _BY_BEGINNING.get(beginning) or _learn(request, beginning)
+
+
+def _learn(request: Frame, beginning: bytes) -> Question:
+    question = _read(request)
+    arguments = request.arguments
+    if (
+        len(arguments) > 1
+        and arguments[1].start == _BSTR_START
+        and arguments[1].stop == _FUNCTION_ID + len(beginning)
+        and arguments[1].variant.vt == VT.BSTR
+    ):
+        if len(_BY_BEGINNING) >= MOST_KINDS:
+            _BY_BEGINNING.clear()
+            _KNOWN.clear()
+        question = _BY_BEGINNING[beginning] = _KNOWN.setdefault(question, question)
+    return question
+
+
+def _read(request: Frame) -> Question:
+    arguments = request.arguments
+    value = arguments[1].variant.value if len(arguments) > 1 else None
+    return Question(request.code, value if isinstance(value, str) else None)
+
+
+class Questions:
+    """Remembers what was asked lately, so that a reply can be shown with what it answers.
+
+    Of two requests with the same serial the later one is meant, as the official server answers it.
+    """
+
+    def __init__(self) -> None:
+        self._conversations: dict[Conversation, _Asked] = {}
+        self._last: Conversation | None = None
+        self._asked = _Asked()
+
+    def ask(self, conversation: Conversation, request: Frame) -> Question:
+        """Note a request and tell what it asks."""
+        if conversation is not self._last:
+            self._turn_to(conversation)
+        question = question_of(request)
+        asked = self._asked
+        asked.latest[request.serial] = question
+        if len(asked.latest) >= MOST_SERIALS:
+            asked.earlier, asked.latest = asked.latest, {}
+        return question
+
+    def answer(self, conversation: Conversation, reply: Frame) -> Question | None:
+        """Tell what a reply answers; None where the request was not seen or is long ago."""
+        if conversation is not self._last:
+            self._turn_to(conversation)
+        asked = self._asked
+        return asked.latest.get(reply.serial) or asked.earlier.get(reply.serial)
+
+    def _turn_to(self, conversation: Conversation) -> None:
+        asked = self._conversations.pop(conversation, None) or _Asked()
+        while len(self._conversations) >= MOST_CONVERSATIONS:
+            del self._conversations[next(iter(self._conversations))]
+        self._conversations[conversation] = asked
+        self._last, self._asked = conversation, asked
+
+
+class _Asked:
+    """The requests of one conversation by serial, in two generations, so that old ones go without search."""
+
+    __slots__ = ("earlier", "latest")
+
+    def __init__(self) -> None:
+        self.latest: dict[int, Question] = {}
+        self.earlier: dict[int, Question] = {}

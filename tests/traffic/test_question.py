@@ -1,0 +1,135 @@
+"""Questions: read off the request, and found again for the reply."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.protocol.frame import Frame, Framing, encode
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.traffic import question as module
+from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.question import (
+    MOST_CONVERSATIONS,
+    MOST_KINDS,
+    MOST_SERIALS,
+    Question,
+    Questions,
+    question_of,
+)
+
+SLV_MOVE = Question(64, "slvMove")
+
+
+def conversation(port: int = 50001) -> Conversation:
+    server = Endpoint("10.0.0.1", 5007)
+    return Conversation(Endpoint("10.0.0.2", port), server, Transport.UDP, "port 5007")
+
+
+def execute(command: str, function_id: int = 64, handle: int = 1, serial: int = 1) -> Frame:
+    variants = [Variant(VT.I4, handle), Variant(VT.BSTR, command), Variant(VT.R8, 1.5)]
+    return Frame(encode(serial, 0, function_id, variants))
+
+
+@pytest.mark.parametrize(
+    ("request_frame", "expected"),
+    [
+        (Frame(encode(1, 0, 1, [Variant(VT.BSTR, ",WDT=400")])), Question(1, None)),
+        (Frame(encode(1, 0, 7, [Variant(VT.I4, 1), Variant(VT.BSTR, "Arm")])), Question(7, None)),
+        (Frame(encode(1, 0, 4000, [])), Question(4000, None)),
+        (execute("slvMove"), SLV_MOVE),
+        (execute("SLVMOVE"), Question(64, "SLVMOVE")),
+        (execute("GetErrorLog", 17), Question(17, "GetErrorLog")),
+        (execute("CurPos", 28), Question(28, "CurPos")),
+        (execute("run", 41), Question(41, "run")),
+        (execute("GetStatus", 87), Question(87, "GetStatus")),
+        (execute(""), Question(64, "")),
+        (execute("x" * 110), Question(64, "x" * 110)),
+        (execute("x" * 200), Question(64, "x" * 200)),
+        (execute("命令"), Question(64, "命令")),
+        (Frame(encode(1, 0, 64, [])), Question(64, None)),
+        (Frame(encode(1, 0, 64, [Variant(VT.I4, 1)])), Question(64, None)),
+        (Frame(encode(1, 0, 64, [Variant(VT.I4, 1), Variant(VT.I4, 2)])), Question(64, None)),
+        (Frame(encode(1, 0, 64, [Variant(VT.I2, 1), Variant(VT.BSTR, "slvMove")])), SLV_MOVE),
+        (
+            Frame(encode(9, 1, 64, [Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove")], Framing.VERSION_1_ZLIB)),
+            SLV_MOVE,
+        ),
+    ],
+)
+def test_a_request_tells_what_it_asks(request_frame: Frame, expected: Question) -> None:
+    assert question_of(request_frame) == expected
+    assert question_of(request_frame) == expected  # what is remembered says the same
+
+
+def test_equal_questions_are_one_object() -> None:
+    assert question_of(execute("slvMove", handle=1)) is question_of(execute("slvMove", handle=2, serial=7))
+
+
+def test_a_command_that_is_cut_off_is_told_as_far_as_it_goes() -> None:
+    whole = execute("slvMove")
+    assert question_of(Frame(whole.raw[:-20])) == Question(64, "slvMov")
+    assert question_of(whole) == SLV_MOVE
+
+
+@given(
+    st.binary(max_size=80),
+    st.lists(st.tuples(st.integers(9, 60), st.integers(0, 255)), max_size=3),
+)
+def test_what_is_remembered_never_changes_an_answer(tail: bytes, changes: list[tuple[int, int]]) -> None:
+    raw = bytearray(execute("slvMove").raw[:60] + tail)
+    for position, value in changes:
+        raw[position] = value
+    frame = Frame(bytes(raw))
+    before = question_of(frame)
+    module._BY_BEGINNING.clear()
+    assert question_of(frame) == before
+
+
+def test_kinds_are_forgotten_in_time() -> None:
+    for handle in range(MOST_KINDS + 10):
+        question_of(execute("slvMove", handle=handle))
+    assert len(module._BY_BEGINNING) <= MOST_KINDS
+    assert len(module._KNOWN) <= MOST_KINDS
+
+
+def test_a_reply_finds_its_question_by_conversation_and_serial() -> None:
+    questions = Questions()
+    one, two = conversation(1), conversation(2)
+    questions.ask(one, execute("slvMove", serial=5))
+    questions.ask(two, execute("CurPos", serial=5))
+    reply = Frame(encode(5, 0, 0, []))
+    assert questions.answer(one, reply) == SLV_MOVE
+    assert questions.answer(two, reply) == Question(64, "CurPos")
+    assert questions.answer(one, Frame(encode(6, 0, 0, []))) is None
+    assert questions.answer(conversation(1), reply) is None
+
+
+def test_the_later_of_two_requests_with_one_serial_is_meant() -> None:
+    questions, client = Questions(), conversation()
+    questions.ask(client, execute("CurPos", serial=5))
+    questions.ask(client, execute("slvMove", serial=5))
+    assert questions.answer(client, Frame(encode(5, 0, 0, []))) == SLV_MOVE
+
+
+def test_the_latest_requests_are_known_and_long_ago_ones_are_not() -> None:
+    questions, client = Questions(), conversation()
+    for serial in range(1, 3 * MOST_SERIALS):
+        questions.ask(client, execute("slvMove", serial=serial))
+    newest = 3 * MOST_SERIALS - 1
+    found = [s for s in range(1, newest + 1) if questions.answer(client, Frame(encode(s, 0, 0, [])))]
+    assert found == list(range(newest - len(found) + 1, newest + 1))
+    assert MOST_SERIALS <= len(found) <= 2 * MOST_SERIALS
+
+
+def test_the_most_silent_conversation_is_forgotten_first() -> None:
+    questions = Questions()
+    clients = [conversation(port) for port in range(MOST_CONVERSATIONS + 1)]
+    for client in clients[:-1]:
+        questions.ask(client, execute("slvMove"))
+    reply = Frame(encode(1, 0, 0, []))
+    assert questions.answer(clients[0], reply) == SLV_MOVE
+    questions.ask(clients[-1], execute("slvMove"))
+    assert questions.answer(clients[0], reply) == SLV_MOVE
+    assert questions.answer(clients[1], reply) is None
