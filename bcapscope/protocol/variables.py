@@ -1,0 +1,126 @@
+"""Variables of controller, robot and task objects: their names, types and what writing them can do.
+
+Sources: ShoheiKobata/orin_bcap_python_samples and its documentation, DENSORobot/denso_robot_ros2, DENSO Wave
+2009, How to use the Slave mode, and public robot code. Numbered variables are a letter and a number (`I5`),
+or `*` with the number in the option. Vector types are R4 arrays on RC7 and may be R8 arrays on RC8.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from bcapscope.protocol.effects import Effect
+from bcapscope.protocol.functions import ObjectClass
+
+
+@dataclass(frozen=True, slots=True)
+class VariableKind:
+    """One variable, or a numbered family of them.
+
+    Attributes:
+        owner: class of the object that it belongs to.
+        name: as the vendor writes it; without the number for a family.
+        numbered: a number or `*` follows the name.
+        types: of its value, such as `VT_R4|VT_ARRAY`; () where nobody says.
+        inferred: the type was printed nowhere and only follows from the meaning.
+        text: what it holds, one clause.
+        effect: the most that writing it can do.
+    """
+
+    owner: ObjectClass
+    name: str
+    numbered: bool
+    types: tuple[str, ...]
+    inferred: bool
+    text: str
+    effect: Effect
+
+
+_R4S, _R8S = "VT_R4|VT_ARRAY", "VT_R8|VT_ARRAY"
+_CONTROLLER, _ROBOT, _TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
+
+# Values can steer a running program, but nothing starts by writing one; an output switches at once.
+_NUMBERED: tuple[tuple[str, tuple[str, ...], str, Effect], ...] = (
+    ("I", ("VT_I4",), "integer", Effect.CHANGES),
+    ("F", ("VT_R4",), "single-precision number", Effect.CHANGES),
+    ("D", ("VT_R8",), "double-precision number", Effect.CHANGES),
+    ("V", (_R4S, _R8S), "vector: X, Y, Z", Effect.CHANGES),
+    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig", Effect.CHANGES),
+    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]", Effect.CHANGES),
+    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig", Effect.CHANGES),
+    ("S", ("VT_BSTR",), "text", Effect.CHANGES),
+    ("IO", ("VT_BOOL",), "I/O bit", Effect.MOVES),
+    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits", Effect.MOVES),
+    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits", Effect.MOVES),
+    ("IOD", ("VT_I4",), "32 I/O bits", Effect.MOVES),
+    ("IOF", ("VT_R4",), "32 I/O bits as a number", Effect.MOVES),
+    ("TOOL", (), "tool definition (RC7)", Effect.CHANGES),
+    ("WORK", (), "work definition (RC7)", Effect.CHANGES),
+)
+
+# Owner, names, types, inferred, text.
+_NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], bool, str], ...] = (
+    (_CONTROLLER, "@MODE", ("VT_I4",), False, "1 manual, 2 teach check, 3 automatic"),
+    (_CONTROLLER, "@ERROR_CODE", ("VT_I4",), False, "code of the active error"),
+    (_CONTROLLER, "@ERROR_DESCRIPTION", ("VT_BSTR",), False, "text of the active error"),
+    (_CONTROLLER, "@VERSION", ("VT_BSTR",), False, "software version"),
+    (_CONTROLLER, "@FIRMWARE", ("VT_BSTR",), True, "firmware version"),
+    (_CONTROLLER, "@CURRENT_TIME", ("VT_DATE",), True, "controller's clock"),
+    (_CONTROLLER, "@LOCK", ("VT_BOOL", "VT_I4"), True, "machine lock"),
+    (_CONTROLLER, "@EMERGENCY_STOP", ("VT_BOOL", "VT_I4"), True, "emergency stop"),
+    (_CONTROLLER, "@BUSY_STATUS", ("VT_BOOL", "VT_I4"), True, "a program is running"),
+    (_CONTROLLER, "@IO_ALLOC_MODE", ("VT_BOOL", "VT_I4"), True, "allocation of I/O"),
+    (_CONTROLLER, "@NORMAL_STATUS", ("VT_BOOL", "VT_I4"), True, "no error is active"),
+    (_CONTROLLER, "@AUTO_ENABLE", ("VT_BOOL", "VT_I4"), True, "automatic enable"),
+    (_CONTROLLER, "_ITP", (), False, "seen on RC7, meaning not known"),
+    *((_CONTROLLER, f"@VAR_{x}_LEN", ("VT_I4",), False, f"number of {x} variables") for x in "IFDVPJTS"),
+    (_ROBOT, "@CURRENT_POSITION", (_R8S, _R4S), False, "position now: X, Y, Z, Rx, Ry, Rz, Fig"),
+    (_ROBOT, "@CURRENT_ANGLE", (_R8S, _R4S), False, "joints now: J1..J8"),
+    (_ROBOT, "@HIGH_CURRENT_POSITION", (_R8S, _R4S), False, "position now, read faster"),
+    (_ROBOT, "@HIGH_CURRENT_ANGLE", (_R8S, _R4S), False, "joints now, read faster"),
+    (_ROBOT, "@SERVO_ON", ("VT_BOOL",), False, "motor on"),
+    (_ROBOT, "@BUSY_STATUS", ("VT_BOOL",), False, "robot moves"),
+    (_ROBOT, "@SPEED", ("VT_R4",), False, "internal speed of the tool tip"),
+    (_ROBOT, "@ACCEL", ("VT_R4",), False, "internal acceleration of the tool tip"),
+    (_ROBOT, "@DECEL", ("VT_R4",), False, "internal deceleration of the tool tip"),
+    (_ROBOT, "@JSPEED", ("VT_R4",), False, "internal speed of the joints"),
+    (_ROBOT, "@JACCEL", ("VT_R4",), False, "internal acceleration of the joints"),
+    (_ROBOT, "@JDECEL", ("VT_R4",), False, "internal deceleration of the joints"),
+    (_ROBOT, "@EXTSPEED", ("VT_R4",), False, "external speed"),
+    (_ROBOT, "@EXTACCEL", ("VT_R4",), False, "external acceleration"),
+    (_ROBOT, "@EXTDECEL", ("VT_R4",), False, "external deceleration"),
+    (_ROBOT, "@TYPE", ("VT_I4",), True, "number of the robot type; read it before the first motion"),
+    (_ROBOT, "@TYPE_NAME", ("VT_BSTR",), False, "name of the robot type"),
+    (_ROBOT, "@CURRENT_TOOL", ("VT_I4",), True, "tool number"),
+    (_ROBOT, "@CURRENT_WORK", ("VT_I4",), True, "work number"),
+    (_TASK, "@STATUS", ("VT_I4",), False, "state of the task"),
+    (_TASK, "@START", ("VT_I4",), False, "starts the task when written"),
+    (_TASK, "@STOP", ("VT_I4",), False, "stops the task when written"),
+)
+
+VARIABLES: tuple[VariableKind, ...] = (
+    *(
+        VariableKind(_CONTROLLER, name, True, types, False, text, effect)
+        for name, types, text, effect in _NUMBERED
+    ),
+    *(
+        VariableKind(
+            owner, name, False, types, inferred, text, Effect.MOVES if name == "@START" else Effect.CHANGES
+        )
+        for owner, name, types, inferred, text in _NAMED
+    ),
+)
+"""All known variables."""
+
+_BY_KEY = {(kind.owner, kind.name.casefold(), kind.numbered): kind for kind in VARIABLES}
+_WITH_NUMBER = re.compile(r"([a-z]+)(?:[0-9]+|\*)")
+
+
+def variable(owner: ObjectClass, name: str) -> VariableKind | None:
+    """Look a variable up by its object's class and its name in any case; None where not known."""
+    folded = name.casefold()
+    match = _WITH_NUMBER.fullmatch(folded)
+    if match:
+        return _BY_KEY.get((owner, match[1], True))
+    return _BY_KEY.get((owner, folded, False))

@@ -1,0 +1,35 @@
+"""Numbers and strings with a meaning."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.protocol import enumerations
+from bcapscope.protocol.enumerations import provider, sys_state
+
+
+def test_sys_state_names_the_bits() -> None:
+    assert sys_state(0) == ()
+    assert sys_state(1 << 2 | 1 << 10) == ("servo on", "emergency stop")
+    assert sys_state(1 << 9) == ("bit 9",)
+
+
+@given(st.integers(-(2**31), 2**31 - 1))
+def test_sys_state_names_each_bit_of_any_number_once(value: int) -> None:
+    assert len(sys_state(value)) == (value & 0xFFFFFFFF).bit_count() == len(set(sys_state(value)))
+
+
+def test_providers_in_any_case() -> None:
+    assert provider("caoprov.denso.vrc") == provider("CaoProv.DENSO.VRC")
+    assert "RC9" in (provider("CaoProv.DENSO.VRC9") or "")
+    assert provider("CaoProv.Nobody") is None
+
+
+def test_numbers_of_the_samples() -> None:
+    # Robot_Move 1 is PTP, Task_Start 1 one cycle, GetStatus 3 a running task (DENSO's Python samples).
+    assert enumerations.INTERPOLATIONS[1].startswith("P")
+    assert enumerations.TASK_START_MODES[1] == "one cycle"
+    assert enumerations.TASK_STATES[3] == "running"
+    assert enumerations.CONTROLLER_MODES[3] == "automatic"
+    assert enumerations.AUTO_MODES[2].startswith("external")
