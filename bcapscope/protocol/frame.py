@@ -46,7 +46,7 @@ __all__ = [
 LARGEST_UDP_FRAME = 503
 """Whole frame, UDP and serial line (orin_bcap C/include/dn_udp.h); longer ones are refused unsent."""
 
-_SERIAL_RESERVED_CODE = struct.Struct("<5xHHI")
+_SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _LENGTH_SERIAL_RESERVED = struct.Struct("<BIHH")
 _CODE_ARGC = struct.Struct("<IH")
 
@@ -93,16 +93,16 @@ class Frame:
             beginning of the packet; None for nearly all.
     """
 
-    __slots__ = ("_content", "code", "note", "raw", "reserved", "serial")
+    __slots__ = ("_inner", "code", "note", "raw", "reserved", "serial")
 
     def __init__(self, raw: bytes, note: Problem | None = None) -> None:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes."""
         self.raw = raw
         self.note = note
-        self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE.unpack_from(raw)
-        self._content: Content | None = None
+        self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE(raw)
+        self._inner: tuple[Layout, Numbers] | Content | None = None
         if self.reserved == 1 and looks_zlib(raw):
-            self.code = self._decoded.code
+            self.code = self._content().code
 
     def __repr__(self) -> str:
         return f"Frame({self.raw.hex()!r})"
@@ -132,40 +132,51 @@ class Frame:
         The cheap way through millions of frames: `arguments` gives the same values one by one. None for
         a frame with problems and for the few that are decoded on their own.
         """
-        found = layouts.find(self.raw)
-        if found is None and self._content is None and not self._decoded.problems:
-            found = layouts.find(self.raw)
-        return found
+        inner = self._inner or self._look_inside()
+        return inner if isinstance(inner, tuple) else None
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
         """The arguments, as far as their bytes go; spans are offsets in `body`."""
-        found = self.layout
-        return self._decoded.arguments if found is None else found[0].arguments(found[1])
+        inner = self._inner or self._look_inside()
+        return inner[0].arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
     @property
     def problems(self) -> tuple[Problem, ...]:
         """What is not as b-CAP has it; empty for a sound frame."""
-        own = () if self.layout is not None else self._decoded.problems
+        inner = self._inner or self._look_inside()
+        own = () if isinstance(inner, tuple) else inner.problems
         return own if self.note is None else (*own, self.note)
 
     @property
     def framing(self) -> Framing:
         """How the frame ends, as far as its bytes tell."""
-        return Framing.PLAIN if self.layout is not None else self._decoded.framing
+        inner = self._inner or self._look_inside()
+        return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
     @property
     def body(self) -> bytes:
         """`raw`; for a compressed frame the same bytes with what it unpacks to in place."""
-        return self._decoded.body if self.reserved == 1 else self.raw
+        inner = self._inner or self._look_inside()
+        return self.raw if isinstance(inner, tuple) else inner.body
 
-    @property
-    def _decoded(self) -> Content:
-        if self._content is None:
-            self._content = content = Content(self.raw)
+    def _look_inside(self) -> tuple[Layout, Numbers] | Content:
+        raw = self.raw
+        inner = layouts.find(raw)
+        if inner is None:
+            content = self._content()
             if content.framing is Framing.PLAIN and not content.problems:
-                layouts.learn(self.raw, content.numbers, content.arguments)
-        return self._content
+                layouts.learn(raw, content.numbers, content.arguments)
+                inner = layouts.find(raw)
+            if inner is None:
+                return content
+        self._inner = inner
+        return inner
+
+    def _content(self) -> Content:
+        if not isinstance(self._inner, Content):
+            self._inner = Content(self.raw)
+        return self._inner
 
 
 def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:

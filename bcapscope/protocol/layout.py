@@ -32,12 +32,14 @@ class Layout:
 
     Attributes:
         prototype: arguments of the frame it was learnt from; its numbers mean nothing.
+        notes: what others found out about all frames of this form, under keys of their own.
     """
 
-    __slots__ = ("_plan", "prototype")
+    __slots__ = ("_plan", "notes", "prototype")
 
     def __init__(self, prototype: tuple[Argument, ...]) -> None:
         self.prototype = prototype
+        self.notes: dict[object, object] = {}
         self._plan = tuple((argument, numbers_taken(argument.variant)) for argument in prototype)
 
     def arguments(self, numbers: Numbers) -> tuple[Argument, ...]:
@@ -57,7 +59,7 @@ class Layout:
 class _Shape:
     """Where frames of one length keep their numbers; everything else is the key of their layout."""
 
-    __slots__ = ("key", "layouts", "numbers", "spans")
+    __slots__ = ("find", "key", "layouts", "numbers", "spans")
 
     def __init__(self, length: int, spans: tuple[Number, ...]) -> None:
         fixed, numbers = ["<5s4x"], [f"<{_header_end(spans, length)}x"]
@@ -73,6 +75,7 @@ class _Shape:
         self.key: Callable[[bytes], tuple[bytes, ...]] = struct.Struct("".join(fixed)).unpack
         self.numbers: Callable[[bytes], Numbers] = struct.Struct("".join(numbers)).unpack
         self.layouts: dict[tuple[bytes, ...], Layout] = {}
+        self.find = (self.key, self.layouts.get, self.numbers)
 
 
 def _header_end(spans: tuple[Number, ...], length: int) -> int:
@@ -83,28 +86,40 @@ def _next_start(spans: tuple[Number, ...], start: int, length: int) -> int:
     return next((span.start for span in spans if span.start > start), length)
 
 
+_Finder: TypeAlias = tuple[
+    Callable[[bytes], tuple[bytes, ...]],
+    Callable[[tuple[bytes, ...]], Layout | None],
+    Callable[[bytes], Numbers],
+]
+"""A shape's key, the look-up of that key, and the numbers: bound once, called for every frame."""
+
+
 class _Store:
     """All layouts known, by frame length."""
 
     def __init__(self) -> None:
         self.shapes: dict[int, tuple[_Shape, ...]] = {}
+        self.finders: dict[int, tuple[_Finder, ...]] = {}
         self.size = 0
 
     def add(self, raw: bytes, spans: tuple[Number, ...], prototype: tuple[Argument, ...]) -> None:
         if self.size >= MOST_LAYOUTS:
             self.shapes.clear()
+            self.finders.clear()
             self.size = 0
         shapes = self.shapes.get(len(raw), ())
         shape = next((shape for shape in shapes if shape.spans == spans), None)
         if shape is None:
             shape = _Shape(len(raw), spans)
-            self.shapes[len(raw)] = (shape, *shapes)[:MOST_SHAPES]
+            shapes = (shape, *shapes)[:MOST_SHAPES]
+            self.shapes[len(raw)] = shapes
+            self.finders[len(raw)] = tuple(shape.find for shape in shapes)
         shape.layouts[shape.key(raw)] = Layout(prototype)
         self.size += 1
 
 
 _STORE = _Store()
-_SHAPES = _STORE.shapes
+_FINDERS = _STORE.finders
 
 
 def find(raw: bytes) -> tuple[Layout, Numbers] | None:
@@ -112,10 +127,10 @@ def find(raw: bytes) -> tuple[Layout, Numbers] | None:
 
     A frame whose layout is known is sound: length, EOT and every argument are as b-CAP has them.
     """
-    for shape in _SHAPES.get(len(raw), ()):
-        layout = shape.layouts.get(shape.key(raw))
+    for key, get, numbers in _FINDERS.get(len(raw), ()):
+        layout = get(key(raw))
         if layout is not None:
-            return layout, shape.numbers(raw)
+            return layout, numbers(raw)
     return None
 
 
@@ -139,9 +154,30 @@ def numbers_taken(variant: Variant) -> int:
         return sum(numbers_taken(item) for item in value if isinstance(item, Variant))
     if base not in NUMBER_FORMATS or base == VT.BOOL:
         return 0
+    if value is None:
+        return 0
     if isinstance(value, bytes):
         return 1 if value else 0
     return len(value) if isinstance(value, tuple) else 1
+
+
+def flatten(arguments: Sequence[Argument]) -> Numbers:
+    """Take the numbers out of arguments: what `Layout.arguments` puts in."""
+    return tuple(number for argument in arguments for number in _numbers(argument.variant))
+
+
+def _numbers(variant: Variant) -> Iterator[int | float | bytes]:
+    value = variant.value
+    if numbers_taken(variant) == 0:
+        return
+    if not isinstance(value, tuple):
+        yield value  # type: ignore[misc]  # numbers_taken counts numbers and bytes only
+    elif variant.vt == ARRAY | VT.VARIANT:
+        for item in value:
+            if isinstance(item, Variant):
+                yield from _numbers(item)
+    else:
+        yield from value  # type: ignore[misc]  # the same
 
 
 def _filled(variant: Variant, numbers: Iterator[int | float | bytes]) -> Variant:

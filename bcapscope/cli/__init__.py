@@ -1,0 +1,53 @@
+"""The command line: one module a subcommand, imported when it is called.
+
+Data goes to stdout, everything else to stderr; the exit codes are in `exits`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+
+import click
+
+from bcapscope import __version__
+
+_COMMANDS = {
+    "decode": "Read frames, one line each.",
+}
+
+
+class _LazyGroup(click.Group):
+    """Knows its commands by name and imports one only when it is called or asked for its help."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        module = importlib.import_module(f"bcapscope.cli.{cmd_name}")
+        command = module.command
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="bcapscope", message="%(prog)s %(version)s")
+def cli() -> None:
+    """See what a b-CAP client and a DENSO robot controller say to each other, and why it went wrong."""
+
+
+def main() -> None:
+    """Run the command line and exit with one of `exits.Exit`."""
+    try:
+        cli(prog_name="bcapscope")
+    except BrokenPipeError:
+        # The reader of stdout has seen enough. What is still buffered must not be tried again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)

@@ -1,0 +1,18 @@
+"""Exit codes, the same for all commands."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Exit(IntEnum):
+    """How a command ended."""
+
+    OK = 0
+    """Everything asked for was done."""
+    USAGE = 2
+    """The command line makes no sense; nothing was read."""
+    DAMAGED = 3
+    """A capture is damaged or breaks off; all before the damage was given out."""
+    UNREADABLE = 4
+    """Nothing could be read: no such file, no capture, no right to listen."""

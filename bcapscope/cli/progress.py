@@ -1,0 +1,49 @@
+"""A bar on stderr for reading that takes long."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+_PATIENCE = 1.0
+"""Seconds before a bar appears."""
+
+
+class Progress:
+    """Shows how much of a file is read, once that has taken a second, where stderr is a terminal.
+
+    Data that scroll by on the same terminal show the progress themselves, so there is no bar then.
+    """
+
+    def __init__(self) -> None:
+        self._began = time.monotonic()
+        self._wanted = sys.stderr.isatty() and not sys.stdout.isatty()
+        self._bar: Bar | None = None
+
+    def show(self, position: int, size: int | None) -> None:
+        """Tell that `position` bytes of `size` are read."""
+        if not self._wanted or size is None or time.monotonic() - self._began < _PATIENCE:
+            return
+        if self._bar is None:
+            self._bar = _make_bar()
+            self._bar.start()
+            self._bar.add_task("reading")
+        self._bar.update(self._bar.task_ids[0], completed=position, total=size)
+
+    def done(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+
+def _make_bar() -> Bar:
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=Console(stderr=True), transient=True)

@@ -1,0 +1,34 @@
+"""Text from the wire made harmless to terminals, lines and quoted strings."""
+
+from __future__ import annotations
+
+_NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\0": "\\0"}
+
+_KEPT = frozenset("\u3000")
+"""The ideographic space is no space to `str.isprintable`, yet Japanese texts are full of it."""
+
+
+def printable(text: str) -> str:
+    """Escape every character that is not plainly visible.
+
+    Control characters (C0, C1, DEL), bidirectional overrides and other formatting, line and paragraph
+    separators, lone surrogates, private and unassigned characters become ``\\xNN``, ``\\uNNNN`` or
+    ``\\UNNNNNNNN``. The result holds no character below a space and can be encoded in UTF-8.
+    """
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() or char in _KEPT else _escaped(char) for char in text)
+
+
+def quoted(text: str) -> str:
+    """Escape `text` and put it in double quotes; quotes and backslashes inside are escaped as well."""
+    return '"' + printable(text.replace("\\", "\\\\").replace('"', '\\"')) + '"'
+
+
+def _escaped(char: str) -> str:
+    code = ord(char)
+    if char in _NAMED:
+        return _NAMED[char]
+    if code < 0x100:
+        return f"\\x{code:02x}"
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"

@@ -1,0 +1,58 @@
+"""Moments as text. A moment is an integer: nanoseconds since 1970-01-01 UTC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from enum import StrEnum
+
+_SECOND = 1_000_000_000
+
+
+class Clock(StrEnum):
+    """How the time of a line is told."""
+
+    RELATIVE = "relative"
+    """Seconds since the first line."""
+    DELTA = "delta"
+    """Seconds since the line before."""
+    UTC = "utc"
+    """Date and time of day, UTC."""
+    EPOCH = "epoch"
+    """Seconds since 1970-01-01 UTC."""
+
+
+def time_writer(clock: Clock) -> Callable[[int], str]:
+    """Return a function that writes one moment after the other as `clock` says."""
+    if clock is Clock.UTC:
+        return utc_text
+    return epoch_text if clock is Clock.EPOCH else _Elapsed(clock is Clock.DELTA)
+
+
+class _Elapsed:
+    def __init__(self, since_last: bool) -> None:
+        self._since_last = since_last
+        self._reference: int | None = None
+
+    def __call__(self, time: int) -> str:
+        reference = time if self._reference is None else self._reference
+        self._reference = time if self._since_last else reference
+        elapsed = time - reference
+        if elapsed < 0:
+            return f"{'-' + epoch_text(-elapsed)[:-3]:>12}"
+        return "%5d.%06d" % divmod(elapsed // 1000, 1_000_000)
+
+
+def epoch_text(time: int) -> str:
+    """Write seconds since 1970-01-01 UTC with nine digits behind the point."""
+    sign, time = ("-", -time) if time < 0 else ("", time)
+    return "%s%d.%09d" % (sign, *divmod(time, _SECOND))
+
+
+def utc_text(time: int) -> str:
+    """Write date and time of day in UTC, nine digits behind the point; `epoch_text` beyond year 9999."""
+    try:
+        date = datetime.fromtimestamp(time // _SECOND, UTC)
+    except (OverflowError, ValueError, OSError):
+        return epoch_text(time)
+    return f"{date:%Y-%m-%dT%H:%M:%S}.{time % _SECOND:09d}Z"
