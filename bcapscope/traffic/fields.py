@@ -1,0 +1,161 @@
+"""The fields that a filter can ask for: one table, for the compiler and for people.
+
+Names are those of the JSON that `decode` and `calls` print. A getter hands over what `FieldType` says,
+or None where the record has no such value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum, StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from bcapscope.protocol.functions import FUNCTIONS
+
+
+class RecordKind(StrEnum):
+    """What a filter looks at."""
+
+    FRAME = "frame"
+    CALL = "call"
+
+
+class FieldType(Enum):
+    """What a field's values are; the value of each member is its name for people."""
+
+    NUMBER = "number"
+    """An int or a float."""
+    TEXT = "text"
+    """A str."""
+    TIME = "time"
+    """Nanoseconds since 1970-01-01 UTC."""
+    DURATION = "duration"
+    """Nanoseconds."""
+    HRESULT = "HRESULT"
+    """A 32-bit int, signed or unsigned."""
+    ENDPOINT = "endpoint"
+    """An `Endpoint`, or its text."""
+    NUMBERS = "list of numbers"
+    """A list or tuple of int."""
+    TEXTS = "list of texts"
+    """A list or tuple of str."""
+    VALUES = "list of values"
+    """A list or tuple of `Argument`, `Variant` or their plain values."""
+    VALUE = "value"
+    """An element of `VALUES`: number, text, boolean, list or nothing, as the wire has it."""
+
+    @property
+    def element(self) -> FieldType | None:
+        """The type that an index leads to; None where there is nothing to index."""
+        return _ELEMENTS.get(self)
+
+
+_ELEMENTS = {
+    FieldType.NUMBERS: FieldType.NUMBER,
+    FieldType.TEXTS: FieldType.TEXT,
+    FieldType.VALUES: FieldType.VALUE,
+    FieldType.VALUE: FieldType.VALUE,
+}
+
+
+class Field(NamedTuple):
+    """One field of the language.
+
+    Attributes:
+        name: as written in an expression.
+        type: what its values are, and so what it can be compared with.
+        unit: of a bare number compared with it; "" where there is none, or where it must be written.
+        applies_to: the kinds of record that have it.
+        meaning: one clause for people.
+        values: all that a bare word compared with it can be; () where anything can.
+        measures: the field whose getter it reads, where that is another one.
+    """
+
+    name: str
+    type: FieldType
+    unit: str
+    applies_to: tuple[RecordKind, ...]
+    meaning: str
+    values: tuple[str, ...] = ()
+    measures: str = ""
+
+    @property
+    def source(self) -> str:
+        """The name under which its getter is looked up."""
+        return self.measures or self.name
+
+
+_FRAME = (RecordKind.FRAME,)
+_CALL = (RecordKind.CALL,)
+_BOTH = (RecordKind.FRAME, RecordKind.CALL)
+
+FIELDS: tuple[Field, ...] = (
+    Field("frame", FieldType.NUMBER, "", _FRAME, "number of the frame, from 1"),
+    Field("time", FieldType.TIME, "s", _FRAME, "when its last byte was seen, since 1970-01-01 UTC"),
+    Field("src", FieldType.ENDPOINT, "", _FRAME, "who sent it"),
+    Field("dst", FieldType.ENDPOINT, "", _FRAME, "whom it was sent to"),
+    Field("kind", FieldType.TEXT, "", _FRAME, "what it is", ("request", "response", "malformed")),
+    Field("length", FieldType.NUMBER, "bytes", _FRAME, "length of the whole frame, as its header has it"),
+    Field("serial", FieldType.NUMBER, "", _FRAME, "serial number"),
+    Field("reserved", FieldType.NUMBER, "", _FRAME, "reserved field: of a retry, the serial it goes back to"),
+    Field("hresult_text", FieldType.TEXT, "", _FRAME, "meaning of the HRESULT"),
+    Field("problems", FieldType.TEXTS, "", _FRAME, "what is wrong with the frame"),
+    Field("call", FieldType.NUMBER, "", _CALL, "number of the call, from 1"),
+    Field("client", FieldType.ENDPOINT, "", _BOTH, "the end that asks"),
+    Field("server", FieldType.ENDPOINT, "", _BOTH, "the end that answers"),
+    Field("transport", FieldType.TEXT, "", _BOTH, "what carried it", ("udp", "tcp")),
+    Field(
+        "function_id", FieldType.NUMBER, "", _BOTH, "number of the function, of a response the one it answers"
+    ),
+    Field(
+        "function",
+        FieldType.TEXT,
+        "",
+        _BOTH,
+        "name of the function, of a response the one it answers",
+        tuple(function.name for function in FUNCTIONS.values()),
+    ),
+    Field("command", FieldType.TEXT, "", _BOTH, "command of an Execute function, such as slvMove"),
+    Field(
+        "arg", FieldType.VALUES, "", _BOTH, "arguments: arg[0] is the first; of a call, those of its request"
+    ),
+    Field("hresult", FieldType.HRESULT, "", _BOTH, "result code of the response"),
+    Field("hresult_name", FieldType.TEXT, "", _BOTH, "name of the result code, such as S_OK"),
+    Field("started", FieldType.TIME, "s", _CALL, "when its first request was seen, since 1970-01-01 UTC"),
+    Field("requests", FieldType.NUMBERS, "", _CALL, "frame numbers of its requests, the retries with them"),
+    Field("serials", FieldType.NUMBERS, "", _CALL, "serial numbers of its requests"),
+    Field("retries", FieldType.NUMBER, "", _CALL, "how often the request was sent again"),
+    Field("replies", FieldType.NUMBERS, "", _CALL, "frame numbers of the replies that the client accepted"),
+    Field("late_replies", FieldType.NUMBERS, "", _CALL, "frame numbers of the replies that came too late"),
+    Field("executing", FieldType.NUMBER, "", _CALL, "how often the server said S_EXECUTING"),
+    Field(
+        "outcome",
+        FieldType.TEXT,
+        "",
+        _CALL,
+        "how it ended",
+        ("answered", "refused", "unanswered", "capture_ended"),
+    ),
+    Field("latency", FieldType.DURATION, "", _CALL, "from the first request to the accepted reply"),
+    Field(
+        "latency_ms",
+        FieldType.DURATION,
+        "ms",
+        _CALL,
+        "the same; a bare number is in ms",
+        measures="latency",
+    ),
+    Field("rtt", FieldType.DURATION, "", _CALL, "from the request that was answered to the accepted reply"),
+    Field("rtt_ms", FieldType.DURATION, "ms", _CALL, "the same; a bare number is in ms", measures="rtt"),
+    Field("convention", FieldType.TEXT, "", _CALL, "how the client uses the reserved field"),
+    Field("verdict", FieldType.TEXT, "", _CALL, "what became of it, as far as the traffic tells"),
+)
+"""Every field, in the order in which people should read them."""
+
+FIELD_BY_NAME: Mapping[str, Field] = MappingProxyType({field.name: field for field in FIELDS})
+
+
+def fields_of(kind: RecordKind) -> dict[str, Field]:
+    """List the fields that records of `kind` have, by name."""
+    return {field.name: field for field in FIELDS if kind in field.applies_to}

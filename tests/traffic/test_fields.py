@@ -1,0 +1,49 @@
+"""The table of fields that filters ask for."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.traffic.fields import FIELD_BY_NAME, FIELDS, FieldType, RecordKind, fields_of
+from bcapscope.traffic.filters import compile_filter
+
+DECODE_KEYS = (
+    "frame time src dst transport kind length serial reserved function_id function command hresult "
+    "hresult_name hresult_text problems"
+)
+CALL_KEYS = (
+    "call function function_id command transport client server started requests serials retries replies "
+    "late_replies executing outcome hresult hresult_name latency_ms rtt_ms convention verdict"
+)
+
+
+@pytest.mark.parametrize(("kind", "keys"), [(RecordKind.FRAME, DECODE_KEYS), (RecordKind.CALL, CALL_KEYS)])
+def test_every_key_of_the_json_output_is_a_field(kind: RecordKind, keys: str) -> None:
+    assert set(keys.split()) <= fields_of(kind).keys()
+
+
+def test_the_table_is_sound() -> None:
+    assert len(FIELD_BY_NAME) == len(FIELDS)
+    for field in FIELDS:
+        assert field.name.islower()
+        assert field.name.isidentifier()
+        assert field.meaning
+        assert not field.meaning.endswith(".")
+        assert field.applies_to
+        assert field.type is not FieldType.VALUE
+        measured = FIELD_BY_NAME[field.source]
+        assert (measured.type, measured.applies_to) == (field.type, field.applies_to)
+
+
+@pytest.mark.parametrize("kind", RecordKind)
+def test_every_field_can_stand_alone_and_be_asked_for_presence(kind: RecordKind) -> None:
+    for field in fields_of(kind).values():
+        compiled = compile_filter(f"{field.name} or {field.name} != null", kind)
+        assert compiled.sources == {field.source}
+        assert compiled.bind({field.source: lambda record: record})(0) is True
+
+
+def test_what_an_index_leads_to() -> None:
+    assert FieldType.NUMBERS.element is FieldType.NUMBER
+    assert FieldType.VALUES.element is FieldType.VALUE.element is FieldType.VALUE
+    assert FieldType.TEXT.element is None
