@@ -1,0 +1,138 @@
+"""TCP connections: whose they are, and what is said in them."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Collection
+
+from bcapscope.capture.sides import begins_frame, server_by_port
+from bcapscope.capture.talk import Sighting, Talk, endpoints, reverse
+from bcapscope.capture.tcp import SYN, Connection, Segment
+from bcapscope.protocol.frame import SMALLEST_FRAME, Frame
+from bcapscope.traffic.observation import Flow, Transport
+
+CONNECTIONS_LIMIT = 1024
+"""Connections followed at a time; beyond that the one that was silent longest is taken to have ended."""
+
+
+class _Call:
+    """A connection with what is known of its ends; the first key is that of the sender 0."""
+
+    __slots__ = ("connection", "ends", "keys", "talk")
+
+    def __init__(self, key: bytes) -> None:
+        self.keys = (key, reverse(key))
+        self.ends = endpoints(key)
+        self.connection = Connection()
+        self.talk: Talk | None = None
+
+
+class Connections:
+    """All TCP conversations of a capture."""
+
+    def __init__(self, ports: Collection[int]) -> None:
+        self._ports = ports
+        self._calls: OrderedDict[bytes, tuple[_Call, int]] = OrderedDict()
+        self._contradictions = 0
+
+    @property
+    def contradictions(self) -> int:
+        """Segments sent again with other content."""
+        open_calls = (call.connection.contradictions for call, sender in self._calls.values() if sender == 0)
+        return self._contradictions + sum(open_calls)
+
+    def receive(
+        self, key: bytes, segment: Segment, time: int, packet: int
+    ) -> list[tuple[Flow, Sighting]] | None:
+        """Take a segment in.
+
+        Args:
+            key: source and destination address, source and destination port.
+            segment: the rest of it.
+            time: when it was captured, in nanoseconds.
+            packet: its number.
+
+        Returns:
+            What is known to have been said by now, or None if it holds something else than b-CAP.
+        """
+        found: list[tuple[Flow, Sighting]] = []
+        known = self._calls.get(key)
+        if known is not None and known[0].connection.is_followed_by(known[1], segment):
+            found = self._end(known[0], time, packet)
+            known = None
+        if known is None:
+            if not segment.data and not segment.flags & SYN:
+                return []
+            if len(self._calls) >= 2 * CONNECTIONS_LIMIT:
+                found += self._end(next(iter(self._calls.values()))[0], time, packet)
+            known = self._begin(key)
+        call, sender = known
+        for each in call.keys:
+            self._calls.move_to_end(each)
+        said = self._listen(call, sender, segment, time, packet)
+        return found or None if said is None else found + said
+
+    def close(self, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
+        """End the capture: give out what was held back and what was begun."""
+        found: list[tuple[Flow, Sighting]] = []
+        while self._calls:
+            found += self._end(next(iter(self._calls.values()))[0], time, packet)
+        return found
+
+    def _begin(self, key: bytes) -> tuple[_Call, int]:
+        call = _Call(key)
+        source, destination = call.ends
+        server = server_by_port(self._ports, source.port, destination.port)
+        if server is not None:
+            call.talk = Talk(call.ends, Transport.TCP)
+            call.talk.decide(server, f"port {call.ends[server].port}")
+        elif source.port in self._ports:
+            call.talk = Talk(call.ends, Transport.TCP)
+        self._calls[call.keys[0]] = call, 0
+        self._calls[call.keys[1]] = call, 1
+        return call, 0
+
+    def _listen(
+        self, call: _Call, sender: int, segment: Segment, time: int, packet: int
+    ) -> list[tuple[Flow, Sighting]] | None:
+        if call.talk is None and segment.data:
+            call.talk = _recognise(call, sender, segment)
+            if call.talk is None:
+                call.connection = Connection()
+                return None
+        said = call.connection.receive(sender, segment, time, packet)
+        if call.talk is None:
+            return []
+        if call.talk.flows is None and call.connection.server is not None:
+            call.talk.decide(call.connection.server, "the TCP handshake: this end accepted the connection")
+        for each, sighting in said:
+            if not call.talk.hear(each, sighting):
+                call.talk, call.connection = None, Connection()
+                return None
+        return call.talk.release()
+
+    def _end(self, call: _Call, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
+        for key in call.keys:
+            del self._calls[key]
+        self._contradictions += call.connection.contradictions
+        if call.talk is None:
+            return []
+        for sender, sighting in call.connection.close(time, packet):
+            call.talk.hear(sender, sighting)
+        call.talk.guess()
+        return call.talk.release()
+
+
+def _recognise(call: _Call, sender: int, segment: Segment) -> Talk | None:
+    """Tell by a segment with data whether a connection between unknown ports is b-CAP.
+
+    At the beginning of a stream a frame may begin and be finished later; anywhere else a whole frame has
+    to stand at the beginning of a segment.
+    """
+    if not begins_frame(segment.data):
+        return None
+    if call.connection.streams[sender].starts_at(segment.seq):
+        return Talk(call.ends, Transport.TCP, tentative=True)
+    length = int.from_bytes(segment.data[1:5], "little")
+    whole = SMALLEST_FRAME <= length <= len(segment.data) and not Frame(segment.data[:length]).problems
+    return Talk(call.ends, Transport.TCP) if whole else None

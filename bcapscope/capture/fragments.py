@@ -1,0 +1,140 @@
+"""Putting fragmented IP packets together."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from typing import NamedTuple
+
+from bcapscope.capture.link import IPPacket
+
+TIMEOUT = 30 * 1_000_000_000
+"""Nanoseconds after its first part at which an incomplete packet is given up, as Linux does (ipfrag_time)."""
+
+MEMORY_LIMIT = 4 * 1024 * 1024
+"""Bytes held in all, as Linux does (ipfrag_high_thresh)."""
+
+LARGEST_PAYLOAD = 65535
+"""No IP payload in fragments is longer (RFC 791; RFC 8200 for IPv6)."""
+
+_PART_COST = 128  # bytes that a part costs beside its content
+
+
+class Whole(NamedTuple):
+    """A packet whose last missing part has come.
+
+    Attributes:
+        packet: as if it had never been cut.
+        began: when its first part was seen, in nanoseconds.
+    """
+
+    packet: IPPacket
+    began: int
+
+
+class _Parts:
+    """The parts of one packet so far."""
+
+    __slots__ = ("_content", "_held", "_offsets", "_size", "_spoilt", "began", "protocol")
+
+    def __init__(self, began: int) -> None:
+        self.began = began
+        self.protocol: int | None = None
+        self._offsets: list[int] = []
+        self._content: dict[int, bytes] = {}
+        self._held = 0
+        self._size: int | None = None
+        self._spoilt = False
+
+    @property
+    def cost(self) -> int:
+        """Bytes of memory, roughly."""
+        return self._held + _PART_COST * (len(self._offsets) + 1)
+
+    def add(self, offset: int, payload: bytes, more: bool) -> None:
+        """Take a part in; parts that contradict each other spoil the packet (RFC 5722, RFC 8200 4.5)."""
+        stop = offset + len(payload)
+        size = self._size if more else stop
+        if self._content.get(offset) == payload and size == self._size:
+            return
+        if stop > LARGEST_PAYLOAD or self._size not in (None, size) or self._overlaps(offset, stop):
+            self._spoil()
+        if self._spoilt:
+            return
+        self._size = size
+        if payload:
+            insort(self._offsets, offset)
+            self._content[offset] = payload
+            self._held += len(payload)
+
+    def whole(self) -> bytes | None:
+        """Return the payload once no part is missing."""
+        if self._held != self._size:
+            return None
+        return b"".join(map(self._content.__getitem__, self._offsets))
+
+    def _overlaps(self, offset: int, stop: int) -> bool:
+        place = bisect_left(self._offsets, offset)
+        if place < len(self._offsets) and self._offsets[place] < stop:
+            return True
+        before = self._offsets[place - 1] if place else 0
+        return place > 0 and before + len(self._content[before]) > offset
+
+    def _spoil(self) -> None:
+        self._offsets.clear()
+        self._content.clear()
+        self._held, self._size, self._spoilt = 0, None, True
+
+
+class Fragments:
+    """All packets of which only parts were seen.
+
+    Attributes:
+        lost: packets given up, because parts were missing or contradicted each other.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._waiting: dict[bytes, _Parts] = {}
+        self._cost = 0
+
+    def add(self, packet: IPPacket, time: int) -> Whole | None:
+        """Take in a part and return the packet that it completes.
+
+        Args:
+            packet: has a fragment.
+            time: when it was captured, in nanoseconds.
+        """
+        fragment = packet.fragment
+        if fragment is None:
+            return Whole(packet, time)
+        self._expire(time)
+        parts = self._waiting.setdefault(fragment.key, _Parts(time))
+        self._cost -= parts.cost
+        if packet.missing == 0:
+            parts.add(fragment.offset, packet.payload, fragment.more)
+        if fragment.offset == 0:
+            parts.protocol = packet.protocol
+        self._cost += parts.cost
+        payload = parts.whole()
+        if payload is None or parts.protocol is None:
+            return None
+        self._forget(fragment.key)
+        return Whole(IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began)
+
+    def close(self) -> None:
+        """Give up all that is incomplete."""
+        self.lost += len(self._waiting)
+        self._waiting.clear()
+        self._cost = 0
+
+    def _forget(self, key: bytes) -> None:
+        self._cost -= self._waiting.pop(key).cost
+
+    def _expire(self, time: int) -> None:
+        """Give up what is too old, and the oldest while there is too much."""
+        while self._waiting:
+            key, oldest = next(iter(self._waiting.items()))
+            if oldest.began + TIMEOUT > time and self._cost <= MEMORY_LIMIT:
+                return
+            self.lost += 1
+            self._forget(key)

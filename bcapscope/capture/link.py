@@ -1,0 +1,172 @@
+"""From a captured packet to the IP packet inside: link headers, IPv4, IPv6.
+
+Link headers: IEEE 802.3 and 802.1Q; the LINKTYPE_ documents of tcpdump.org for the others. IPv4: RFC 791;
+IPv6: RFC 8200.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+ETHERNET, LINUX_COOKED, LINUX_COOKED_2 = 1, 113, 276
+
+_IPV4, _IPV6 = 0x0800, 0x86DD
+_VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
+"""Customer tag, service tag (IEEE 802.1Q), and the service tag of switches older than the standard."""
+
+_LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
+"""AF_INET, then AF_INET6 of Linux, NetBSD and OpenBSD, FreeBSD, macOS (LINKTYPE_NULL)."""
+
+_HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60
+_EXTENSIONS = frozenset({_HOP_BY_HOP, _ROUTING, _AUTHENTICATION, _DESTINATION, 135, 139, 140})
+_NO_NEXT_HEADER = 59
+
+NOT_IP = -1
+
+
+class Fragment(NamedTuple):
+    """Which part of a cut IP packet this is.
+
+    Attributes:
+        key: what all parts share: addresses, identification and, in IPv4, protocol.
+        offset: where the part begins, in bytes of the whole payload.
+        more: whether other parts follow behind it.
+    """
+
+    key: bytes
+    offset: int
+    more: bool
+
+
+class IPPacket(NamedTuple):
+    """What an IP packet carries.
+
+    Attributes:
+        protocol: 17 is UDP, 6 TCP.
+        addresses: source and destination, 4 or 16 bytes each.
+        payload: what was captured of it; padding of the link is not in it.
+        missing: bytes of the payload that the packet's own length promises and that are not there.
+        fragment: None for a whole packet.
+    """
+
+    protocol: int
+    addresses: bytes
+    payload: bytes
+    missing: int
+    fragment: Fragment | None
+
+
+def find_ip(linktype: int, data: bytes) -> int:
+    """Return the offset of the IP header, or `NOT_IP`.
+
+    Raises:
+        KeyError: the link type is not known, see `LINKS`.
+    """
+    offset = LINKS[linktype](data)
+    return offset if offset < len(data) else NOT_IP
+
+
+def read_ip(data: bytes, offset: int) -> IPPacket | None:
+    """Read the IP packet at `offset`; None where no sound IP header is."""
+    version = data[offset] >> 4
+    if version == 4:
+        return _read_ipv4(data, offset)
+    return _read_ipv6(data, offset) if version == 6 else None
+
+
+def _ethernet(data: bytes) -> int:
+    return _behind_type(data, 12)
+
+
+def _behind_type(data: bytes, offset: int) -> int:
+    """Follow VLAN tags from the type field at `offset`."""
+    kind = int.from_bytes(data[offset : offset + 2])
+    while kind in _VLAN_TAGS:
+        offset += 4
+        kind = int.from_bytes(data[offset : offset + 2])
+    return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
+
+
+def _cooked(data: bytes) -> int:
+    return _behind_type(data, 14)
+
+
+def _cooked_2(data: bytes) -> int:
+    kind = int.from_bytes(data[:2])
+    if kind in _VLAN_TAGS:
+        return _behind_type(data, 22)
+    return 20 if kind in (_IPV4, _IPV6) else NOT_IP
+
+
+def _loopback(data: bytes) -> int:
+    """The address family, in the byte order of the machine that captured (network order for LOOP)."""
+    families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
+    return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
+
+
+def _raw(_: bytes) -> int:
+    return 0
+
+
+LINKS: dict[int, Callable[[bytes], int]] = {
+    0: _loopback,
+    ETHERNET: _ethernet,
+    12: _raw,
+    14: _raw,
+    101: _raw,
+    108: _loopback,
+    LINUX_COOKED: _cooked,
+    228: _raw,
+    229: _raw,
+    LINUX_COOKED_2: _cooked_2,
+}
+"""How to find IP behind each link type."""
+
+
+def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
+    size = (data[offset] & 15) * 4
+    start = offset + size
+    if size < 20 or start > len(data):
+        return None
+    # A length of 0 is left to the network card to fill in, when the capturing machine itself is the sender.
+    total = int.from_bytes(data[offset + 2 : offset + 4]) or len(data) - offset
+    if total < size:
+        return None
+    protocol, addresses = data[offset + 9], data[offset + 12 : offset + 20]
+    payload = data[start : offset + total]
+    flags = int.from_bytes(data[offset + 6 : offset + 8])
+    fragment = None
+    if flags & 0x3FFF:
+        key = addresses + data[offset + 4 : offset + 6] + bytes((protocol,))
+        fragment = Fragment(key, (flags & 0x1FFF) * 8, bool(flags & 0x2000))
+    return IPPacket(protocol, addresses, payload, total - size - len(payload), fragment)
+
+
+def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
+    start = offset + 40
+    if start > len(data):
+        return None
+    # A length of 0 marks a jumbogram (RFC 2675), or is left to the network card as in IPv4.
+    length = int.from_bytes(data[offset + 4 : offset + 6]) or len(data) - start
+    stop = start + length
+    protocol, addresses = data[offset + 6], data[offset + 8 : start]
+    fragment = None
+    while protocol in _EXTENSIONS or protocol == _FRAGMENT:
+        if start + 8 > min(stop, len(data)):
+            return None
+        following, words = data[start], data[start + 1]
+        if protocol == _FRAGMENT:
+            place = int.from_bytes(data[start + 2 : start + 4])
+            if place & 0xFFF9:  # neither an offset nor "more": a whole packet after all (RFC 6946)
+                fragment = Fragment(addresses + data[start + 4 : start + 8], place & 0xFFF8, bool(place & 1))
+            start += 8
+        else:
+            start += (words + 2) * 4 if protocol == _AUTHENTICATION else (words + 1) * 8
+        protocol = following
+        if fragment is not None:
+            break
+    if start > stop or protocol == _NO_NEXT_HEADER:
+        return None
+    payload = data[start:stop]
+    return IPPacket(protocol, addresses, payload, stop - start - len(payload), fragment)

@@ -1,0 +1,74 @@
+"""The classic capture file of libpcap: a header of 24 bytes, then records (draft-ietf-opsawg-pcap)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+from bcapscope.capture.packet import Interface, Packet
+from bcapscope.capture.source import Source
+from bcapscope.errors import CaptureError
+
+MAGICS = {
+    b"\xd4\xc3\xb2\xa1": ("<", 1000),
+    b"\xa1\xb2\xc3\xd4": (">", 1000),
+    b"\x4d\x3c\xb2\xa1": ("<", 1),
+    b"\xa1\xb2\x3c\x4d": (">", 1),
+}
+"""How the file begins: byte order, and nanoseconds in one unit of the second time field."""
+
+RECORD_LIMIT = 256 * 1024
+"""Bytes of one packet. libpcap refuses more for every link type that carries IP (pcap-int.h,
+MAXIMUM_SNAPLEN 262144)."""
+
+_HEADER_SIZE = 24
+_RECORD_HEADER_SIZE = 16
+_LINKTYPE = 0x03FFFFFF  # the bits above hold the length of a frame check sequence (pcap-common.c)
+
+
+def read_pcap(source: Source) -> Iterator[Packet]:
+    """Yield the packets of a capture whose magic was recognised.
+
+    Raises:
+        CaptureError: the file ends inside a record, or a record claims more than `RECORD_LIMIT`; all
+            packets before that were yielded.
+    """
+    if not source.need(_HEADER_SIZE):
+        raise CaptureError(f"the capture ends inside its header, after {len(source.data)} bytes", 0)
+    order, scale = MAGICS[source.data[:4]]
+    (linktype,) = struct.unpack_from(order + "I", source.data, 20)
+    interface = Interface(linktype & _LINKTYPE)
+    unpack = struct.Struct(order + "IIII").unpack_from
+    comments = ()
+    position, count, data = _HEADER_SIZE, 0, source.data
+    while True:
+        end = len(data)
+        while position + _RECORD_HEADER_SIZE <= end:
+            seconds, fraction, kept, original = unpack(data, position)
+            start = position + _RECORD_HEADER_SIZE
+            stop = start + kept
+            if stop > end or kept > RECORD_LIMIT:
+                if kept > RECORD_LIMIT:
+                    raise _too_long(source.offset + position, count + 1, kept)
+                break
+            count += 1
+            position = stop
+            yield seconds * 1_000_000_000 + fraction * scale, data[start:stop], original, interface, comments
+        if not source.more(position):
+            break
+        position, data = 0, source.data
+    if source.data:
+        raise _cut(source.offset, count + 1, source.data)
+
+
+def _too_long(offset: int, number: int, claimed: int) -> CaptureError:
+    reason = f"it claims {claimed} bytes, {RECORD_LIMIT} is the most"
+    return CaptureError(f"the capture is damaged at packet {number} (byte {offset}): {reason}", offset)
+
+
+def _cut(offset: int, number: int, rest: bytes) -> CaptureError:
+    there = len(rest)
+    return CaptureError(
+        f"the capture breaks off inside packet {number} (byte {offset}), of which {there} bytes are there",
+        offset,
+    )

@@ -1,0 +1,109 @@
+"""Two ends that talk b-CAP, before and after it is known which of them is the server."""
+
+from __future__ import annotations
+
+import socket
+from typing import NamedTuple
+
+from bcapscope.capture.sides import evidence
+from bcapscope.protocol.frame import Frame, Malformed
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+
+HELD_LIMIT = 64
+"""Items kept back until the server is known; at that number it is guessed. A single reply of S_OK, or a
+single call, tells it, so that real traffic is known after one or two."""
+
+
+def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
+    """Return source and destination of both addresses and both ports, as they stand in a packet."""
+    size = (len(key) - 4) // 2
+    family = socket.AF_INET if size == 4 else socket.AF_INET6
+    hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
+    ports = (int.from_bytes(key[-4:-2]), int.from_bytes(key[-2:]))
+    return Endpoint(hosts[0], ports[0]), Endpoint(hosts[1], ports[1])
+
+
+def reverse(key: bytes) -> bytes:
+    """Return the key of the other direction."""
+    size = (len(key) - 4) // 2
+    return key[size:-4] + key[:size] + key[-2:] + key[-4:-2]
+
+
+class Sighting(NamedTuple):
+    """A frame, or bytes that are none, and when they were seen.
+
+    Attributes:
+        began: when the first byte was seen, nanoseconds since 1970.
+        time: when the last byte was seen.
+        packet: number of the packet that brought it.
+        item: the frame, or the bytes that are none.
+    """
+
+    began: int
+    time: int
+    packet: int
+    item: Frame | Malformed
+
+
+class Talk:
+    """What two ends say to each other over one transport.
+
+    Attributes:
+        flows: by sender, 0 or 1; None until it is known which end is the server.
+    """
+
+    __slots__ = ("_ends", "_held", "_tentative", "_transport", "flows")
+
+    def __init__(
+        self, ends: tuple[Endpoint, Endpoint], transport: Transport, tentative: bool = False
+    ) -> None:
+        """Begin a talk; a tentative one may turn out not to be b-CAP until it shows a sound frame."""
+        self._ends = ends
+        self._transport = transport
+        self._tentative = tentative
+        self._held: list[tuple[int, Sighting]] = []
+        self.flows: tuple[Flow, Flow] | None = None
+
+    def decide(self, server: int, why: str) -> None:
+        """Settle which end is the server, and how that is known."""
+        conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, why)
+        request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
+        self.flows = (response, request) if server == 0 else (request, response)
+
+    def guess(self) -> None:
+        """Settle it for want of proof, if it is not settled: who speaks first mostly asks."""
+        if self.flows is None:
+            client = self._held[0][0] if self._held else 0
+            self.decide(1 - client, "a guess: the other end spoke first, and nothing said was proof")
+
+    def hear(self, sender: int, sighting: Sighting) -> bool:
+        """Take in what an end said; `release` gives it out.
+
+        Returns:
+            False if this turns out to be no b-CAP at all.
+        """
+        if self._tentative:
+            if isinstance(sighting.item, Malformed) or sighting.item.problems:
+                return False
+            self._tentative = False
+        self._held.append((sender, sighting))
+        if self.flows is None:
+            self._weigh(sender, sighting.item)
+        return True
+
+    def _weigh(self, sender: int, item: Frame | Malformed) -> None:
+        found = evidence(item)
+        if found is not None:
+            direction, what = found
+            end = self._ends[sender]
+            self.decide(sender if direction is Direction.RESPONSE else 1 - sender, f"{end} sent {what}")
+        elif len(self._held) >= HELD_LIMIT:
+            self.guess()
+
+    def release(self) -> list[tuple[Flow, Sighting]]:
+        """Return what was said since the last time; nothing while the server is not known."""
+        if self.flows is None or not self._held:
+            return []
+        flows, held = self.flows, self._held
+        self._held = []
+        return [(flows[sender], sighting) for sender, sighting in held]

@@ -1,0 +1,327 @@
+"""TCP connections put together from segments in any order (RFC 9293).
+
+What the capture lacks becomes an explicit hole, never zeros; every piece keeps the times of the packets
+that brought it.
+"""
+
+from __future__ import annotations
+
+import struct
+from bisect import bisect_right
+from collections import deque
+from operator import itemgetter
+from typing import NamedTuple
+
+from bcapscope.capture.talk import Sighting
+from bcapscope.protocol.stream import Piece, Splitter
+
+REORDER_LIMIT = 1024 * 1024
+"""Bytes of one direction held back for a missing segment. Windows of controllers and their clients stay
+below 64 KiB; Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
+
+ACK_LIMIT = 1 << 30
+"""Bytes that an acknowledgement can be ahead by: the largest window there is (RFC 7323, 2.3)."""
+
+MARKS_LIMIT = 4096
+"""Segments of one unfinished frame whose times are kept apart."""
+
+_SEGMENT_COST = 128  # bytes that a segment held back costs beside its content
+_RECENT = 16  # segments given out that are compared with what is sent again
+_HEADER = struct.Struct(">4xIIBB")
+
+FIN, SYN, RST, ACK = 1, 2, 4, 16
+
+
+class Segment(NamedTuple):
+    """What is in a TCP packet.
+
+    Attributes:
+        flags: `FIN`, `SYN`, `RST`, `ACK`.
+        seq: sequence number of the first byte, or of the SYN.
+        ack: the next byte that the sender waits for, where `ACK` is set.
+        data: what was captured of its content.
+        missing: bytes behind `data` that the capture does not have.
+    """
+
+    flags: int
+    seq: int
+    ack: int
+    data: bytes
+    missing: int
+
+
+def read_segment(payload: bytes, missing: int) -> Segment | None:
+    """Read a segment from the payload of an IP packet; None where no sound header is."""
+    if len(payload) < 20:
+        return None
+    seq, ack, offset, flags = _HEADER.unpack_from(payload)
+    size = (offset >> 4) * 4
+    if size < 20 or size > len(payload) + missing:
+        return None
+    lost = min(missing, len(payload) + missing - size)
+    return Segment(flags, seq, ack, payload[size:], lost)
+
+
+class _Part(NamedTuple):
+    """Consecutive bytes of a stream, their place, and when they came."""
+
+    start: int
+    data: bytes
+    time: int
+    packet: int
+
+
+class _Mark(NamedTuple):
+    """When the bytes up to `stop` came."""
+
+    start: int
+    stop: int
+    time: int
+    packet: int
+
+
+class Stream:
+    """One direction of a connection; offsets count its bytes from the first one seen.
+
+    Attributes:
+        begun: whether its sequence numbers are known.
+        closed: whether it has ended; what comes later is sent again or is another connection's.
+        contradictions: segments sent again with other content; the first one counts.
+    """
+
+    __slots__ = (
+        "_acked",
+        "_ahead",
+        "_ahead_cost",
+        "_end",
+        "_marks",
+        "_next",
+        "_origin",
+        "_recent",
+        "_splitter",
+        "begun",
+        "closed",
+        "contradictions",
+    )
+
+    def __init__(self) -> None:
+        self.begun = self.closed = False
+        self.contradictions = 0
+        self._splitter = Splitter()
+        self._origin = self._next = self._acked = self._ahead_cost = 0
+        self._end: int | None = None
+        self._ahead: list[_Part] = []
+        self._marks: deque[_Mark] = deque()
+        self._recent: deque[_Part] = deque(maxlen=_RECENT)
+
+    def begin(self, seq: int, from_start: bool) -> None:
+        """Count from `seq`, which is the first byte sent or, without a SYN, the first one seen."""
+        self.begun = True
+        self._origin = seq
+        self._splitter = Splitter(in_step=from_start)
+
+    def starts_at(self, seq: int) -> bool:
+        """Tell whether `seq` is the first byte of this stream."""
+        return self.begun and seq == self._origin
+
+    def is_ahead(self, seq: int) -> bool:
+        """Tell whether `seq` is behind all that was given out."""
+        return self._offset(seq) >= self._next
+
+    def receive(self, segment: Segment, time: int, packet: int) -> list[Sighting]:
+        """Take a segment in and return the frames that it completes."""
+        if self.closed:
+            return []
+        start, data = self._offset(segment.seq), segment.data
+        if segment.flags & FIN:
+            self._end = start + len(data) + segment.missing
+        if start == self._next and not self._ahead and self._end is None:
+            return self._give(_Part(start, data, time, packet)) if data else []
+        if start < self._next:
+            known = data[: self._next - start]
+            if len(data) > 1 or start + 1 != self._next:  # else a keep-alive probe: its byte means nothing
+                self._compare(_Part(start, known, time, packet), self._recent)
+            start, data = start + len(known), data[len(known) :]
+        if data:
+            self._hold(_Part(start, data, time, packet))
+        return self._drain(time, packet)
+
+    def acknowledge(self, ack: int, time: int, packet: int) -> list[Sighting]:
+        """Note that the other end has all bytes before `ack`: those not seen will not be sent again."""
+        offset = self._offset(ack)
+        if self._acked < offset <= self._next + ACK_LIMIT:
+            self._acked = offset
+            if self._ahead or self._end is not None:
+                return self._drain(time, packet)
+        return []
+
+    def close(self, time: int, packet: int) -> list[Sighting]:
+        """End the stream: give out what was held back, holes included, and what was begun."""
+        if self.closed:
+            return []
+        found: list[Sighting] = []
+        while self._ahead:
+            found += self._skip(self._ahead[0].start, time, packet)
+            found += self._drain_ready()
+        # A FIN is acknowledged like a byte: without having seen it, one byte more proves nothing.
+        expected = self._acked - 1 if self._end is None else min(self._acked, self._end)
+        if expected > self._next:
+            found += self._skip(expected, time, packet)
+        found += self._time(self._splitter.close(), time, packet)
+        self.closed = True
+        self._marks.clear()
+        self._recent.clear()
+        return found
+
+    def _offset(self, seq: int) -> int:
+        """Place a sequence number, which wraps at 32 bits, near the bytes expected next."""
+        ahead = (seq - self._origin - self._next) & 0xFFFFFFFF
+        return self._next + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
+
+    def _give(self, part: _Part) -> list[Sighting]:
+        """Pass on the part that continues the stream."""
+        start, data, time, packet = part
+        self._next = stop = start + len(data)
+        self._recent.append(part)
+        self._marks.append(_Mark(start, stop, time, packet))
+        if len(self._marks) > MARKS_LIMIT:
+            self._thin_marks()
+        pieces = self._splitter.feed(data)
+        return self._time(pieces, time, packet) if pieces else []
+
+    def _thin_marks(self) -> None:
+        """Give every second segment the times of the one behind it, but for the first."""
+        marks = list(self._marks)
+        kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
+        self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
+
+    def _drain(self, time: int, packet: int) -> list[Sighting]:
+        """Give out what has come into order, and give up holes that will not be filled."""
+        found = self._drain_ready()
+        while self._ahead and (self._acked >= self._ahead[0].start or self._ahead_cost > REORDER_LIMIT):
+            found += self._skip(self._ahead[0].start, time, packet)
+            found += self._drain_ready()
+        if self._end is not None and max(self._next, self._acked) >= self._end:
+            found += self.close(time, packet)
+        return found
+
+    def _drain_ready(self) -> list[Sighting]:
+        found: list[Sighting] = []
+        count = 0
+        for part in self._ahead:
+            if part.start != self._next:
+                break
+            count += 1
+            self._ahead_cost -= len(part.data) + _SEGMENT_COST
+            found += self._give(part)
+        del self._ahead[:count]
+        return found
+
+    def _skip(self, offset: int, time: int, packet: int) -> list[Sighting]:
+        """Declare the bytes up to `offset` lost."""
+        missing = offset - self._next
+        self._next = offset
+        return self._time(self._splitter.gap(missing), time, packet)
+
+    def _hold(self, part: _Part) -> None:
+        """Keep what is not there yet of a part that is ahead of the stream."""
+        start, data, time, packet = part
+        stop = start + len(data)
+        ahead = self._ahead
+        place = max(bisect_right(ahead, start, key=itemgetter(0)) - 1, 0)
+        self._compare(part, ahead[place:])
+        while start < stop:
+            if place == len(ahead) or start < ahead[place].start:
+                until = stop if place == len(ahead) else min(stop, ahead[place].start)
+                content = data[start - part.start : until - part.start]
+                ahead.insert(place, _Part(start, content, time, packet))
+                self._ahead_cost += len(content) + _SEGMENT_COST
+                start = until
+            else:
+                start = max(start, ahead[place].start + len(ahead[place].data))
+            place += 1
+
+    def _compare(self, part: _Part, known: deque[_Part] | list[_Part]) -> None:
+        """Count a part that contradicts what came first."""
+        for other in known:
+            if other.start >= part.start + len(part.data):
+                return
+            start = max(part.start, other.start)
+            stop = min(part.start + len(part.data), other.start + len(other.data))
+            again = part.data[start - part.start : max(stop - part.start, 0)]
+            if start < stop and again != other.data[start - other.start : stop - other.start]:
+                self.contradictions += 1
+                return
+
+    def _time(self, pieces: list[Piece], time: int, packet: int) -> list[Sighting]:
+        """Give each piece the times of its own segments; a hole that of the packet which showed it."""
+        found = []
+        marks = self._marks
+        for start, stop, item in pieces:
+            while marks and marks[0].stop <= start:
+                marks.popleft()
+            if not marks or marks[0].start >= stop:
+                found.append(Sighting(time, time, packet, item))
+                continue
+            first = last = marks[0]
+            for mark in marks if stop > first.stop else ():
+                if mark.start >= stop:
+                    break
+                last = max(last, mark, key=itemgetter(2))
+            found.append(Sighting(first.time, last.time, last.packet, item))
+        return found
+
+
+class Connection:
+    """Both directions of a TCP connection.
+
+    Attributes:
+        streams: by sender, 0 or 1.
+        server: which end accepted the connection, as far as its handshake was seen.
+    """
+
+    __slots__ = ("server", "streams")
+
+    def __init__(self) -> None:
+        self.streams = (Stream(), Stream())
+        self.server: int | None = None
+
+    @property
+    def contradictions(self) -> int:
+        """Segments sent again with other content."""
+        return self.streams[0].contradictions + self.streams[1].contradictions
+
+    def is_followed_by(self, sender: int, segment: Segment) -> bool:
+        """Tell whether a segment begins another connection between the same ports."""
+        own, other = self.streams[sender], self.streams[1 - sender]
+        if segment.flags & SYN:
+            first = (segment.seq + 1) & 0xFFFFFFFF
+            return not own.starts_at(first) and (own.begun or (other.begun and not segment.flags & ACK))
+        return bool(segment.data) and own.closed and own.is_ahead(segment.seq)
+
+    def receive(self, sender: int, segment: Segment, time: int, packet: int) -> list[tuple[int, Sighting]]:
+        """Take a segment in and return what it completes, with the sender of each."""
+        own, other = self.streams[sender], self.streams[1 - sender]
+        found = []
+        if segment.flags & ACK and other.begun:
+            found = [(1 - sender, sighting) for sighting in other.acknowledge(segment.ack, time, packet)]
+        if segment.flags & RST:
+            return found + self.close(time, packet)
+        if segment.flags & SYN:
+            self.server = sender if segment.flags & ACK else 1 - sender
+            segment = segment._replace(seq=(segment.seq + 1) & 0xFFFFFFFF)
+            if not own.begun:
+                own.begin(segment.seq, from_start=True)
+        if segment.data and not own.begun:
+            own.begin(segment.seq, from_start=False)
+        if own.begun:
+            found += [(sender, sighting) for sighting in own.receive(segment, time, packet)]
+        return found
+
+    def close(self, time: int, packet: int) -> list[tuple[int, Sighting]]:
+        """End both directions."""
+        return [
+            (sender, sighting)
+            for sender, stream in enumerate(self.streams)
+            for sighting in stream.close(time, packet)
+        ]
