@@ -65,8 +65,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "switches slave mode: 0 off, else what a set point is and how slvMove answers",
         _C,
         f"{SLIDES}; {ROS}",
-        "mode",
-        in_slave_mode=None,
+        "mode; in slave mode only 0 is accepted",
     ),
     Row("slvGetMode", "- BSTR", "I2 I4", "tells the slave mode", _R, SLIDES, "", "mode", True),
     Row(

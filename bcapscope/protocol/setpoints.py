@@ -254,7 +254,7 @@ def _assign(layout: _Layout, parts: tuple[Variant, ...]) -> tuple[dict[str, Vari
             found = _kind(parts[place]) if place < len(parts) else "the end"
             problems.append(f"{name} is missing: {kind} expected, {found} found")
     if len(parts) > len(named):
-        problems.append(f"{len(parts) - len(named)} more than the format asks for")
+        problems.append(f"only {len(named)} of {len(parts)} parts could be read")
     return named, problems
 
 

@@ -110,7 +110,7 @@ class ReceiveFormat:
 
     @property
     def bare_pose(self) -> PoseType | None:
-        """The pose type where one pose and nothing else is asked for, which then comes as it is; else None."""
+        """Pose type where one pose and nothing else is asked for, which comes as it is; else None."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 

@@ -106,7 +106,7 @@ def test_parts_out_of_place_do_not_hide_the_others() -> None:
     assert (point.pose, point.hand_io) == (Pose(J, JOINTS), None)
     assert point.problems == (
         "hand_io is missing: an integer expected, something else found",
-        "2 more than the format asks for",
+        "only 1 of 3 parts could be read",
     )
 
 
