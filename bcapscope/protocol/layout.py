@@ -1,7 +1,8 @@
 """What frames of one form share, so that a million of them are decoded once.
 
 Robot traffic repeats itself: two set points of a slave-mode session differ in serial, reserved and the
-numbers inside their arguments, nothing else. A `Layout` is what stays, kept from the first frame that
+numbers inside their arguments, nothing else. The first of several arguments is a handle, of which there
+are few: it belongs to the form. A `Layout` is what stays, kept from the first frame that
 was decoded in full and found sound; a later frame that agrees with it byte for byte outside those
 places needs only its numbers unpacked.
 """
@@ -40,7 +41,7 @@ class Layout:
     def __init__(self, prototype: tuple[Argument, ...]) -> None:
         self.prototype = prototype
         self.notes: dict[object, object] = {}
-        self._plan = tuple((argument, numbers_taken(argument.variant)) for argument in prototype)
+        self._plan = tuple(zip(prototype, taken_by_each(prototype), strict=True))
 
     def arguments(self, numbers: Numbers) -> tuple[Argument, ...]:
         """Put a frame's own `numbers`, in the order of its bytes, into the arguments."""
@@ -143,7 +144,14 @@ def learn(raw: bytes, spans: Sequence[Number], arguments: tuple[Argument, ...]) 
         arguments: what it holds.
     """
     if len(raw) <= LARGEST_FRAME:
-        _STORE.add(raw, tuple(spans), arguments)
+        first = arguments[0].stop if len(arguments) > 1 else 0
+        _STORE.add(raw, tuple(span for span in spans if span.start >= first), arguments)
+
+
+def taken_by_each(arguments: Sequence[Argument]) -> tuple[int, ...]:
+    """Count the numbers that each of a frame's arguments takes; a handle before others takes none."""
+    counts = [numbers_taken(argument.variant) for argument in arguments]
+    return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 
 
 def numbers_taken(variant: Variant) -> int:
@@ -163,10 +171,12 @@ def numbers_taken(variant: Variant) -> int:
 
 def flatten(arguments: Sequence[Argument]) -> Numbers:
     """Take the numbers out of arguments: what `Layout.arguments` puts in."""
-    return tuple(number for argument in arguments for number in _numbers(argument.variant))
+    taken = zip(arguments, taken_by_each(arguments), strict=True)
+    return tuple(number for argument, count in taken if count for number in numbers_of(argument.variant))
 
 
-def _numbers(variant: Variant) -> Iterator[int | float | bytes]:
+def numbers_of(variant: Variant) -> Iterator[int | float | bytes]:
+    """Yield the numbers of a value, in the order of its bytes."""
     value = variant.value
     if numbers_taken(variant) == 0:
         return
@@ -175,7 +185,7 @@ def _numbers(variant: Variant) -> Iterator[int | float | bytes]:
     elif variant.vt == ARRAY | VT.VARIANT:
         for item in value:
             if isinstance(item, Variant):
-                yield from _numbers(item)
+                yield from numbers_of(item)
     else:
         yield from value  # type: ignore[misc]  # the same
 

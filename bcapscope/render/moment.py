@@ -26,21 +26,22 @@ def time_writer(clock: Clock) -> Callable[[int], str]:
     """Return a function that writes one moment after the other as `clock` says."""
     if clock is Clock.UTC:
         return utc_text
-    return epoch_text if clock is Clock.EPOCH else _Elapsed(clock is Clock.DELTA)
+    return epoch_text if clock is Clock.EPOCH else _elapsed(clock is Clock.DELTA)
 
 
-class _Elapsed:
-    def __init__(self, since_last: bool) -> None:
-        self._since_last = since_last
-        self._reference: int | None = None
+def _elapsed(since_last: bool) -> Callable[[int], str]:
+    reference: int | None = None
 
-    def __call__(self, time: int) -> str:
-        reference = time if self._reference is None else self._reference
-        self._reference = time if self._since_last else reference
-        elapsed = time - reference
+    def write(time: int) -> str:
+        nonlocal reference
+        elapsed = 0 if reference is None else time - reference
+        if since_last or reference is None:
+            reference = time
         if elapsed < 0:
             return f"{'-' + epoch_text(-elapsed)[:-3]:>12}"
         return "%5d.%06d" % divmod(elapsed // 1000, 1_000_000)
+
+    return write
 
 
 def epoch_text(time: int) -> str:

@@ -9,14 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from datetime import datetime, timedelta
 from decimal import Decimal
-from typing import TypeAlias
+from functools import partial
+from typing import Any, TypeAlias
+
+import orjson
 
 from bcapscope.protocol.arguments import Argument
 from bcapscope.protocol.functions import Param
 from bcapscope.protocol.hresult import hresult_name
-from bcapscope.protocol.layout import Numbers, numbers_taken
+from bcapscope.protocol.layout import Numbers, numbers_of, numbers_taken, taken_by_each
 from bcapscope.protocol.variant import ARRAY, CY_SCALE, NUMBER_FORMATS, VT, Variant, vt_name
-from bcapscope.render.escape import printable, quoted
+from bcapscope.render.escape import quoted
 
 LONGEST_STRING = 120
 """Characters of a string, and half as many bytes of a UI1 array, that one line shows."""
@@ -24,11 +27,13 @@ LONGEST_STRING = 120
 MOST_ELEMENTS = 32
 """Elements of an array that one line shows."""
 
-Converter: TypeAlias = Callable[[int | float | bytes], str]
+Writer: TypeAlias = Callable[[Any], str]
+Place: TypeAlias = tuple[int | slice, Writer]
+"""Which of a frame's numbers stand here, and how they are written."""
 
 _DATE_ZERO = datetime(1899, 12, 30)
-_HANDED_OVER = ("bstrCommand",)
-_SWALLOW = "%.0s"
+_SPOKEN = ("bstrCommand",)
+"""Arguments that the line shows beside the function's name."""
 
 
 def date_text(days: float) -> str:
@@ -48,25 +53,22 @@ def cy_text(raw: int) -> str:
     return str(Decimal(raw) / CY_SCALE)
 
 
-_FLOATS = {int(VT.R4): "%.7g", int(VT.R8): "%.9g"}
-"""A line shows the digits that R4 holds, and of R8's fifteen those that a robot can tell apart."""
-
-
 class Phrase:
     """A text with places for numbers."""
 
-    __slots__ = ("_converters", "_text")
+    __slots__ = ("_places", "_text")
 
-    def __init__(self, text: str, converters: Sequence[Converter | None]) -> None:
+    def __init__(self, text: str, places: Sequence[Place]) -> None:
         self._text = text
-        self._converters = tuple(converters) if any(converters) else None
+        self._places = tuple(places)
 
     def fill(self, numbers: Numbers) -> str:
         """Put a frame's numbers in, in the order of its bytes."""
-        if self._converters is not None:
-            pairs = zip(self._converters, numbers, strict=True)
-            numbers = tuple(number if convert is None else convert(number) for convert, number in pairs)  # type: ignore[misc]
-        return self._text % numbers
+        places = self._places
+        if len(places) == 1:
+            where, write = places[0]
+            return self._text % write(numbers[where])
+        return self._text % tuple([write(numbers[where]) for where, write in places])
 
 
 class PhraseBuilder:
@@ -74,7 +76,8 @@ class PhraseBuilder:
 
     def __init__(self) -> None:
         self._pieces: list[str] = []
-        self._converters: list[Converter | None] = []
+        self._places: list[Place] = []
+        self._taken = 0
 
     def text(self, text: str) -> None:
         """Add words."""
@@ -82,12 +85,16 @@ class PhraseBuilder:
 
     def arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
         """Add arguments as ``name=value``; a type is named where the function does not prescribe it."""
-        for index, argument in enumerate(arguments):
+        for index, (argument, taken) in enumerate(zip(arguments, taken_by_each(arguments), strict=True)):
             param = role(index)
-            if param.name in _HANDED_OVER and isinstance(argument.variant.value, str):
+            if param.name in _SPOKEN and isinstance(argument.variant.value, str):
                 continue
             self.text(f" {param.name}=")
-            self.variant(argument.variant, vt_name(argument.variant.vt) != param.type)
+            typed = vt_name(argument.variant.vt) != param.type
+            if taken:
+                self.variant(argument.variant, typed)
+            else:
+                self._settled(argument.variant, typed)
 
     def variant(self, variant: Variant, typed: bool = True) -> None:
         """Add a value."""
@@ -101,7 +108,13 @@ class PhraseBuilder:
 
     def done(self) -> Phrase:
         """Return what was collected."""
-        return Phrase("".join(self._pieces), self._converters)
+        return Phrase("".join(self._pieces), self._places)
+
+    def _settled(self, variant: Variant, typed: bool) -> None:
+        """Add a value whose numbers are the same in all frames of the layout."""
+        builder = PhraseBuilder()
+        builder.variant(variant, typed)
+        self.text(builder.done().fill(tuple(numbers_of(variant))))
 
     def _scalar(self, base: int, variant: Variant, typed: bool) -> None:
         if base == VT.BOOL:
@@ -109,50 +122,52 @@ class PhraseBuilder:
             return
         if typed:
             self.text(f"{VT(base).name}(")
-        self._number(base)
+        self._place(self._take(1).start, _WRITERS[base])
         if typed:
             self.text(")")
 
-    def _number(self, base: int) -> None:
-        converter = _CONVERTERS.get(base)
-        self._pieces.append("%s" if converter else _FLOATS.get(base, "%d"))
-        self._converters.append(converter)
+    def _take(self, count: int) -> slice:
+        start = self._taken
+        self._taken += count
+        return slice(start, self._taken)
+
+    def _place(self, where: int | slice, write: Writer) -> None:
+        self._pieces.append("%s")
+        self._places.append((where, write))
 
     def _array(self, base: int, variant: Variant) -> None:
         value = variant.value
+        if base != VT.VARIANT:
+            self.text(_type_word(base))
+        self.text("[")
         if isinstance(value, bytes):
-            self.text(f"{_type_word(base)}[")
             if numbers_taken(variant):
-                self._pieces.append("%s")
-                self._converters.append(_bytes_text)
+                self._place(self._take(1).start, _bytes_text)
             else:
                 self.text(_bytes_text(value))
         elif isinstance(value, tuple):
-            self.text("[" if base == VT.VARIANT else f"{_type_word(base)}[")
             self._elements(base, value)
+            if len(value) > MOST_ELEMENTS:
+                self.text(f",… {len(value) - MOST_ELEMENTS} more")
         self.text("]")
 
     def _elements(self, base: int, values: tuple[object, ...]) -> None:
-        for index, value in enumerate(values[:MOST_ELEMENTS]):
+        shown = values[:MOST_ELEMENTS]
+        if base in _WRITERS:
+            taken = self._take(len(values))
+            where = slice(taken.start, taken.start + len(shown))
+            self._place(where, _LISTS.get(base) or partial(_joined, _WRITERS[base]))
+            return
+        for index, value in enumerate(shown):
             if index:
-                self.text(", ")
+                self.text(",")
             if isinstance(value, Variant):
                 self.variant(value)
-            elif base in NUMBER_FORMATS and base != VT.BOOL:
-                self._number(base)
             else:
                 self.text(_element_text(value))
-        if len(values) > MOST_ELEMENTS:
-            self.text(f", … {len(values) - MOST_ELEMENTS} more")
-            left = sum(_taken(base, value) for value in values[MOST_ELEMENTS:])
-            self._pieces.append(_SWALLOW * left)
-            self._converters += [None] * left
-
-
-def _taken(base: int, value: object) -> int:
-    if isinstance(value, Variant):
-        return numbers_taken(value)
-    return int(base in NUMBER_FORMATS and base != VT.BOOL)
+        self._take(
+            sum(numbers_taken(value) for value in values[MOST_ELEMENTS:] if isinstance(value, Variant))
+        )
 
 
 def _constant(variant: Variant) -> str:
@@ -177,8 +192,7 @@ def _string(text: str) -> str:
     return f"{quoted(text[:LONGEST_STRING])}… {len(text) - LONGEST_STRING} more"
 
 
-def _bytes_text(value: int | float | bytes) -> str:
-    data = value if isinstance(value, bytes) else b""
+def _bytes_text(data: bytes) -> str:
     most = LONGEST_STRING // 2
     more = f"… {len(data) - most} more" if len(data) > most else ""
     return data[:most].hex() + more
@@ -188,14 +202,40 @@ def _type_word(base: int) -> str:
     return VT(base).name if base in VT.__members__.values() else vt_name(base)
 
 
-def _date(value: int | float | bytes) -> str:
-    days = float(value)
+def _joined(write: Writer, values: tuple[int | float, ...]) -> str:
+    return ",".join(map(write, values))
+
+
+def _plain(value: int | float | tuple[int | float, ...]) -> str:
+    """Write numbers with the fewest digits that read back as the same: exact, and fast."""
+    text = orjson.dumps(value).decode("ascii")
+    if "null" in text:
+        return _joined(repr, value) if isinstance(value, tuple) else repr(value)
+    return text[1:-1] if isinstance(value, tuple) else text
+
+
+def _single(value: float) -> str:
+    """Write an R4 with the seven digits that it holds."""
+    return "%.7g" % value
+
+
+def _date(days: float) -> str:
     text = date_text(days)
     return f"{days!r} {text}" if text else repr(days)
 
 
-_CONVERTERS: dict[int, Converter] = {
-    VT.CY: lambda raw: f"{raw!r} {cy_text(int(raw))}",
+_WRITERS: dict[int, Writer] = {
+    VT.I2: str,
+    VT.I4: str,
+    VT.R4: _single,
+    VT.R8: _plain,
+    VT.CY: lambda raw: f"{raw} {cy_text(raw)}",
     VT.DATE: _date,
-    VT.ERROR: lambda code: printable(hresult_name(int(code))),
+    VT.ERROR: hresult_name,
+    VT.UI1: str,
+    VT.UI2: str,
+    VT.UI4: str,
+    VT.I8: str,
+    VT.UI8: str,
 }
+_LISTS: dict[int, Writer] = {vt: _plain for vt in (VT.I2, VT.I4, VT.R8, VT.UI2, VT.UI4, VT.I8, VT.UI8)}

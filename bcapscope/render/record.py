@@ -18,7 +18,7 @@ from bcapscope.protocol.arguments import Argument, Problem
 from bcapscope.protocol.frame import Frame, Malformed
 from bcapscope.protocol.functions import Param, function_name
 from bcapscope.protocol.hresult import describe, hresult_name
-from bcapscope.protocol.layout import Layout, Numbers, flatten
+from bcapscope.protocol.layout import Layout, Numbers, flatten, numbers_of, taken_by_each
 from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.render.moment import epoch_text
 from bcapscope.render.phrase import cy_text, date_text
@@ -70,7 +70,11 @@ class _Form:
         self._parts = tuple(parts)
 
     def fill(self, numbers: Numbers) -> bytes:
-        return self._text % tuple([write(numbers[where]) for where, write in self._parts])
+        parts = self._parts
+        if len(parts) == 1:
+            where, write = parts[0]
+            return self._text % write(numbers[where])
+        return self._text % tuple([write(numbers[where]) for where, write in parts])
 
 
 class _FormBuilder:
@@ -86,12 +90,21 @@ class _FormBuilder:
 
     def arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
         self.put(b"[")
-        for index, argument in enumerate(arguments):
+        for index, (argument, taken) in enumerate(zip(arguments, taken_by_each(arguments), strict=True)):
             self.put(b',{"name":' if index else b'{"name":')
             self.put(json_text(role(index).name) + b",")
-            self._typed(argument.variant)
+            if taken:
+                self._typed(argument.variant)
+            else:
+                self._settled(argument.variant)
             self.put(b"}")
         self.put(b"]")
+
+    def _settled(self, variant: Variant) -> None:
+        """Add a value whose numbers are the same in all frames of the layout."""
+        builder = _FormBuilder()
+        builder._typed(variant)
+        self.put(builder.done().fill(tuple(numbers_of(variant))))
 
     def done(self) -> _Form:
         return _Form(b"".join(self._pieces), self._parts)
