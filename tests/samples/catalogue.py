@@ -1,0 +1,96 @@
+"""The captures that ship with the project: what each shows, where it is from, how it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from tests.samples import guide, slave
+
+_GUIDE = "DENSO Wave 2009, How to use the Slave mode/b-CAP"
+_OWN = "made up"
+
+_HEAD = """\
+# Sample captures
+
+One scenario each. All are made by `python -m tests.samples`, this page too, and a test holds them to it: the
+same code gives the same bytes. None was recorded in a plant. Frames and values of the guide (DENSO Wave 2009,
+*How to use the Slave mode/b-CAP*) are its own; addresses, ports and times never are.
+
+| File | Shows | Form | Origin |
+|---|---|---|---|
+"""
+
+
+class Sample(NamedTuple):
+    """A file in `captures/`.
+
+    Attributes:
+        name: of the file.
+        shows: what a reader finds in it.
+        form: file format and what carries the frames.
+        origin: where the traffic is from.
+        make: returns its bytes.
+    """
+
+    name: str
+    shows: str
+    form: str
+    origin: str
+    make: Callable[[], bytes]
+
+
+SAMPLES: tuple[Sample, ...] = (
+    Sample(
+        "slave-session.pcapng",
+        "a whole slave-mode session without a fault: service, controller, robot, motor (with keep-alives), "
+        "first position, formats, mode 0x202, 240 set points at 8 ms with time-stamped replies, and "
+        "everything let go in order",
+        "pcapng, ns, named interface, comments; UDP",
+        f"{_OWN} after the order of calls in DENSO's samples for the RC8; numbered as by DENSO's C library",
+        slave.slave_session,
+    ),
+    Sample(
+        "exchanges.pcap",
+        "slvChangeMode, slvGetMode, slvMove (no answer printed) and a set point of 2009, then the two calls "
+        "of the b-CAP Tester",
+        "pcap, µs; UDP, one client port a page",
+        f"{_GUIDE}, the function references, Retry sequence (3) and Show packets (1), (2); lost, surplus and "
+        "misread bytes put right, the reply to slvChangeMode given the serial of its request",
+        guide.exchanges,
+    ),
+    Sample(
+        "retry-story.pcapng",
+        "one set point sent four times: the reply to the first retry comes late and is discarded, the reply "
+        "to the third is accepted",
+        "pcapng, ns, a comment on each packet; UDP",
+        f"{_GUIDE}, Retry sequence (2) and (3), damaged bytes put right",
+        guide.retry_story,
+    ),
+    Sample(
+        "damaged-dumps.txt",
+        "hex that lost bytes on its way through a document, for `bcapscope decode --text`",
+        "text",
+        f"{_GUIDE}, every dump of a packet as printed",
+        guide.damaged_text,
+    ),
+    Sample(
+        "damaged-dumps.pcap",
+        "the same bytes as datagrams",
+        "pcap, µs, big-endian; UDP",
+        f"{_GUIDE}, every dump of a packet as printed",
+        guide.damaged_dumps,
+    ),
+)
+
+
+def index() -> str:
+    """Return the page that tells the origin of each capture."""
+    rows = (f"| `{name}` | {shows} | {form} | {origin} |" for name, shows, form, origin, _ in SAMPLES)
+    return _HEAD + "\n".join(rows) + "\n"
+
+
+def files() -> dict[str, bytes]:
+    """Return everything that `captures/` holds, by name."""
+    made = {sample.name: sample.make() for sample in SAMPLES}
+    return {**made, "README.md": index().encode()}
