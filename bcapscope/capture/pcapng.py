@@ -59,7 +59,7 @@ def read_pcapng(source: Source) -> Iterator[Packet]:
         while position + _ENHANCED_SIZE <= end:  # the blocks that captures consist of, without options
             kind, size, number, high, low, kept, original = head(data, position)
             stop = position + size
-            if kind != _ENHANCED or not 0 <= size - kept - _ENHANCED_SIZE < 4 or stop > end:
+            if kind != _ENHANCED or size != kept + _ENHANCED_SIZE + 3 & ~3 or stop > end:
                 break
             if number != current or high != epoch:
                 if number >= len(clocks) or clocks[number].divisor != 1:

@@ -183,11 +183,13 @@ class Stream:
         start, data, time, packet = part
         self._next = stop = start + len(data)
         self._recent.append(part)
+        pieces = self._splitter.feed(data)
+        if not self._marks and len(pieces) == 1 and pieces[0].stop == stop:  # one frame in one segment
+            return [Sighting(time, time, packet, pieces[0].item)]
         self._marks.append(_Mark(start, stop, time, packet))
         if len(self._marks) > MARKS_LIMIT:
             self._thin_marks()
-        pieces = self._splitter.feed(data)
-        return self._time(pieces, time, packet) if pieces else []
+        return self._time(pieces, time, packet)
 
     def _thin_marks(self) -> None:
         """Give every second segment the times of the one behind it, but for the first."""
@@ -304,7 +306,8 @@ class Connection:
         own, other = self.streams[sender], self.streams[1 - sender]
         found = []
         if segment.flags & ACK and other.begun:
-            found = [(1 - sender, sighting) for sighting in other.acknowledge(segment.ack, time, packet)]
+            lost = other.acknowledge(segment.ack, time, packet)
+            found = [(1 - sender, sighting) for sighting in lost] if lost else []
         if segment.flags & RST:
             return found + self.close(time, packet)
         if segment.flags & SYN:
