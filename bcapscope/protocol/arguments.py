@@ -5,11 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Value, Variant, vt_name
-
-MAX_NESTING = 32
-"""VARIANT arrays inside VARIANT arrays that are followed. Controllers nest two deep (an argument list
-that holds a pose); the bound keeps a hostile frame from exhausting the interpreter's stack."""
+from bcapscope.protocol.variant import ARRAY, MAX_NESTING, NUMBER_FORMATS, VT, Value, Variant, vt_name
 
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
@@ -63,13 +59,15 @@ class ArgumentReader:
 
     The values decide where the next argument begins and the length field before each is only checked,
     as in DENSO's present libraries (orin_bcap C, C#, Java and Python ignore it). Where a value cannot
-    be read to its end, the length field is used after all, as the older C client did.
+    be read to its end, the length field bounds it after all, as in the older C client, and bounds all
+    that follow: so no byte is taken for part of two values, and each is looked at twice at the most.
 
     Attributes:
         arguments: what was read, the last one perhaps only in part.
         problems: what is not as it should be, in the order of the bytes.
         numbers: where plain numbers stand.
         pos: offset of the first byte that was not read.
+        complete: every argument was found, though perhaps not all of its value.
     """
 
     def __init__(self, raw: bytes, pos: int, end: int) -> None:
@@ -79,6 +77,9 @@ class ArgumentReader:
         self.arguments: list[Argument] = []
         self.problems: list[Problem] = []
         self.numbers: list[Number] = []
+        self.complete = False
+        self._bound = end
+        self._lengths_rule = False
         self._lost = False
 
     def read(self, argc: int) -> None:
@@ -89,6 +90,7 @@ class ArgumentReader:
                 return
             if not self._read_one():
                 return
+        self.complete = True
 
     def _report(self, offset: int, code: str, reason: str) -> None:
         self.problems.append(Problem(offset, code, reason))
@@ -98,24 +100,33 @@ class ArgumentReader:
         self._lost = True
 
     def _read_one(self) -> bool:
+        """Read an argument; return whether it is known where the next one begins."""
         start = self.pos
         (claimed,) = _U32.unpack_from(self.raw, start)
-        claimed_stop = start + 4 + claimed
-        self.pos = start + 4
-        self._lost = False
-        variant = self._variant(0)
+        stop = start + 4 + claimed
+        bounded = claimed >= SMALLEST_ARGUMENT - 4 and stop <= self.end
+        variant = self._read_value(start, stop if bounded and self._lengths_rule else self.end)
+        if self._lost and bounded and not self._lengths_rule:
+            self._lengths_rule = True
+            self.problems = [problem for problem in self.problems if problem.offset < start]
+            variant = self._read_value(start, stop)
         if self._lost:
-            found = claimed >= SMALLEST_ARGUMENT - 4 and claimed_stop <= self.end
-            self.pos = claimed_stop if found else self.end
+            self.pos = stop if bounded else self.end
             if variant.value == b"":
                 variant = variant._replace(value=self.raw[start + SMALLEST_ARGUMENT : self.pos])
-        elif self.pos != claimed_stop:
+        elif self.pos != stop:
             taken = self.pos - start - 4
             self._report(
                 start, "argument-length", f"argument length is {claimed}, type and value take {taken}"
             )
         self.arguments.append(Argument(variant, start, self.pos))
-        return not self._lost or self.pos == claimed_stop
+        return bounded or not self._lost
+
+    def _read_value(self, start: int, bound: int) -> Variant:
+        self.pos = start + 4
+        self._bound = bound
+        self._lost = False
+        return self._variant(0)
 
     def _variant(self, depth: int) -> Variant:
         start = self.pos
@@ -155,7 +166,7 @@ class ArgumentReader:
 
     def _numbers(self, base: int, count: int) -> tuple[Value, ...]:
         width = _WIDTHS[base]
-        fits = min(count, (self.end - self.pos) // width)
+        fits = min(count, (self._bound - self.pos) // width)
         code = NUMBER_FORMATS[base]
         values = struct.unpack_from(f"<{fits}{code}", self.raw, self.pos)
         if fits and base != VT.BOOL:
@@ -167,7 +178,7 @@ class ArgumentReader:
 
     def _bytes(self, count: int) -> bytes:
         start = self.pos
-        self.pos = min(start + count, self.end)
+        self.pos = min(start + count, self._bound)
         if self.pos < start + count:
             self._promise(count, VT.UI1, self.pos - start)
         if self.pos > start:
@@ -175,12 +186,12 @@ class ArgumentReader:
         return self.raw[start : self.pos]
 
     def _bstr(self) -> str | None:
-        if self.end - self.pos < 4:
+        if self._bound - self.pos < 4:
             self._lose(self.pos, "data", "bytes end before the length of a string")
             return None
         (size,) = _U32.unpack_from(self.raw, self.pos)
         start = self.pos + 4
-        stop = min(start + size, self.end)
+        stop = min(start + size, self._bound)
         if size % 2:
             self._report(self.pos, "string", f"string length is {size}, UTF-16 takes two bytes a unit")
         if stop < start + size:
@@ -202,7 +213,7 @@ class ArgumentReader:
             self._lose(self.pos, "nesting", f"VARIANT arrays nested more than {MAX_NESTING} deep")
             return ()
         while len(values) < count and not self._lost:
-            if self.end - self.pos < _TYPE_COUNT.size:
+            if self._bound - self.pos < _TYPE_COUNT.size:
                 self._promise(count, VT.VARIANT, len(values))
                 break
             values.append(self._variant(depth + 1))

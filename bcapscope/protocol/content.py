@@ -72,7 +72,7 @@ class Content:
         reader = self._read_arguments()
         self.arguments: tuple[Argument, ...] = tuple(reader.arguments)
         self.numbers: list[Number] = reader.numbers
-        self.problems: tuple[Problem, ...] = (*head, *reader.problems)
+        self.problems: tuple[Problem, ...] = tuple(sorted((*head, *reader.problems), key=_offset))
 
     def _read_arguments(self) -> ArgumentReader:
         body = self.body
@@ -80,7 +80,7 @@ class Content:
         end = len(body) - 1 if has_eot else len(body)
         reader = ArgumentReader(body, HEADER_SIZE, end)
         reader.read(int.from_bytes(body[13:15], "little"))
-        if reader.pos < end and not reader.problems:
+        if reader.pos < end and reader.complete:
             self._read_tail(reader)
         if len(body) <= HEADER_SIZE:
             reader.problems.append(Problem(len(body), "eot", "bytes end before EOT"))
@@ -94,9 +94,10 @@ class Content:
         """Tell the framing by what stands between the last argument and EOT."""
         body, end = self.body, reader.end
         tail = body[reader.pos : end]
-        if len(tail) == 1 and tail[0] == 0 and body[7:9] == b"\x01\x00":
+        plain = self.framing is Framing.PLAIN
+        if plain and tail == b"\x00" and body[7:9] == b"\x01\x00":
             self.framing = Framing.VERSION_1
-        elif len(tail) == 2 and tail == crc16(body[1 : end - 2]).to_bytes(2, "little"):
+        elif plain and len(tail) == 2 and tail == crc16(body[1 : end - 2]).to_bytes(2, "little"):
             self.framing = Framing.SERIAL_LINE
         else:
             count = "1 byte" if len(tail) == 1 else f"{len(tail)} bytes"
@@ -105,19 +106,26 @@ class Content:
             )
 
 
-def looks_zlib(raw: bytes) -> bool:
-    """Tell whether `raw` has the marks of a compressed version 1 frame.
+def _offset(problem: Problem) -> int:
+    return problem.offset
 
-    `reserved` 1, mode byte 1 before EOT and a zlib header where the compressed body begins, none of
-    which a plain frame has at once: its argument count would be over 30,000.
+
+def begins_zlib(data: bytes | bytearray, pos: int = 0) -> bool:
+    """Tell whether the header at `pos` has the marks of a compressed version 1 frame.
+
+    `reserved` 1 and a zlib header where the compressed body begins: a plain frame with both has 376
+    arguments or more.
     """
     return (
-        len(raw) > _ZLIB_BODY + 4
-        and raw[7:9] == b"\x01\x00"
-        and raw[-2:] == b"\x01\x04"
-        and raw[_ZLIB_BODY] & 0x0F == 8
-        and int.from_bytes(raw[_ZLIB_BODY : _ZLIB_BODY + 2], "big") % 31 == 0
+        data[pos + 7 : pos + 9] == b"\x01\x00"
+        and data[pos + _ZLIB_BODY] & 0x8F == 8
+        and int.from_bytes(data[pos + _ZLIB_BODY : pos + HEADER_SIZE], "big") % 31 == 0
     )
+
+
+def looks_zlib(raw: bytes) -> bool:
+    """Tell whether `raw`, at least a header, is framed as version 1 frames are that are compressed."""
+    return len(raw) > HEADER_SIZE + 2 and begins_zlib(raw) and raw[-2:] == b"\x01\x04"
 
 
 def _unpack(raw: bytes) -> tuple[bytes, list[Problem]] | None:
@@ -125,13 +133,14 @@ def _unpack(raw: bytes) -> tuple[bytes, list[Problem]] | None:
     claimed = int.from_bytes(raw[9:_ZLIB_BODY], "little")
     machine = zlib.decompressobj()
     try:
-        data = machine.decompress(raw[_ZLIB_BODY:-2], LARGEST_UNPACKED)
+        data = machine.decompress(raw[_ZLIB_BODY:-2], LARGEST_UNPACKED + 1)
     except zlib.error:
         return None
     if len(data) < _SMALLEST_UNPACKED:
         return None
     problems = []
-    if machine.unconsumed_tail:
+    if len(data) > LARGEST_UNPACKED:
+        data = data[:LARGEST_UNPACKED]
         problems.append(
             Problem(_ZLIB_BODY, "unpacked", f"unpacks to over {LARGEST_UNPACKED} bytes, cut there")
         )

@@ -49,6 +49,8 @@ LARGEST_UDP_FRAME = 503
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _LENGTH_SERIAL_RESERVED = struct.Struct("<BIHH")
 _CODE_ARGC = struct.Struct("<IH")
+_SIGNED_CODE_ARGC = struct.Struct("<iH")
+_VERSION_1 = (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
 
 
 class Malformed:
@@ -132,7 +134,9 @@ class Frame:
         The cheap way through millions of frames: `arguments` gives the same values one by one. None for
         a frame with problems and for the few that are decoded on their own.
         """
-        inner = self._inner or self._look_inside()
+        inner = self._inner
+        if inner is None:
+            inner = self._inner = layouts.find(self.raw) or self._look_inside()
         return inner if isinstance(inner, tuple) else None
 
     @property
@@ -188,13 +192,15 @@ def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
         return (Frame(raw),)
     items: list[Frame | Malformed] = []
+    pos = 0
     while True:
-        length = int.from_bytes(raw[1:5], "little")
-        if not SMALLEST_FRAME <= length < len(raw) or raw[0] != SOH or raw[length - 1] != EOT:
-            items.append(parse_bytes(raw))
+        length = int.from_bytes(raw[pos + 1 : pos + 5], "little")
+        stop = pos + length
+        if not SMALLEST_FRAME <= length < len(raw) - pos or raw[pos] != SOH or raw[stop - 1] != EOT:
+            items.append(parse_bytes(raw[pos:]))
             return tuple(items)
-        items.append(Frame(raw[:length]))
-        raw = raw[length:]
+        items.append(Frame(raw[pos:stop]))
+        pos = stop
 
 
 def parse_bytes(raw: bytes) -> Frame | Malformed:
@@ -219,7 +225,7 @@ def encode(
 
     Args:
         serial: 0 to 65535.
-        reserved: 0 to 65535.
+        reserved: 0 to 65535; 1 in the two framings of version 1.
         code: function id or HRESULT, signed or unsigned.
         arguments: the values, in order.
         framing: how the frame ends.
@@ -227,17 +233,19 @@ def encode(
     Raises:
         LocalProtocolError: a number or a value does not fit, or the frame grows over `LARGEST_FRAME`.
     """
+    if framing in _VERSION_1 and reserved != 1:
+        raise LocalProtocolError(f"reserved {reserved}: it is 1 in the framing of version 1")
     try:
-        inner = _CODE_ARGC.pack(code & 0xFFFFFFFF, len(arguments))
+        inner = (_SIGNED_CODE_ARGC if code < 0 else _CODE_ARGC).pack(code, len(arguments))
         inner += b"".join(map(encode_argument, arguments))
         body = _framed(inner, framing)
         crc_size = 2 if framing is Framing.SERIAL_LINE else 0
         length = 10 + len(body) + crc_size
         head = _LENGTH_SERIAL_RESERVED.pack(SOH, length, serial, reserved)
     except struct.error as error:
-        raise LocalProtocolError(f"serial {serial}, reserved {reserved}: {error}") from error
-    if length > LARGEST_FRAME:
-        raise LocalProtocolError(f"a frame of {length} bytes, {LARGEST_FRAME} is the most")
+        raise LocalProtocolError(f"serial {serial}, reserved {reserved}, code {code}: {error}") from error
+    if max(length, len(inner)) > LARGEST_FRAME:
+        raise LocalProtocolError(f"a frame of {max(length, len(inner))} bytes, {LARGEST_FRAME} is the most")
     crc = crc16(head[1:] + body).to_bytes(2, "little") if crc_size else b""
     return head + body + crc + bytes((EOT,))
 

@@ -6,6 +6,7 @@ from enum import Enum, auto
 from typing import NamedTuple
 
 from bcapscope.protocol.arguments import SMALLEST_ARGUMENT, Problem
+from bcapscope.protocol.content import begins_zlib
 from bcapscope.protocol.frame import (
     EOT,
     HEADER_SIZE,
@@ -47,7 +48,7 @@ class Piece(NamedTuple):
 
 class _Trust(Enum):
     FULL = auto()
-    """The arguments end where the length field says."""
+    """The arguments end where the length field says, or are compressed."""
     DOUBT = auto()
     """The length field is possible, but the arguments do not bear it out."""
     NONE = auto()
@@ -59,7 +60,8 @@ class _Trust(Enum):
 class Splitter:
     """Cuts a stream into pieces; what it gives depends on the bytes alone, never on how they were cut.
 
-    Every byte fed comes out in exactly one piece, in order. At most `limit` bytes are held.
+    Every byte fed comes out in exactly one piece, in order. Held are at most `limit` bytes, or
+    `LARGEST_GARBAGE` and `LARGEST_DOUBTFUL` where that is more.
     """
 
     def __init__(self, in_step: bool = True, limit: int = LARGEST_FRAME) -> None:
@@ -84,7 +86,7 @@ class Splitter:
 
     def feed(self, data: bytes) -> list[Piece]:
         """Take the next bytes of the stream and return the pieces that they complete."""
-        if not self._buffer and self._in_step and _is_one_frame(data):
+        if not self._buffer and self._in_step and _is_one_frame(data) and len(data) <= self._limit:
             start, self._base = self._base, self._base + len(data)
             return [Piece(start, self._base, Frame(data))]
         self._buffer += data
@@ -150,7 +152,7 @@ class Splitter:
         """Look for the next byte at which a frame begins beyond doubt; return the size of what is before."""
         pos = self._scan if self._scan or not self._in_step else 1
         self._in_step = False
-        while (pos := self._buffer.find(SOH, pos)) >= 0 and pos < LARGEST_GARBAGE:
+        while (pos := self._buffer.find(SOH, pos, LARGEST_GARBAGE)) >= 0:
             self._scan = pos
             found = self._begins_frame(pos)
             if found:
@@ -159,10 +161,8 @@ class Splitter:
             if found is None and not final:
                 return 0
             pos += 1
-        self._scan = len(self._buffer) if pos < 0 else pos
-        if self._scan >= LARGEST_GARBAGE:
-            return LARGEST_GARBAGE
-        return self._scan if final else 0
+        self._scan = min(len(self._buffer), LARGEST_GARBAGE)
+        return self._scan if final or self._scan == LARGEST_GARBAGE else 0
 
     def _begins_frame(self, pos: int) -> bool | None:
         """Tell whether a whole frame stands at `pos`, None for "need more"."""
@@ -180,11 +180,14 @@ class Splitter:
             return _Trust.OPEN, 0
         length = int.from_bytes(buffer[pos + 1 : pos + 5], "little")
         argc = int.from_bytes(buffer[pos + 13 : pos + 15], "little")
-        largest = self._limit if in_step else LARGEST_DOUBTFUL
-        if not SMALLEST_FRAME <= length <= largest or (argc > MOST_ARGUMENTS and not in_step):
+        largest = self._limit if in_step else min(self._limit, LARGEST_DOUBTFUL)
+        if not SMALLEST_FRAME <= length <= largest:
+            return _Trust.NONE, 0
+        packed = begins_zlib(buffer, pos)
+        if argc > MOST_ARGUMENTS and not in_step and not packed:
             return _Trust.NONE, 0
         stop = pos + length
-        last = self._walk_arguments(pos, stop, argc)
+        last = stop - 1 if packed else self._walk_arguments(pos, stop, argc)
         if last is None:
             return _Trust.OPEN, length
         if stop - last in _TAILS:

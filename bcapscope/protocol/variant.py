@@ -7,8 +7,8 @@ C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agre
 
 from __future__ import annotations
 
+import reprlib
 import struct
-from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
@@ -57,6 +57,10 @@ NUMBER_FORMATS: dict[int, str] = {
 }
 """struct format character of each type of fixed width."""
 
+MAX_NESTING = 32
+"""VARIANT arrays inside VARIANT arrays that are followed. Controllers nest two deep (an argument list
+that holds a pose); the bound keeps a hostile frame from exhausting the interpreter's stack."""
+
 CY_SCALE = 10_000
 """A CY counts ten-thousandths in COM. None of DENSO's libraries applies that, so values stay raw here
 and a view shows the scaled one beside it."""
@@ -102,44 +106,57 @@ def encode_variant(variant: Variant) -> bytes:
     """Pack type, count and data, as they stand inside a VARIANT array.
 
     Raises:
-        LocalProtocolError: the value does not fit its type, or b-CAP has no such type.
+        LocalProtocolError: the value does not fit its type, an array's element count is not that of its
+            values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
     """
-    return _TYPE_COUNT.pack(variant.vt, variant.elements) + _encode_data(variant)
+    return _encode(variant, 0)
 
 
 def encode_argument(variant: Variant) -> bytes:
     """Pack a VARIANT as an argument: its length in bytes (u32) before it.
 
     Raises:
-        LocalProtocolError: the value does not fit its type, or b-CAP has no such type.
+        LocalProtocolError: as `encode_variant`.
     """
     body = encode_variant(variant)
     return len(body).to_bytes(4, "little") + body
 
 
-def _encode_data(variant: Variant) -> bytes:
-    base = variant.vt & ~ARRAY
+def _encode(variant: Variant, depth: int) -> bytes:
     try:
-        if variant.vt & ARRAY:
-            return _encode_array(base, variant.value)
-        if base in (VT.EMPTY, VT.NULL):
-            return b""
-        if base == VT.BSTR:
-            return _encode_bstr(variant.value)
-        return _encode_numbers(base, (variant.value,))
-    except (struct.error, TypeError, ValueError, OverflowError, AttributeError, KeyError) as error:
-        raise LocalProtocolError(f"{variant.value!r} is no {vt_name(variant.vt)}: {error}") from error
+        vt, value, elements = variant
+        return _TYPE_COUNT.pack(vt, elements) + _encode_data(vt, value, elements, depth)
+    except (struct.error, TypeError, ValueError, OverflowError, AttributeError) as error:
+        raise LocalProtocolError(f"{reprlib.repr(variant)} cannot be packed: {error}") from error
 
 
-def _encode_array(base: int, values: Value) -> bytes:
+def _encode_data(vt: int, value: Value, elements: int, depth: int) -> bytes:
+    base = vt & ~ARRAY
+    if vt & ARRAY:
+        return _encode_array(base, value, elements, depth)
+    if base in (VT.EMPTY, VT.NULL):
+        if value is not None:
+            raise TypeError(f"{vt_name(vt)} has no value")
+        return b""
+    if base == VT.BSTR:
+        return _encode_bstr(value)
+    return _encode_numbers(base, (value,))
+
+
+def _encode_array(base: int, values: Value, elements: int, depth: int) -> bytes:
     if not isinstance(values, tuple | bytes):
         raise TypeError("an array takes a tuple, or bytes for VT_UI1")
+    if len(values) != elements:
+        raise ValueError(f"element count is {elements}, there are {len(values)} values")
     if base == VT.UI1:
         return bytes(values)  # type: ignore[arg-type]  # a wrong element raises, and is reported as such
-    pack: Callable[..., bytes] | None = {VT.BSTR: _encode_bstr, VT.VARIANT: encode_variant}.get(VT(base))
-    if pack is None:
-        return _encode_numbers(base, tuple(values))
-    return b"".join(map(pack, values))
+    if base == VT.BSTR:
+        return b"".join(map(_encode_bstr, values))
+    if base == VT.VARIANT:
+        if depth == MAX_NESTING:
+            raise ValueError(f"VARIANT arrays nested more than {MAX_NESTING} deep")
+        return b"".join(_encode(value, depth + 1) for value in values)  # type: ignore[arg-type]  # the same
+    return _encode_numbers(base, tuple(values))
 
 
 def _encode_bstr(value: Value) -> bytes:
@@ -150,6 +167,8 @@ def _encode_bstr(value: Value) -> bytes:
 
 
 def _encode_numbers(base: int, values: tuple[Value, ...]) -> bytes:
+    if base not in NUMBER_FORMATS:
+        raise ValueError(f"{vt_name(base)} is no type that b-CAP carries")
     if base == VT.BOOL:
         values = tuple(-1 if value else 0 for value in values)
     return struct.pack(f"<{len(values)}{NUMBER_FORMATS[base]}", *values)

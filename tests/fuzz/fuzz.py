@@ -1,0 +1,96 @@
+"""Fuzz one target: ``python tests/fuzz/fuzz.py TARGET [libFuzzer arguments]``.
+
+With atheris installed it is guided by coverage and takes libFuzzer's arguments (``-max_total_time=600``,
+``-runs=0 CRASH_FILE``, a corpus directory). Without it a plain loop mutates the seeds, and of the
+arguments only ``-max_total_time`` and ``-seed`` count.
+"""
+
+from __future__ import annotations
+
+import importlib
+import random
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+TARGETS = ("frame", "stream", "capture")
+MAX_LENGTH = 4096
+
+
+def main(argv: list[str]) -> int:
+    """Run the target named first; return an exit code, unless libFuzzer ends the process itself."""
+    if len(argv) < 2 or argv[1] not in TARGETS:
+        print(f"usage: {argv[0]} {{{','.join(TARGETS)}}} [libFuzzer arguments]", file=sys.stderr)
+        return 2
+    sys.path.insert(0, str(ROOT))
+    name, options = argv[1], argv[2:]
+    try:
+        import atheris  # noqa: PLC0415 - instruments what is imported after it
+    except ImportError:
+        print("atheris is not installed: random mutations only", file=sys.stderr)
+        return _mutate(name, options)
+    with atheris.instrument_imports(include=["bcapscope"]):
+        target = _target(name)
+    with tempfile.TemporaryDirectory(prefix=f"fuzz-{name}-") as corpus:
+        for number, seed in enumerate(_seeds(name)):
+            Path(corpus, f"seed-{number:03}").write_bytes(seed)
+        corpora = [] if any(not option.startswith("-") for option in options) else [corpus]
+        atheris.Setup([argv[0], f"-max_len={MAX_LENGTH}", *options, *corpora], target)
+        atheris.Fuzz()
+    return 0
+
+
+def _target(name: str) -> Callable[[bytes], None]:
+    target: Callable[[bytes], None] = getattr(importlib.import_module("tests.fuzz.targets"), name)
+    return target
+
+
+def _seeds(name: str) -> list[bytes]:
+    seeds: list[bytes] = importlib.import_module("tests.fuzz.seeds").SEEDS[name]()
+    return seeds
+
+
+def _mutate(name: str, options: list[str]) -> int:
+    settings = dict(option.lstrip("-").split("=", 1) for option in options if "=" in option)
+    chance = random.Random(int(settings.get("seed", "0")))
+    stop = time.monotonic() + float(settings.get("max_total_time", "60"))
+    target, seeds = _target(name), _seeds(name)
+    runs = 0
+    while time.monotonic() < stop:
+        data = mutated(chance.choice(seeds), chance)
+        try:
+            target(data)
+        except Exception:
+            Path(f"crash-{name}").write_bytes(data)
+            print(f"run {runs}: kept as crash-{name}", file=sys.stderr)
+            raise
+        runs += 1
+    print(f"{runs} runs, nothing found", file=sys.stderr)
+    return 0
+
+
+def mutated(data: bytes, chance: random.Random) -> bytes:
+    """Change a few bytes of `data`, cut it, or repeat a part of it."""
+    changed = bytearray(data)
+    for _ in range(chance.randint(1, 6)):
+        spot = chance.randrange(len(changed) + 1)
+        stretch = changed[spot : spot + chance.randint(1, 8)]
+        match chance.randrange(4):
+            case 0:
+                changed[spot : spot + 1] = chance.choice(
+                    (b"\x00", b"\x01", b"\x04", b"\xff", chance.randbytes(1))
+                )
+            case 1:
+                del changed[spot : spot + len(stretch)]
+            case 2:
+                changed[spot:spot] = stretch * chance.randint(1, 4)
+            case _:
+                changed[spot:spot] = chance.randbytes(chance.randint(1, 8))
+    return bytes(changed[:MAX_LENGTH])
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,153 @@
+"""What is fuzzed, and what must hold for any bytes at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from bcapscope.protocol.arguments import Argument
+from bcapscope.protocol.content import LARGEST_UNPACKED, Content
+from bcapscope.protocol.frame import Frame, Framing, Malformed, encode, parse_datagram
+from bcapscope.protocol.stream import LARGEST_DOUBTFUL, LARGEST_GARBAGE, Piece, Splitter
+from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
+
+SMALL_LIMIT = 300
+"""A second bound for streams, small enough that short inputs reach it."""
+
+
+def frame(data: bytes) -> None:
+    """Read `data` as a datagram."""
+    items = parse_datagram(data)
+    assert b"".join(item.raw for item in items) == data
+    for item in items:
+        if isinstance(item, Malformed):
+            assert item.problems
+        else:
+            check_frame(item)
+
+
+def check_frame(item: Frame) -> None:
+    """Compare a frame with one decoded on its own, and what it holds with its bytes."""
+    fresh = Content(item.raw)
+    for _ in range(2):
+        assert repr(item.arguments) == repr(fresh.arguments)
+        assert item.problems == fresh.problems
+        assert item.framing is fresh.framing
+    assert item.body == fresh.body
+    assert len(item.body) <= max(len(item.raw), LARGEST_UNPACKED + 10)
+    check_arguments(item.arguments, len(item.body))
+    offsets = [problem.offset for problem in item.problems]
+    assert offsets == sorted(offsets)
+    assert not offsets or 0 <= offsets[0] <= offsets[-1] <= len(item.body)
+    if not item.problems and item.framing is not Framing.VERSION_1_ZLIB:
+        check_encoding(item)
+
+
+def check_arguments(arguments: tuple[Argument, ...], size: int) -> None:
+    """Arguments follow each other, inside the frame, and hold no more than their bytes."""
+    stop = 15
+    for argument in arguments:
+        assert argument.start == stop
+        stop = argument.stop
+        assert stop - argument.start >= 10
+        assert weight(argument.variant) <= stop - argument.start
+    assert stop <= size
+
+
+def weight(variant: Variant) -> int:
+    """Bytes that a value takes on the wire at the least, whatever its element count claims."""
+    value = variant.value
+    if isinstance(value, tuple):
+        return 6 + sum(weight(item) if isinstance(item, Variant) else size_of(item) for item in value)
+    return 6 + size_of(value)
+
+
+def size_of(value: object) -> int:
+    """Bytes of a plain value at the least."""
+    if isinstance(value, str):
+        return 4 + len(value.encode("utf-16-le", "surrogatepass"))
+    if isinstance(value, bytes):
+        return len(value)
+    return 0 if value is None else 1
+
+
+def check_encoding(item: Frame) -> None:
+    """A sound frame comes out of `encode` as it was, unless two encodings mean the same value."""
+    variants = [argument.variant for argument in item.arguments]
+    if not any(map(ambiguous, variants)):
+        made = encode(item.serial, item.reserved, item.code, variants, item.framing)
+        assert made == item.raw
+
+
+def ambiguous(variant: Variant) -> bool:
+    """Tell values that other bytes express as well: any BOOL but 0 is true, NaN has many forms."""
+    base = variant.vt & ~ARRAY
+    values: Iterable[Value | Variant] = (
+        variant.value if isinstance(variant.value, tuple) else (variant.value,)
+    )
+    if base == VT.BOOL:
+        return True
+    if base == VT.VARIANT:
+        return any(ambiguous(value) for value in values if isinstance(value, Variant))
+    return any(isinstance(value, float) and math.isnan(value) for value in values)
+
+
+def stream(data: bytes) -> None:
+    """Read `data` as a stream: first how to cut it, then its bytes.
+
+    Byte 0 tells whether the stream begins in step (bit 0) and its bound (bit 1), byte 1 how many cuts
+    follow; each is a size, and 0 a gap.
+    """
+    if len(data) < 2:
+        return
+    in_step, limit = bool(data[0] & 1), (SMALL_LIMIT if data[0] & 2 else 16 * 1024 * 1024)
+    cuts, payload = data[2 : 2 + data[1]], data[2 + data[1] :]
+    runs = runs_between_gaps(cuts, payload)
+    whole = split([[b"".join(run)] for run in runs], in_step, limit)
+    assert split(runs, in_step, limit) == whole
+    assert split([[bytes((byte,)) for part in run for byte in part] for run in runs], in_step, limit) == whole
+    check_pieces(whole, runs)
+
+
+def runs_between_gaps(cuts: bytes, payload: bytes) -> list[list[bytes]]:
+    """Cut `payload`; each run is what stands between two gaps."""
+    runs: list[list[bytes]] = [[]]
+    pos = 0
+    for size in cuts:
+        if size:
+            runs[-1].append(payload[pos : pos + size])
+            pos += size
+        else:
+            runs.append([])
+    runs[-1].append(payload[pos:])
+    return runs
+
+
+def split(runs: list[list[bytes]], in_step: bool, limit: int) -> list[Piece]:
+    """Give runs of segments to a splitter, a gap of one byte between two runs."""
+    splitter = Splitter(in_step, limit)
+    pieces: list[Piece] = []
+    for index, run in enumerate(runs):
+        if index:
+            pieces += splitter.gap(1)
+        for segment in run:
+            pieces += splitter.feed(segment)
+            assert splitter.pending <= max(limit, LARGEST_GARBAGE + LARGEST_DOUBTFUL)
+    return pieces + splitter.close()
+
+
+def check_pieces(pieces: list[Piece], runs: list[list[bytes]]) -> None:
+    """Every byte is in one piece, in order."""
+    expected = b"?".join(b"".join(run) for run in runs)
+    pos = 0
+    for piece in pieces:
+        assert piece.start == pos < piece.stop
+        pos = piece.stop
+        if isinstance(piece.item, Malformed) and piece.item.missing:
+            assert piece.item.missing == piece.stop - piece.start
+            assert piece.item.raw == b""
+        else:
+            assert piece.item.raw == expected[piece.start : piece.stop]
+        if isinstance(piece.item, Frame):
+            check_frame(piece.item)
+    assert pos == len(expected)
