@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from tests.samples import guide, slave
+from tests.samples import guide, slave, tcp, trouble
 
 _GUIDE = "DENSO Wave 2009, How to use the Slave mode/b-CAP"
 _OWN = "made up"
@@ -80,6 +80,54 @@ SAMPLES: tuple[Sample, ...] = (
         "pcap, µs, big-endian; UDP",
         f"{_GUIDE}, every dump of a packet as printed",
         guide.damaged_dumps,
+    ),
+    Sample(
+        "tcp-segments.pcap",
+        "frames that TCP cut in their header, cut in three with a segment sent twice, glued and swapped; "
+        "sequence numbers wrap; nothing is missing",
+        "pcap, ns; TCP",
+        f"{_OWN}; numbered as by DENSO's Python library",
+        tcp.segments,
+    ),
+    Sample(
+        "tcp-gap.pcap",
+        "a capture that begins in the middle of a frame, misses a segment of a long reply and ends with a "
+        "reply cut off by a reset",
+        "pcap, µs; TCP",
+        _OWN,
+        tcp.gap,
+    ),
+    Sample(
+        "slave-mode-lost.pcapng",
+        "a client that pauses for 64 ms while the robot moves: the controller leaves slave mode "
+        "(0x84201482), everything after that is refused",
+        "pcapng, ns, comments; UDP",
+        f"{_OWN} after what users report",
+        trouble.slave_mode_lost,
+    ),
+    Sample(
+        "two-robots.pcapng",
+        "two controllers on two interfaces, one numbered from 0 in reserved, one with its own serial there, "
+        "which wraps from 65535 to 1",
+        "pcapng, interfaces of µs and ns, Ethernet and Linux cooked v2; UDP over IPv4 and IPv6",
+        _OWN,
+        trouble.two_robots,
+    ),
+    Sample(
+        "vlan-ipv6.pcap",
+        "variables written and read (Japanese text, an emoji) in two VLAN tags, among packets of ARP, DNS "
+        "and NTP",
+        "pcap, ns; TCP over IPv6, two VLANs",
+        _OWN,
+        trouble.vlan_ipv6,
+    ),
+    Sample(
+        "malformed.pcapng",
+        "strings that attack a terminal, a browser or a spreadsheet, and frames with one fault each, told in "
+        "the packet's comment",
+        "pcapng, ns, a comment on each packet; UDP",
+        _OWN,
+        trouble.malformed,
     ),
 )
 
