@@ -77,7 +77,8 @@ class Content:
     def _read_arguments(self) -> ArgumentReader:
         body = self.body
         has_eot = len(body) > HEADER_SIZE and body[-1] == EOT
-        end = len(body) - 1 if has_eot else len(body)
+        damaged_eot = len(body) > HEADER_SIZE and int.from_bytes(body[1:5], "little") == len(body)
+        end = len(body) - 1 if has_eot or damaged_eot else len(body)
         reader = ArgumentReader(body, HEADER_SIZE, end)
         reader.read(int.from_bytes(body[13:15], "little"))
         if reader.pos < end and reader.complete:
