@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from typing import TypeGuard, cast
 
 import click
 
@@ -13,22 +13,24 @@ from bcapscope.render.palette import ANSI, PLAIN, Palette
 
 _LINES_AT_ONCE = 512
 
-_Seen = TypeVar("_Seen")
-
 
 class Output:
-    """Collects lines and writes many at once; `flush` is called before anything waits for more input."""
+    """Collects lines of data and writes many at once.
+
+    `flush` is called before anything waits for more input, so that live traffic is seen as it comes.
+    """
 
     def __init__(self) -> None:
-        self._lines: list[bytes] = []
+        self._lines: list[str] | list[bytes] = []
         self._stdout = sys.stdout.buffer
 
-    def write_all(self, seen: Iterable[_Seen], render: Callable[[_Seen], bytes], pause: Callable[[], None]) -> None:
-        """Write what `render` makes of each item, a line each; call `pause` after every few hundred."""
-        lines = self._lines
-        for item in seen:
-            lines.append(render(item))
-            if len(lines) >= _LINES_AT_ONCE:
+    def write_lines(self, lines: Iterable[str] | Iterable[bytes], pause: Callable[[], None]) -> None:
+        """Write each line; call `pause` after every few hundred."""
+        kept = self._lines
+        append = cast(Callable[[str | bytes], None], kept.append)
+        for line in lines:
+            append(line)
+            if len(kept) >= _LINES_AT_ONCE:
                 self.flush()
                 pause()
         self.flush()
@@ -37,10 +39,14 @@ class Output:
         """Write out what was collected."""
         lines = self._lines
         if lines:
-            text = b"\n".join(lines) + b"\n"
+            text = b"\n".join(lines) if _are_bytes(lines) else "\n".join(lines).encode("utf-8")
             lines.clear()
-            self._stdout.write(text)
+            self._stdout.write(text + b"\n")
         self._stdout.flush()
+
+
+def _are_bytes(lines: list[str] | list[bytes]) -> TypeGuard[list[bytes]]:
+    return isinstance(lines[0], bytes)
 
 
 def narrate(text: str) -> None:

@@ -62,20 +62,21 @@ class Phrase:
         self._text = text
         self._places = tuple(places)
 
-    def fill(self, numbers: Numbers) -> str:
-        """Put a frame's numbers in, in the order of its bytes."""
+    def fill(self, head: tuple[object, ...], numbers: Numbers) -> str:
+        """Put in what stands at the head of the text, then a frame's numbers in the order of its bytes."""
         places = self._places
         if len(places) == 1:
             where, write = places[0]
-            return self._text % write(numbers[where])
-        return self._text % tuple([write(numbers[where]) for where, write in places])
+            return self._text % (*head, write(numbers[where]))
+        return self._text % (*head, *[write(numbers[where]) for where, write in places])
 
 
 class PhraseBuilder:
     """Collects the pieces of a phrase, left to right."""
 
-    def __init__(self) -> None:
-        self._pieces: list[str] = []
+    def __init__(self, head: str = "") -> None:
+        """Begin with `head`, a %-format of its own."""
+        self._pieces = [head]
         self._places: list[Place] = []
         self._taken = 0
 
@@ -114,7 +115,7 @@ class PhraseBuilder:
         """Add a value whose numbers are the same in all frames of the layout."""
         builder = PhraseBuilder()
         builder.variant(variant, typed)
-        self.text(builder.done().fill(tuple(numbers_of(variant))))
+        self.text(builder.done().fill((), tuple(numbers_of(variant))))
 
     def _scalar(self, base: int, variant: Variant, typed: bool) -> None:
         if base == VT.BOOL:

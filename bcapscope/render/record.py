@@ -24,12 +24,11 @@ from bcapscope.render.moment import epoch_text
 from bcapscope.render.phrase import cy_text, date_text
 from bcapscope.render.roles import request_role, result_role
 from bcapscope.traffic.observation import Direction, Flow, Observation
-from bcapscope.traffic.question import Question, question_of
+from bcapscope.traffic.question import Question
 
 MOST_FORMS = 4096
 """Forms and flow texts kept; when there are more, all are forgotten and made again."""
 
-_HEAD = b'{"frame":%d,"time":%b,%b"length":%d,"serial":%d,"reserved":%d,%b,"packet":%d}'
 
 Part: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
@@ -69,19 +68,19 @@ class _Form:
         self._text = text
         self._parts = tuple(parts)
 
-    def fill(self, numbers: Numbers) -> bytes:
+    def fill(self, head: tuple[object, ...], numbers: Numbers) -> bytes:
         parts = self._parts
         if len(parts) == 1:
             where, write = parts[0]
-            return self._text % write(numbers[where])
-        return self._text % tuple([write(numbers[where]) for where, write in parts])
+            return self._text % (*head, write(numbers[where]))
+        return self._text % (*head, *[write(numbers[where]) for where, write in parts])
 
 
 class _FormBuilder:
     """Collects a form, left to right; `taken` counts the numbers that have their places."""
 
-    def __init__(self) -> None:
-        self._pieces: list[bytes] = []
+    def __init__(self, head: bytes = b"") -> None:
+        self._pieces = [head]
         self._parts: list[Part] = []
         self._taken = 0
 
@@ -104,7 +103,7 @@ class _FormBuilder:
         """Add a value whose numbers are the same in all frames of the layout."""
         builder = _FormBuilder()
         builder._typed(variant)
-        self.put(builder.done().fill(tuple(numbers_of(variant))))
+        self.put(builder.done().fill((), tuple(numbers_of(variant))))
 
     def done(self) -> _Form:
         return _Form(b"".join(self._pieces), self._parts)
@@ -171,86 +170,66 @@ _BESIDE: dict[int, tuple[bytes, Callable[[object], str]]] = {
 }
 
 
-_REQUEST = Direction.REQUEST
-
-
 class RecordRenderer:
     """Writes frames as JSON objects."""
 
     def __init__(self) -> None:
-        self._forms: dict[tuple[Layout, Question | None, bool], _Form] = {}
-        self._flows: dict[Flow, bytes] = {}
+        self._forms: dict[tuple[Flow, Layout, Question | None], _Form] = {}
 
     def record(self, seen: Observation, question: Question | None) -> bytes:
         """Write one object, without a line end.
 
         Args:
             seen: the frame or malformed bytes.
-            question: for a reply, the request that it answers, where that was seen.
+            question: what a request asks, or a reply answers where that was seen.
         """
         number, time, _, flow, item, packet = seen
         if isinstance(item, Malformed):
             return self._malformed(seen, item)
+        head = number, epoch_text(time).encode("ascii"), packet, item.length, item.serial, item.reserved
         found = item.layout
         if found is None:
-            asks = flow.direction is _REQUEST
-            tail = _form(item, question, asks, item.problems).fill(flatten(item.arguments))
-        else:
-            key = (found[0], question, flow.direction is _REQUEST)
-            form = self._forms.get(key) or self._remember(key, item)
-            tail = form.fill(found[1])
-        ends = self._flows.get(flow) or self._remember_flow(flow)
-        moment = epoch_text(time).encode("ascii")
-        return _HEAD % (number, moment, ends, item.length, item.serial, item.reserved, tail, packet)
+            return _form(flow, item, question, item.problems).fill(head, flatten(item.arguments))
+        key = flow, found[0], question
+        form = self._forms.get(key) or self._remember(key, item)
+        return form.fill(head, found[1])
 
-    def _remember(self, key: tuple[Layout, Question | None, bool], frame: Frame) -> _Form:
+    def _remember(self, key: tuple[Flow, Layout, Question | None], frame: Frame) -> _Form:
         if len(self._forms) >= MOST_FORMS:
             self._forms.clear()
-        self._forms[key] = form = _form(frame, key[1], key[2], ())
+        self._forms[key] = form = _form(key[0], frame, key[2], ())
         return form
 
-    def _remember_flow(self, flow: Flow) -> bytes:
-        if len(self._flows) >= MOST_FORMS:
-            self._flows.clear()
-        self._flows[flow] = text = _ends(flow) + b'"kind":' + json_text(flow.direction) + b","
-        return text
-
     def _malformed(self, seen: Observation, item: Malformed) -> bytes:
-        head = b'{"frame":%d,"time":%b,' % (seen.number, epoch_text(seen.time).encode("ascii"))
-        body = b'"kind":"malformed","length":%d,"serial":null,"reserved":null,' % len(item.raw)
-        missing = b',"missing":%d' % item.missing if item.missing else b""
-        return (
-            head
-            + _ends(seen.flow)
-            + body
-            + _NOTHING
-            + b'"args":[],"problems":'
-            + _problems(item.problems)
-            + _raw(item.raw)
-            + missing
-            + b',"packet":%d}' % seen.packet
-        )
+        builder = _FormBuilder(_head(seen.flow, b"malformed", b"null", b"null"))
+        builder.put(b'"function_id":null,"function":null,"command":null,"hresult":null,"hresult_name":null,')
+        builder.put(b'"args":[],"problems":' + _problems(item.problems) + _raw(item.raw))
+        builder.put((b',"missing":%d' % item.missing if item.missing else b"") + b"}")
+        moment = epoch_text(seen.time).encode("ascii")
+        return builder.done().fill((seen.number, moment, seen.packet, len(item.raw)), ())
 
 
-_NOTHING = b'"function_id":null,"function":null,"command":null,"hresult":null,"hresult_name":null,'
-
-
-def _ends(flow: Flow) -> bytes:
+def _head(flow: Flow, kind: bytes, serial: bytes = b"%d", reserved: bytes = b"%d") -> bytes:
+    """Begin an object with what every frame has; the places are for number, time, packet and length."""
     names = (b"src", b"dst", b"transport")
     texts = (flow.src_text, flow.dst_text, flow.conversation.transport)
-    return b"".join(b'"%b":%b,' % (name, json_text(text)) for name, text in zip(names, texts, strict=True))
-
-
-def _form(frame: Frame, question: Question | None, asks: bool, problems: tuple[Problem, ...]) -> _Form:
-    builder = _FormBuilder()
-    asked = question_of(frame) if asks else question
-    function_id = asked.function_id if asked else None
-    builder.put(b'"function_id":%b,' % orjson.dumps(function_id))
-    builder.put(
-        b'"function":%b,' % json_text(function_name(function_id) if function_id is not None else None)
+    ends = b"".join(b'"%b":%b,' % (name, json_text(text)) for name, text in zip(names, texts, strict=True))
+    return b"".join(
+        (
+            b'{"frame":%d,"time":%b,"packet":%d,',
+            ends.replace(b"%", b"%%"),
+            b'"kind":"' + kind + b'","length":%d,"serial":' + serial + b',"reserved":' + reserved + b",",
+        )
     )
-    builder.put(b'"command":%b,' % json_text(asked.command if asked else None))
-    if asks:
+
+
+def _form(flow: Flow, frame: Frame, question: Question | None, problems: tuple[Problem, ...]) -> _Form:
+    builder = _FormBuilder(_head(flow, flow.direction.encode("ascii")))
+    function_id = question.function_id if question else None
+    name = None if function_id is None else function_name(function_id)
+    builder.put(b'"function_id":%b,"function":%b,' % (orjson.dumps(function_id), json_text(name)))
+    builder.put(b'"command":%b,' % json_text(question.command if question else None))
+    if flow.direction is Direction.REQUEST:
         builder.put(b'"hresult":null,"hresult_name":null,"args":')
         builder.arguments(frame.arguments, partial(request_role, function_id))
     else:
@@ -258,8 +237,7 @@ def _form(frame: Frame, question: Question | None, asks: bool, problems: tuple[P
         builder.put(b'"hresult":%d,"hresult_name":%b,"hresult_text":%b,"args":' % code)
         builder.arguments(frame.arguments, partial(result_role, function_id))
     builder.put(b',"problems":' + _problems(problems))
-    if problems:
-        builder.put(_raw(frame.raw))
+    builder.put((_raw(frame.raw) if problems else b"") + b"}")
     return builder.done()
 
 

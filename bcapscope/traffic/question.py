@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.frame import Frame, Malformed
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.variant import VT
-from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MOST_KINDS = 4096
 """Different beginnings of requests that are remembered, each with its question; when more are met, all are
@@ -29,6 +29,7 @@ COMMAND_FUNCTIONS = frozenset(
 )
 """The ..._Execute functions that take the name of a command as their second argument."""
 
+_REQUEST = Direction.REQUEST
 _FUNCTION_ID = 9
 _BSTR_START = 29
 _BSTR_DATA = 33
@@ -100,23 +101,24 @@ class Questions:
         self._last: Conversation | None = None
         self._asked = _Asked()
 
-    def ask(self, conversation: Conversation, request: Frame) -> Question:
-        """Note a request and tell what it asks."""
-        if conversation is not self._last:
-            self._turn_to(conversation)
-        question = question_of(request)
+    def about(self, seen: Observation) -> Question | None:
+        """Tell what a frame is about: what a request asks, or what a reply answers.
+
+        None for bytes that are no frame, and for a reply whose request was not seen or is long ago.
+        """
+        frame, flow = seen.item, seen.flow
+        if isinstance(frame, Malformed):
+            return None
+        if flow.conversation is not self._last:
+            self._turn_to(flow.conversation)
         asked = self._asked
-        asked.latest[request.serial] = question
+        if flow.direction is not _REQUEST:
+            return asked.latest.get(frame.serial) or asked.earlier.get(frame.serial)
+        question = question_of(frame)
+        asked.latest[frame.serial] = question
         if len(asked.latest) >= MOST_SERIALS:
             asked.earlier, asked.latest = asked.latest, {}
         return question
-
-    def answer(self, conversation: Conversation, reply: Frame) -> Question | None:
-        """Tell what a reply answers; None where the request was not seen or is long ago."""
-        if conversation is not self._last:
-            self._turn_to(conversation)
-        asked = self._asked
-        return asked.latest.get(reply.serial) or asked.earlier.get(reply.serial)
 
     def _turn_to(self, conversation: Conversation) -> None:
         asked = self._conversations.pop(conversation, None) or _Asked()

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame, Framing, encode
+from bcapscope.protocol.frame import Frame, Framing, Malformed, encode
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.traffic import question as module
-from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from bcapscope.traffic.question import (
     MOST_CONVERSATIONS,
     MOST_KINDS,
@@ -94,31 +94,44 @@ def test_kinds_are_forgotten_in_time() -> None:
     assert len(module._KNOWN) <= MOST_KINDS
 
 
+def ask(questions: Questions, client: Conversation, frame: Frame) -> Question | None:
+    return questions.about(Observation(1, 0, 0, Flow(client, Direction.REQUEST), frame, 1))
+
+
+def answer(questions: Questions, client: Conversation, frame: Frame) -> Question | None:
+    return questions.about(Observation(2, 0, 0, Flow(client, Direction.RESPONSE), frame, 2))
+
+
+def test_bytes_that_are_no_frame_are_about_nothing() -> None:
+    flow = Flow(conversation(), Direction.REQUEST)
+    assert Questions().about(Observation(1, 0, 0, flow, Malformed(b"?", ()), 1)) is None
+
+
 def test_a_reply_finds_its_question_by_conversation_and_serial() -> None:
     questions = Questions()
     one, two = conversation(1), conversation(2)
-    questions.ask(one, execute("slvMove", serial=5))
-    questions.ask(two, execute("CurPos", serial=5))
+    ask(questions, one, execute("slvMove", serial=5))
+    ask(questions, two, execute("CurPos", serial=5))
     reply = Frame(encode(5, 0, 0, []))
-    assert questions.answer(one, reply) == SLV_MOVE
-    assert questions.answer(two, reply) == Question(64, "CurPos")
-    assert questions.answer(one, Frame(encode(6, 0, 0, []))) is None
-    assert questions.answer(conversation(1), reply) is None
+    assert answer(questions, one, reply) == SLV_MOVE
+    assert answer(questions, two, reply) == Question(64, "CurPos")
+    assert answer(questions, one, Frame(encode(6, 0, 0, []))) is None
+    assert answer(questions, conversation(1), reply) is None
 
 
 def test_the_later_of_two_requests_with_one_serial_is_meant() -> None:
     questions, client = Questions(), conversation()
-    questions.ask(client, execute("CurPos", serial=5))
-    questions.ask(client, execute("slvMove", serial=5))
-    assert questions.answer(client, Frame(encode(5, 0, 0, []))) == SLV_MOVE
+    ask(questions, client, execute("CurPos", serial=5))
+    ask(questions, client, execute("slvMove", serial=5))
+    assert answer(questions, client, Frame(encode(5, 0, 0, []))) == SLV_MOVE
 
 
 def test_the_latest_requests_are_known_and_long_ago_ones_are_not() -> None:
     questions, client = Questions(), conversation()
     for serial in range(1, 3 * MOST_SERIALS):
-        questions.ask(client, execute("slvMove", serial=serial))
+        ask(questions, client, execute("slvMove", serial=serial))
     newest = 3 * MOST_SERIALS - 1
-    found = [s for s in range(1, newest + 1) if questions.answer(client, Frame(encode(s, 0, 0, [])))]
+    found = [s for s in range(1, newest + 1) if answer(questions, client, Frame(encode(s, 0, 0, [])))]
     assert found == list(range(newest - len(found) + 1, newest + 1))
     assert MOST_SERIALS <= len(found) <= 2 * MOST_SERIALS
 
@@ -127,9 +140,9 @@ def test_the_most_silent_conversation_is_forgotten_first() -> None:
     questions = Questions()
     clients = [conversation(port) for port in range(MOST_CONVERSATIONS + 1)]
     for client in clients[:-1]:
-        questions.ask(client, execute("slvMove"))
+        ask(questions, client, execute("slvMove"))
     reply = Frame(encode(1, 0, 0, []))
-    assert questions.answer(clients[0], reply) == SLV_MOVE
-    questions.ask(clients[-1], execute("slvMove"))
-    assert questions.answer(clients[0], reply) == SLV_MOVE
-    assert questions.answer(clients[1], reply) is None
+    assert answer(questions, clients[0], reply) == SLV_MOVE
+    ask(questions, clients[-1], execute("slvMove"))
+    assert answer(questions, clients[0], reply) == SLV_MOVE
+    assert answer(questions, clients[1], reply) is None
