@@ -17,7 +17,7 @@ from typing import overload
 from bcapscope.protocol.arguments import Argument, Problem
 from bcapscope.protocol.content import EOT, HEADER_SIZE, Framing
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import FUNCTIONS, function_name
+from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.protocol.parts import UNNAMED, Part, slv_move_part
 from bcapscope.protocol.roles import request_role, result_role
@@ -32,6 +32,7 @@ UNREAD = "unread"
 _TYPE_AND_COUNT = 6
 _WIDTHS = {int(vt): struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
 _ENVELOPE = 13  # compressed bytes of a version 1 frame begin here
+_HANDLES = {f"h{kind}": Part(text=f"handle of a {kind}") for kind in ObjectClass}
 _LOSSES = frozenset({"data", "type", "nesting"})  # problems that end the reading of an argument
 
 
@@ -148,9 +149,12 @@ class _Walk:
         moves = command is not None and command.casefold() == "slvmove"
         pos = HEADER_SIZE
         for index, argument in enumerate(frame.arguments):
-            is_moved = moves and index == (2 if is_request else 0)
-            part = slv_move_part(argument.variant, is_request) if is_moved else UNNAMED
-            yield self._argument(role(function_id, index).name, argument, part)
+            name = role(function_id, index).name
+            if moves and index == (2 if is_request else 0):
+                part = slv_move_part(argument.variant, is_request)
+            else:
+                part = _HANDLES.get(name, UNNAMED)
+            yield self._argument(name, argument, part)
             pos = argument.stop
         yield from self._tail(pos)
 

@@ -33,7 +33,7 @@ def slv_move_part(variant: Variant, is_request: bool) -> Part:
     """Name the parts of slvMove's parameter or result, as far as the value alone tells.
 
     The name of the whole is left empty. Formats and mode are settled by earlier calls, so nearly all of it
-    is worked out from the count and the types of the elements, and its `text` says so.
+    is guessed from the count and the types of the elements, and its `text` says so.
 
     Args:
         variant: vntParam of the request, or the reply's value.
@@ -45,7 +45,7 @@ def slv_move_part(variant: Variant, is_request: bool) -> Part:
         return named[0]._replace(name="")
     if found.problems or not isinstance(variant.value, tuple) or len(named) != len(variant.value):
         return UNNAMED
-    return Part(text="parts worked out from their types" if found.guessed else "", parts=tuple(named))
+    return Part(text="parts guessed" if found.guessed else "", parts=tuple(named))
 
 
 def _is_list(variant: Variant) -> bool:
@@ -87,8 +87,8 @@ def _feedback(found: Feedback) -> Iterator[Part]:
 
 def _poses(poses: tuple[Pose, ...]) -> Part:
     types = " and ".join(str(pose.type) for pose in poses if pose.type is not None)
-    guessed = ", worked out from the count" if any(pose.guessed for pose in poses) else ""
-    text = f"pose of type {types}{guessed}" if types else ""
+    guessed = ", guessed" if any(pose.guessed for pose in poses) else ""
+    text = f"{types} pose{guessed}" if types else ""
     return Part("pose", text=text, parts=tuple(part for pose in poses for part in _axes(pose)))
 
 

@@ -1,0 +1,86 @@
+"""Bytes as lines: offset, sixteen bytes, the same as ASCII."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+from bcapscope.render.palette import PLAIN, Palette
+
+PER_LINE = 16
+
+_GAP = PER_LINE // 2
+_ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256)).decode("ascii")
+
+
+class Highlight(NamedTuple):
+    """Bytes to be shown in a style.
+
+    Attributes:
+        start: offset of the first.
+        stop: offset behind the last.
+        style: sequence put before them, such as one of a palette's.
+    """
+
+    start: int
+    stop: int
+    style: str
+
+
+def hexdump(
+    data: bytes, highlights: Sequence[Highlight] = (), palette: Palette = PLAIN, first: int = 0
+) -> Iterator[str]:
+    """Write bytes as lines, one after the other as they are asked for.
+
+    Offsets are decimal, as in every table of b-CAP's fields, and in the trees and problems shown beside them.
+
+    Args:
+        data: the bytes.
+        highlights: in the order of their `start`; where two overlap, the later one counts.
+        palette: its `reset` ends a highlight.
+        first: offset of the first byte.
+    """
+    width = max(6, len(str(first + len(data))))
+    pending = list(highlights)[::-1]
+    active: list[Highlight] = []
+    for at in range(0, len(data), PER_LINE):
+        row = data[at : at + PER_LINE]
+        start = first + at
+        while pending and pending[-1].start < start + len(row):
+            active.append(pending.pop())
+        active = [each for each in active if each.stop > start]
+        caption = f"{palette.dim}{start:>{width}}{palette.reset}"
+        yield f"{caption}  {_line(row, _styles(row, start, active), palette.reset)}"
+
+
+def _styles(row: bytes, start: int, active: list[Highlight]) -> list[str]:
+    styles = [""] * len(row)
+    for each in active:
+        for index in range(max(0, each.start - start), min(len(row), each.stop - start)):
+            styles[index] = each.style
+    return styles
+
+
+def _line(row: bytes, styles: list[str], reset: str) -> str:
+    plain = row[:_GAP].hex(" ") + ("  " + row[_GAP:].hex(" ") if len(row) > _GAP else "")
+    padding = " " * (3 * PER_LINE - len(plain))
+    if not any(styles):
+        return f"{plain}{padding}  {''.join(_ASCII[byte] for byte in row)}"
+    shown, letters = [], []
+    for style, run in groupby(range(len(row)), lambda index: styles[index]):
+        indexes = list(run)
+        # The blanks inside a run belong to it, those between two runs to none.
+        pairs = "".join(f"{_blanks(index)}{row[index]:02x}" for index in indexes).lstrip()
+        word = "".join(_ASCII[row[index]] for index in indexes)
+        shown.append(_blanks(indexes[0]) + _styled(pairs, style, reset))
+        letters.append(_styled(word, style, reset))
+    return f"{''.join(shown)}{padding}  {''.join(letters)}"
+
+
+def _blanks(index: int) -> str:
+    return "" if index == 0 else "  " if index == _GAP else " "
+
+
+def _styled(text: str, style: str, reset: str) -> str:
+    return f"{style}{text}{reset}" if style else text

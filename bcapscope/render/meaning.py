@@ -1,0 +1,110 @@
+"""What the fields of a frame mean, in words."""
+
+from __future__ import annotations
+
+import struct
+from itertools import islice
+
+from bcapscope.protocol.fields import HRESULT, Field
+from bcapscope.protocol.hresult import describe, hresult_name
+from bcapscope.protocol.variant import VT, Value, vt_name
+from bcapscope.render.escape import quoted
+from bcapscope.render.phrase import cy_text, date_text
+
+LONGEST_STRING = 60
+"""Characters of a string that are shown unless all are asked for."""
+
+_SINGLE = struct.Struct("<f")
+
+
+def single_text(value: float) -> str:
+    """Write an R4 with the fewest digits that give the same R4 again."""
+    for digits in range(6, 9):
+        text = f"{value:.{digits}g}"
+        if _single_bytes(float(text)) == _single_bytes(value):
+            return repr(float(text))
+    return repr(float(f"{value:.9g}"))
+
+
+def _single_bytes(value: float) -> bytes | None:
+    try:
+        return _SINGLE.pack(value)
+    except OverflowError:  # the largest R4, rounded up
+        return None
+
+
+def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING) -> str:
+    """Write one value; "" for none, for bytes and for arrays.
+
+    Args:
+        value: the value.
+        vt: its type; the flag of an array is of no account.
+        longest: characters of a string to show; None for all.
+    """
+    if isinstance(value, str):
+        return _string_text(value, longest)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return _float_text(value, vt)
+    if not isinstance(value, int):
+        return ""
+    if vt == VT.CY:
+        return f"{value}, as currency {cy_text(value)}"
+    return f"{value} {hresult_name(value)}" if vt == VT.ERROR else str(value)
+
+
+def _string_text(text: str, longest: int | None) -> str:
+    if longest is None or len(text) <= longest:
+        return quoted(text)
+    return f"{quoted(text[:longest])}… {len(text) - longest} more characters"
+
+
+def _float_text(value: float, vt: int) -> str:
+    if vt == VT.R4:
+        return single_text(value)
+    date = date_text(value) if vt == VT.DATE else ""
+    return f"{value!r}, {date}" if date else repr(value)
+
+
+def meaning(field: Field, longest: int | None = LONGEST_STRING) -> str:
+    """Say in one line what a field holds; "" where its name says all.
+
+    Args:
+        field: the field.
+        longest: characters of a string to show; None for all.
+    """
+    text = _typed(field, longest) if field.vt is not None else _untyped(field)
+    if field.unit:
+        text += f" {field.unit}"
+    return f"{text}, {field.text}" if field.text and field.vt is not None else text
+
+
+def _untyped(field: Field) -> str:
+    """Describe one of the frame's own fields."""
+    value = field.value
+    if isinstance(value, bytes):
+        return _count(len(value), "byte") + (f", {field.text}" if field.text else "")
+    if field.name == "type" or value is None:
+        return field.text
+    if field.name == HRESULT and isinstance(value, int):
+        return f"{field.text}, {describe(value).text}"
+    return f"{value} {field.text}".rstrip()
+
+
+def _typed(field: Field, longest: int | None) -> str:
+    """Describe a value: with its type where the field holds all of a VARIANT, alone where only its data."""
+    value, vt = field.value, field.vt or 0
+    text = value_text(value, vt, longest)
+    if isinstance(value, tuple):
+        text = _count(len(value), "element")
+    elif isinstance(value, bytes):
+        text = _count(len(value), "byte")
+    if field.name == "data" and isinstance(value, str):
+        return ""  # its characters come next
+    has_type = any(child.name == "type" for child in islice(field.children, 2))
+    return f"{vt_name(vt)} {text}".rstrip() if has_type else text
+
+
+def _count(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
