@@ -1,0 +1,343 @@
+"""The open calls of one conversation, and which of them a frame belongs to."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.functions import FUNCTIONS, ResultKind
+from bcapscope.protocol.hresult import is_failure
+from bcapscope.protocol.variant import VT
+from bcapscope.traffic.convention import Habits, ReplyReserved
+from bcapscope.traffic.exchange import Event, Exchange, FrameObservation, Role, Stray
+from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.question import question_of
+from bcapscope.traffic.verdict import BUSY
+
+S_EXECUTING = 0x900
+SERVICE_START = 1
+
+PATIENCE_NS = 2_000_000
+"""A client that asks something new sooner than this was not waiting for the reply to what it asked before,
+and may still take it. The shortest time-out that anyone recommends (DENSO Wave 2009, slvMove)."""
+
+COPIES_WITHIN_NS = 100_000_000
+"""What the network makes of a frame, copies and changes of order, comes within this time; factory networks
+hold a frame for milliseconds. No client starts anew on the same port as fast as that, unless it says so with
+Service_Start."""
+
+RETRY_WITHIN_NS = 5_000_000_000
+"""How long a client may still repeat a request that was answered here: longer than any time-out in use (3 s
+in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
+
+LATE_WITHIN_NS = 1_000_000_000
+"""How long a reply is waited for after the client has gone on. One that comes later is a stray that names its
+call."""
+
+EXECUTION_NS = 180_000_000_000
+"""How long a call may stay silent with nothing after it: the server's InvokeTimeout, after which it never
+answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+MOST_SHADOWED = 16
+"""Unanswered requests of one serial on TCP that are remembered for their replies."""
+
+MOST_PAST = 1024
+"""Serials of settled calls: at least as many are known, at most twice."""
+
+_CREATORS = frozenset(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)
+
+
+class Lane:
+    """One conversation; calls are given out in the order in which they started.
+
+    Attributes:
+        waiting: the calls that have not settled, in the order of their start.
+    """
+
+    __slots__ = (
+        "_answered",
+        "_by_serial",
+        "_conversation",
+        "_habits",
+        "_handle",
+        "_is_tcp",
+        "_mark",
+        "_newest",
+        "_past",
+        "_past_before",
+        "_session",
+        "_shadowed",
+        "waiting",
+    )
+
+    def __init__(self, conversation: Conversation) -> None:
+        self.waiting: deque[Exchange] = deque()
+        self._conversation = conversation
+        self._is_tcp = conversation.transport is Transport.TCP
+        self._habits = Habits()
+        self._mark = -1  # reserved of the first packet seen last; on UDP only whether it was 0
+        self._by_serial: dict[int, Exchange] = {}
+        self._newest: Exchange | None = None
+        self._session = 0  # the call that started the service session
+        self._answered = 0  # the latest call that was answered
+        self._handle = 0  # the last handle of this service session that came back
+        self._shadowed: dict[int, list[Exchange | int]] = {}
+        self._past: dict[int, int] = {}
+        self._past_before: dict[int, int] = {}
+
+    def request(self, seen: FrameObservation, frame: Frame, call: int) -> bool:
+        """Take in a request; tell whether it starts a new call, which then has the number `call`."""
+        serial, reserved = frame.serial, frame.reserved
+        prior = self._by_serial.get(serial)
+        if prior is not None and self._belongs_to(prior, seen, frame):
+            return False
+        if reserved not in (0, serial) and not self._is_tcp:
+            origin = self._by_serial.get(reserved)
+            if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
+                self._retry(origin, seen, frame)
+                return False
+            self._begin(seen, frame, call)
+            # its first try was not seen; others of its tries will name it as well
+            self._by_serial[reserved] = self._by_serial[serial]
+            return True
+        if not reserved and 0 in self._by_serial and self._goes_back_to_zero(seen, frame):
+            return False
+        if (reserved if self._is_tcp else reserved != 0) != self._mark:
+            self._learn_first(serial, reserved)
+        self._begin(seen, frame, call)
+        return True
+
+    def reply(self, seen: FrameObservation, frame: Frame) -> Stray | None:
+        """Take in a reply or notice; return it where no open call wants it."""
+        serial = frame.serial
+        exchange = self._by_serial.get(serial)
+        if self._shadowed and serial in self._shadowed:
+            return self._reply_in_turn(seen, frame)
+        if exchange is None:
+            call = self._past.get(serial) or self._past_before.get(serial)
+            return Stray(seen, call)
+        if self._habits.replies is ReplyReserved.UNKNOWN and (frame.reserved or self._mark):
+            self._learn_reply(exchange, frame)
+        if (
+            exchange.others
+            or exchange.reply
+            or exchange.gone_on
+            or frame.code == S_EXECUTING
+            or exchange.last.item.serial != serial
+        ):
+            self._reply_in_trouble(exchange, seen, frame)
+        else:
+            self._accept(exchange, seen, frame)
+        return None
+
+    def settle(self, now: int) -> Iterator[Exchange]:
+        """Give out the calls for which nothing more is to be expected at time `now`."""
+        waiting = self.waiting
+        while waiting and self._settles_at(waiting[0]) <= now:
+            waiting[0].silent = not waiting[0].gone_on
+            yield self._finish(waiting.popleft())
+
+    def force(self, count: int) -> Iterator[Exchange]:
+        """Give out the `count` oldest calls, whatever may come."""
+        for _ in range(min(count, len(self.waiting))):
+            self.waiting[0].silent = True
+            yield self._finish(self.waiting.popleft())
+
+    def close(self) -> Iterator[Exchange]:
+        """Give out all calls; the traffic has ended."""
+        while self.waiting:
+            exchange = self.waiting.popleft()
+            exchange.silent = exchange.call < self._answered
+            yield self._finish(exchange)
+
+    # requests
+
+    def _begin(self, seen: FrameObservation, frame: Frame, call: int) -> None:
+        newest = self._newest
+        if newest is not None and newest.reply is None and not newest.gone_on:
+            since = max((newest.last.time, *(notice.time for notice in newest.notices)))
+            if seen.time - since >= PATIENCE_NS:
+                newest.gone_on = seen.time
+        exchange = Exchange(call, self._conversation, question_of(frame), seen, self._habits)
+        if frame.code == SERVICE_START:
+            self._session = call
+        if self._is_tcp:
+            self._shadow(frame.serial)
+        self._by_serial[frame.serial] = self._newest = exchange
+        self.waiting.append(exchange)
+
+    def _belongs_to(self, prior: Exchange, seen: FrameObservation, frame: Frame) -> bool:
+        """Take in a request that `prior` has already, or the first try of it that its retries overtook."""
+        if self._is_tcp:
+            return False
+        starts_anew = prior.call < self._session or (
+            frame.code == SERVICE_START and prior is not self._newest
+        )
+        if not starts_anew and any(
+            try_.item.raw == frame.raw and seen.time - try_.time <= COPIES_WITHIN_NS
+            for try_ in prior.requests
+        ):
+            self._add(prior, Role.DUPLICATE, seen)
+            return True
+        first = prior.request.item
+        if (
+            prior.origin_seen
+            or first.reserved != frame.serial
+            or frame.reserved not in (0, frame.serial)
+            or first.raw[9:] != frame.raw[9:]
+        ):
+            return False
+        self._learn_first(frame.serial, frame.reserved)
+        prior.others = (Event(Role.RETRY, prior.request), *prior.others)
+        prior.request = seen
+        return True
+
+    def _goes_back_to_zero(self, seen: FrameObservation, frame: Frame) -> bool:
+        """Take in a retry of serial 0, whose reserved looks like that of a first packet.
+
+        Old clients may pass through serial 0 (start-jsk/denso b-Cap.c); a retry is known by being the same
+        request as the one that is still unanswered.
+        """
+        exchange = self._by_serial[0]
+        if (
+            exchange is not self._newest
+            or exchange.reply is not None
+            or exchange.request.item.raw[9:] != frame.raw[9:]
+        ):
+            return False
+        self._retry(exchange, seen, frame)
+        return True
+
+    def _retry(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
+        first, last = exchange.request.item, exchange.last.item
+        origin = first.serial if exchange.origin_seen else first.reserved
+        self._habits = self._habits.after_retry(origin, last.serial, frame.reserved, self._mark == 0)
+        self._by_serial[frame.serial] = exchange
+        overtaken = (frame.serial - last.serial) & 0xFFFF >= 0x8000
+        if exchange.reply is not None and exchange is self._newest and not overtaken:
+            exchange.others += (Event(Role.LOST, exchange.reply),)
+            exchange.reply = None
+        if not overtaken:
+            exchange.last = seen
+        self._add(exchange, Role.RETRY, seen)
+
+    def _shadow(self, serial: int) -> None:
+        """Note that replies to the request that had this serial come first: TCP keeps the order.
+
+        The Python client uses its serial again after a time-out (orin_bcap Python bcapclient.py).
+        """
+        prior = self._by_serial.get(serial)
+        if prior is None or prior.reply is not None or prior.late_replies:
+            return
+        queue = self._shadowed.setdefault(serial, [])
+        queue.append(prior)
+        del queue[:-MOST_SHADOWED]
+        if len(self._shadowed) > MOST_SHADOWED:
+            del self._shadowed[next(iter(self._shadowed))]
+
+    def _learn_first(self, serial: int, reserved: int) -> None:
+        if not self._is_tcp:
+            self._habits = self._habits.after_first(reserved)
+            self._mark = int(reserved != 0)
+            return
+        self._habits = self._habits.after_first_on_tcp(serial, reserved)
+        if not reserved == serial == 1:
+            self._mark = reserved
+
+    def _add(self, exchange: Exchange, role: Role, seen: FrameObservation) -> None:
+        exchange.others += (Event(role, seen),)
+        exchange.activity = seen.time
+
+    # replies
+
+    def _learn_reply(self, exchange: Exchange, frame: Frame) -> None:
+        for request in exchange.requests:
+            if request.item.serial == frame.serial:
+                self._habits = self._habits.after_reply(request.item.reserved, frame.reserved)
+
+    def _accept(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
+        exchange.reply = seen
+        exchange.activity = seen.time
+        if exchange.call > self._answered and frame.code != BUSY:
+            self._answered = exchange.call
+
+    def _reply_in_trouble(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
+        if frame.code == S_EXECUTING:
+            self._add(exchange, Role.NOTICE, seen)
+        elif any(reply.item.raw == frame.raw for reply in _replies(exchange)):
+            self._add(exchange, Role.DUPLICATE, seen)
+        elif exchange.reply is None and not exchange.gone_on and frame.serial == exchange.last.item.serial:
+            self._accept(exchange, seen, frame)
+        else:
+            self._add(exchange, Role.LATE, seen)
+
+    def _reply_in_turn(self, seen: FrameObservation, frame: Frame) -> Stray | None:
+        """Give a reply to the oldest of several requests with its serial."""
+        queue = self._shadowed[frame.serial]
+        oldest = queue[0]
+        if frame.code != S_EXECUTING:
+            del queue[0]
+            if not queue:
+                del self._shadowed[frame.serial]
+        if isinstance(oldest, int):
+            return Stray(seen, oldest)
+        self._reply_in_trouble(oldest, seen, frame)
+        return None
+
+    # settling
+
+    def _settles_at(self, exchange: Exchange) -> int:
+        quiet = exchange.activity
+        if exchange.reply is not None:
+            if self._is_tcp:
+                return quiet
+            return quiet + (RETRY_WITHIN_NS if exchange is self._newest else COPIES_WITHIN_NS)
+        if exchange.gone_on:
+            return max(quiet, exchange.gone_on) + LATE_WITHIN_NS
+        return quiet + (LATE_WITHIN_NS if exchange.call < self._answered else EXECUTION_NS)
+
+    def _finish(self, exchange: Exchange) -> Exchange:
+        exchange.habits = self._habits
+        if exchange.question.function_id in _CREATORS:
+            self._follow_handles(exchange)
+        elif exchange.question.function_id == SERVICE_START:
+            self._handle = 0
+        if exchange.is_plain:
+            self._forget(exchange.request.item.serial, exchange)
+        else:
+            for serial in (*exchange.serials, exchange.request.item.reserved):
+                self._forget(serial, exchange)
+        return exchange
+
+    def _forget(self, serial: int, exchange: Exchange) -> None:
+        if self._by_serial.get(serial) is exchange:
+            del self._by_serial[serial]
+        past = self._past
+        past[serial] = exchange.call
+        if len(past) >= MOST_PAST:
+            self._past_before, self._past = past, {}
+        if serial in self._shadowed:
+            queue = self._shadowed[serial]
+            queue[:] = [exchange.call if waiting is exchange else waiting for waiting in queue]
+
+    def _follow_handles(self, exchange: Exchange) -> None:
+        """Note handles that a server gave away unseen while it executed the tries of one call."""
+        reply = exchange.reply
+        if reply is None or is_failure(reply.item.code) or not reply.item.arguments:
+            return
+        vt, handle, _ = reply.item.arguments[0].variant
+        if vt != VT.I4 or not isinstance(handle, int):
+            return
+        skipped = handle - self._handle - 1
+        if self._handle and 0 < skipped < len(exchange.requests):
+            exchange.skipped_handles = skipped
+        self._handle = handle
+
+
+def _replies(exchange: Exchange) -> Iterator[FrameObservation]:
+    if exchange.reply is not None:
+        yield exchange.reply
+    for role, seen in exchange.others:
+        if role in (Role.LATE, Role.LOST):
+            yield seen

@@ -1,0 +1,119 @@
+"""Traffic written down by hand: who said what at which millisecond, and how the calls should come out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from bcapscope.protocol.frame import Frame, Malformed, encode
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.traffic.exchange import Exchange, Settled, Stray
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.tracker import Tracker
+
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+SERVER = Endpoint("10.0.0.1", 5007)
+
+EXECUTE, SERVICE_START, SERVICE_STOP, CONNECT, DISCONNECT = 64, 1, 2, 3, 4
+GET_ROBOT, GET_VARIABLE, GET_VALUE, ROBOT_RELEASE, VARIABLE_RELEASE = 7, 9, 101, 84, 111
+S_EXECUTING, S_BUF_FULL, BUSY = 0x900, 0x0F200501, 0x809100AA
+
+
+def i4(value: int) -> Variant:
+    return Variant(VT.I4, value)
+
+
+def text(value: str) -> Variant:
+    return Variant(VT.BSTR, value)
+
+
+def r8s(*values: float) -> Variant:
+    return Variant.array(VT.R8, values)
+
+
+def slv_move(*joints: float) -> tuple[int, tuple[Variant, ...]]:
+    return EXECUTE, (i4(1), text("slvMove"), r8s(*joints))
+
+
+def execute(command: str, handle: int = 1) -> tuple[int, tuple[Variant, ...]]:
+    return EXECUTE, (i4(handle), text(command), i4(0))
+
+
+class Script:
+    """Observations in the order in which they were seen, numbered from 1."""
+
+    def __init__(self) -> None:
+        self.seen: list[Observation] = []
+
+    def client(self, port: int = 50001, transport: Transport = Transport.UDP) -> Client:
+        conversation = Conversation(Endpoint("10.0.0.2", port), SERVER, transport, "port 5007")
+        return Client(self, conversation)
+
+    def track(self, stop: int | None = None) -> list[Settled]:
+        """Run a new tracker over the first `stop` observations and give all that it gives out."""
+        tracker = Tracker()
+        settled = [item for observation in self.seen[:stop] for item in tracker.observe(observation)]
+        return [*settled, *tracker.close()]
+
+
+class Client:
+    """One conversation of a script; times are in milliseconds from its start."""
+
+    def __init__(self, script: Script, conversation: Conversation) -> None:
+        self.script = script
+        self.conversation = conversation
+        self.flows = {direction: Flow(conversation, direction) for direction in Direction}
+
+    def ask(
+        self, ms: float, serial: int, reserved: int, question: tuple[int, tuple[Variant, ...]]
+    ) -> Observation:
+        """Send a request or retry."""
+        code, arguments = question
+        return self.see(ms, Direction.REQUEST, Frame(encode(serial, reserved, code, arguments)))
+
+    def reply(
+        self, ms: float, serial: int, reserved: int = 0, code: int = 0, *results: Variant
+    ) -> Observation:
+        """Send a reply."""
+        return self.see(ms, Direction.RESPONSE, Frame(encode(serial, reserved, code, results)))
+
+    def see(self, ms: float, direction: Direction, item: Frame | Malformed) -> Observation:
+        time = START + round(ms * MS)
+        number = len(self.script.seen) + 1
+        observation = Observation(number, time, time, self.flows[direction], item, number)
+        self.script.seen.append(observation)
+        return observation
+
+
+def calls_of(settled: Iterable[Settled]) -> list[Exchange]:
+    return [item for item in settled if isinstance(item, Exchange)]
+
+
+def strays_of(settled: Iterable[Settled]) -> list[Stray]:
+    return [item for item in settled if isinstance(item, Stray)]
+
+
+def summary(exchange: Exchange) -> str:
+    """Tell a call in one line: each frame's number under its role, outcome and verdict."""
+    frames = " ".join(f"{_SIGNS[event.role]}{event.seen.number}" for event in exchange.events)
+    return f"{frames} {exchange.outcome}, {exchange.verdict}"
+
+
+_SIGNS = {
+    "request": ">",
+    "retry": ">>",
+    "executing": "...",
+    "reply": "<",
+    "late reply": "late<",
+    "lost reply": "lost<",
+    "duplicate": "=",
+}
+
+
+def summaries(settled: Iterable[Settled]) -> list[str]:
+    return [
+        f"{item.call}: {summary(item)}"
+        if isinstance(item, Exchange)
+        else f"stray {item.seen.number} of {item.call}"
+        for item in settled
+    ]
