@@ -39,10 +39,14 @@ class Output:
         """Write out what was collected."""
         lines = self._lines
         if lines:
-            text = b"\n".join(lines) if _are_bytes(lines) else "\n".join(lines).encode("utf-8")
+            text = b"\n".join(lines) if _are_bytes(lines) else _encoded(cast(list[str], lines))
             lines.clear()
             self._stdout.write(text + b"\n")
         self._stdout.flush()
+
+
+def _encoded(lines: list[str]) -> bytes:
+    return "\n".join(lines).encode("utf-8")
 
 
 def _are_bytes(lines: list[str] | list[bytes]) -> TypeGuard[list[bytes]]:

@@ -96,7 +96,7 @@ class Splitter:
 
     def gap(self, missing: int) -> list[Piece]:
         """End what was begun, then account for `missing` bytes that will never come."""
-        pieces = self._cut(final=True)
+        pieces = self._end("what follows was not seen")
         start, self._base = self._base, self._base + missing
         reason = f"{missing} bytes of the stream were not seen"
         hole = Malformed(b"", (Problem(0, "gap", reason),), missing)
@@ -105,7 +105,14 @@ class Splitter:
 
     def close(self) -> list[Piece]:
         """End the stream: what is left comes out as it is."""
-        return self._cut(final=True)
+        return self._end("the stream ends here")
+
+    def _end(self, why: str) -> list[Piece]:
+        pieces = self._cut(final=True)
+        if pieces and isinstance(frame := pieces[-1].item, Frame) and frame.length > len(frame.raw):
+            note = Problem(len(frame.raw), "cut", why)
+            pieces[-1] = pieces[-1]._replace(item=Frame(frame.raw, note))
+        return pieces
 
     def _cut(self, final: bool) -> list[Piece]:
         pieces: list[Piece] = []

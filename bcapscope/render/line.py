@@ -99,5 +99,5 @@ class LineRenderer:
         shown = item.raw[:LONGEST_RAW].hex(" ")
         more = f" … {len(item.raw) - LONGEST_RAW} more bytes" if len(item.raw) > LONGEST_RAW else ""
         ends = self._ends(seen.flow).replace("%%", "%")
-        problem = f"{self._palette.problem}!! {reasons}{self._palette.reset}"
-        return f"{seen.number:>6} {self._time(seen.time)} {ends} {'-':>5} {'-':>5}  {problem} {shown}{more}".rstrip()
+        head = f"{seen.number:>6} {self._time(seen.time)} {ends} {'-':>5} {'-':>5}"
+        return f"{head}  {self._palette.problem}!! {reasons}{self._palette.reset} {shown}{more}".rstrip()

@@ -1,0 +1,105 @@
+"""``bcapscope decode``: frames, one after the other."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from enum import StrEnum
+from itertools import chain, starmap
+
+import click
+
+from bcapscope.cli import options
+from bcapscope.cli.output import Output, palette
+from bcapscope.cli.reading import Reading
+from bcapscope.render.hexdump import hexdump
+from bcapscope.render.line import LineRenderer
+from bcapscope.render.moment import Clock
+from bcapscope.render.palette import Palette
+from bcapscope.render.record import RecordRenderer
+from bcapscope.render.table import TableRenderer
+from bcapscope.render.tree import TreeRenderer
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter
+from bcapscope.traffic.getters import FRAME_GETTERS, Told
+from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.question import Questions
+
+
+class Style(StrEnum):
+    """How frames are written."""
+
+    LINE = "line"
+    TREE = "tree"
+    CSV = "csv"
+    JSON = "json"
+
+
+@click.command(short_help="Read frames, one line each.")
+@options.paths
+@options.ports
+@click.option("--tree", "style", flag_value=Style.TREE, type=Style, help="Every field, with its bytes.")
+@click.option("--csv", "style", flag_value=Style.CSV, type=Style, help="A table with a header.")
+@click.option("--json", "style", flag_value=Style.JSON, type=Style, help="One JSON object a frame.")
+@click.option("--hex", "dump", is_flag=True, help="A hexdump under each frame.")
+@click.option("--full", is_flag=True, help="In trees, every byte and element of what is long.")
+@options.filter_option(RecordKind.FRAME)
+@options.clock
+@options.color
+def command(
+    *,
+    paths: tuple[str, ...],
+    ports: tuple[int, ...],
+    style: Style | None,
+    dump: bool,
+    full: bool,
+    wanted: Filter | None,
+    clock: str,
+    color: str,
+) -> None:
+    """Read the frames of captures (pcap, pcapng, either may be gzipped; - is standard input).
+
+    A line has: number, time, from > to, transport and kind, serial, reserved, then function or result,
+    command and arguments, and after !! what is wrong with the bytes.
+
+    Exit codes: 0 all was read; 2 the command line makes no sense; 3 a capture is damaged or breaks off, all
+    before the damage was given out; 4 nothing could be read.
+    """
+    if dump and style in (Style.CSV, Style.JSON):
+        raise click.UsageError("--hex goes with lines and trees")
+    output = Output()
+    reading = Reading(paths, ports, output)
+    told = _told(reading.observations(), wanted)
+    if style is Style.JSON:
+        lines: Iterable[str] | Iterable[bytes] = starmap(RecordRenderer().record, told)
+    elif style is Style.CSV:
+        table = TableRenderer()
+        lines = chain([table.header()], starmap(table.row, told))
+    else:
+        colors = palette(color)
+        lines = starmap(LineRenderer(Clock(clock), colors).line, told)
+        if style is Style.TREE or dump:
+            tree = TreeRenderer(colors, full, dump) if style is Style.TREE else None
+            lines = _with_details(told, LineRenderer(Clock(clock), colors), tree, colors)
+    output.write_lines(lines, reading.pause)
+    reading.summary()
+    sys.exit(reading.exit)
+
+
+def _told(observations: Iterable[Observation], wanted: Filter | None) -> Iterator[Told]:
+    """Tell what each observation is about, and pass on those that are wanted."""
+    about = Questions().about
+    new = tuple.__new__
+    told = (new(Told, (seen, about(seen))) for seen in observations)
+    return told if wanted is None else filter(wanted.bind(FRAME_GETTERS), told)
+
+
+def _with_details(
+    told: Iterable[Told], line: LineRenderer, tree: TreeRenderer | None, colors: Palette
+) -> Iterator[str]:
+    for seen, question in told:
+        yield line.line(seen, question)
+        details = hexdump(seen.item.raw, palette=colors) if tree is None else tree.lines(seen, question)
+        for detail in details:
+            yield f"       {detail}"
+        yield ""

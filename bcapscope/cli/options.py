@@ -1,0 +1,63 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+from bcapscope.render.moment import Clock
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter, FilterError, compile_filter
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+paths = click.argument("paths", nargs=-1, metavar="PATH...", type=click.Path(allow_dash=True))
+
+ports = click.option(
+    "-p",
+    "--port",
+    "ports",
+    type=click.IntRange(1, 65535),
+    multiple=True,
+    help="Port of a server, 5007 unless given; may be repeated. Talks between other ports are recognised by "
+    "what is said in them.",
+)
+
+color = click.option(
+    "--color",
+    type=click.Choice(["auto", "always", "never"]),
+    default="auto",
+    show_default=True,
+    help="Colours: auto is for terminals without NO_COLOR.",
+)
+
+clock = click.option(
+    "--time",
+    "clock",
+    type=click.Choice([clock.value for clock in Clock]),
+    default=Clock.RELATIVE.value,
+    show_default=True,
+    help="How the time is told: seconds since the first frame, since the one before, in UTC, since 1970.",
+)
+
+
+def filter_option(kind: RecordKind) -> Callable[[F], F]:
+    """Make the option ``--filter`` for records of `kind`; its value is a compiled filter or None."""
+
+    def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
+        try:
+            return None if value is None else compile_filter(value, kind)
+        except FilterError as error:
+            raise click.BadParameter(f"\n{error}", context, parameter) from None
+
+    return click.option(
+        "-f",
+        "--filter",
+        "wanted",
+        metavar="EXPRESSION",
+        callback=compile_it,
+        help="Show only what this is true for, such as 'command ~ \"slv\" and hresult != S_OK'; see "
+        "`bcapscope fields`.",
+    )
