@@ -153,7 +153,7 @@ class _Walk:
             if moves and index == (2 if is_request else 0):
                 part = slv_move_part(argument.variant, is_request)
             else:
-                part = _HANDLES.get(name, UNNAMED)
+                part = _HANDLES.get(name, UNNAMED) if type(argument.variant.value) is int else UNNAMED
             yield self._argument(name, argument, part)
             pos = argument.stop
         yield from self._tail(pos)
@@ -229,7 +229,7 @@ class _Inside:
             end = self._end(variant, start + 4)
             broken = walk.between(2 * stop - 1, 2 * stop)
             if end < stop or broken:
-                yield walk.leaf(UNREAD, end, stop, walk.body[end:stop], problems=broken)
+                yield walk.leaf(UNREAD, end, stop, walk.body[end:stop] or None, problems=broken)
 
     def _variant_parts(self, variant: Variant, start: int, part: Part) -> Iterator[Field]:
         """Yield type, count and data of a VARIANT that begins at `start`."""

@@ -68,11 +68,10 @@ class TreeRenderer:
         yield from self._section(whole[4:-1], item.body)
 
     def _malformed(self, item: Malformed) -> Iterator[str]:
-        if item.missing:
-            yield f"{item.missing} bytes of the stream were not seen"
-        yield from self._section(
-            (Field("bytes", 0, len(item.raw), item.raw, problems=item.problems),), item.raw
-        )
+        """Write bytes that are no frame; of a hole in a stream there is nothing but the problem to show."""
+        size = len(item.raw)
+        name, value = ("bytes", item.raw) if size else ("nothing", None)
+        yield from self._section((Field(name, 0, size, value, problems=item.problems),), item.raw)
 
     def _section(self, found: Iterable[Field], body: bytes) -> Iterator[str]:
         page = _Page(self._palette, self._full, body)

@@ -1,0 +1,38 @@
+"""What all tests share: settings of hypothesis, golden files.
+
+``pytest --hypothesis-profile=deep`` tries fifty times as much, ``pytest --golden-write`` writes the golden
+files anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# A busy machine is no failure: pytest's own time-out bounds a test.
+settings.register_profile("fast", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("deep", settings.get_profile("fast"), max_examples=5000)
+settings.load_profile("fast")
+
+_GOLDEN = Path(__file__).parent / "golden"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--golden-write", action="store_true", help="write golden files instead of comparing")
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[[str, bytes], None]:
+    """Compare output with the file of that name in tests/golden, byte for byte."""
+
+    def compare(name: str, output: bytes) -> None:
+        path = _GOLDEN / name
+        if request.config.getoption("--golden-write"):
+            path.write_bytes(output)
+        assert output.decode() == path.read_bytes().decode()
+        assert output == path.read_bytes()
+
+    return compare
