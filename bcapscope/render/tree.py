@@ -70,7 +70,7 @@ class TreeRenderer:
     def _malformed(self, item: Malformed) -> Iterator[str]:
         """Write bytes that are no frame; of a hole in a stream there is nothing but the problem to show."""
         size = len(item.raw)
-        name, value = ("bytes", item.raw) if size else ("nothing", None)
+        name, value = ("bytes", item.raw) if size else ("no bytes", None)
         yield from self._section((Field(name, 0, size, value, problems=item.problems),), item.raw)
 
     def _section(self, found: Iterable[Field], body: bytes) -> Iterator[str]:
