@@ -23,7 +23,7 @@ INTEGER_BITS = {
 }
 """Width of each integer type, negative for signed ones."""
 
-TEXTS = st.text(st.characters(), max_size=12) | st.sampled_from(
+TEXTS = st.text(st.characters(), max_size=6) | st.sampled_from(
     ["\ud83d", "\ude00\ud83d", "a\0b", "\U0001f600"]
 )
 """Strings as UTF-16 can carry them; surrogates stand alone or the wrong way round, never as a pair."""
@@ -57,18 +57,20 @@ def _array(vt: int, size: int) -> st.SearchStrategy[Variant]:
     return st.lists(items, max_size=size).map(lambda values: Variant.array(vt, tuple(values)))
 
 
-def arrays(size: int = 5) -> st.SearchStrategy[Variant]:
+def arrays(size: int = 3) -> st.SearchStrategy[Variant]:
     """Draw an array of any element type but VARIANT."""
     return st.one_of(*(_array(vt, size) for vt in (*NUMBER_FORMATS, VT.BSTR)))
 
 
+def _nest(inner: st.SearchStrategy[Variant]) -> st.SearchStrategy[Variant]:
+    return st.lists(inner, max_size=3).map(lambda values: Variant.array(VT.VARIANT, tuple(values)))
+
+
 def variants() -> st.SearchStrategy[Variant]:
-    """Draw any VARIANT, nested ones too."""
-
-    def nest(inner: st.SearchStrategy[Variant]) -> st.SearchStrategy[Variant]:
-        return st.lists(inner, max_size=4).map(lambda values: Variant.array(VT.VARIANT, tuple(values)))
-
-    return st.recursive(scalars() | arrays(), nest, max_leaves=8)
+    """Draw any VARIANT, VARIANT arrays up to three deep."""
+    leaf = scalars() | arrays()
+    shallow = leaf | _nest(leaf)
+    return leaf | _nest(leaf) | _nest(shallow | _nest(shallow))
 
 
 class Plan(NamedTuple):
@@ -88,7 +90,7 @@ def plans(draw: st.DrawFn) -> Plan:
     version_1 = framing in (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
     reserved = 1 if version_1 else draw(st.sampled_from([0, 1, 65535]))
     code = draw(st.integers(0, 140) | st.integers(0, 2**32 - 1))
-    return Plan(draw(st.integers(0, 65535)), reserved, code, draw(st.lists(variants(), max_size=4)), framing)
+    return Plan(draw(st.integers(0, 65535)), reserved, code, draw(st.lists(variants(), max_size=3)), framing)
 
 
 def frames() -> st.SearchStrategy[bytes]:

@@ -16,14 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-TARGETS = ("frame", "stream", "capture")
-MAX_LENGTH = 4096
+MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192}
 
 
 def main(argv: list[str]) -> int:
     """Run the target named first; return an exit code, unless libFuzzer ends the process itself."""
-    if len(argv) < 2 or argv[1] not in TARGETS:
-        print(f"usage: {argv[0]} {{{','.join(TARGETS)}}} [libFuzzer arguments]", file=sys.stderr)
+    if len(argv) < 2 or argv[1] not in MAX_LENGTH:
+        print(f"usage: {argv[0]} {{{','.join(MAX_LENGTH)}}} [libFuzzer arguments]", file=sys.stderr)
         return 2
     sys.path.insert(0, str(ROOT))
     name, options = argv[1], argv[2:]
@@ -38,7 +37,7 @@ def main(argv: list[str]) -> int:
         for number, seed in enumerate(_seeds(name)):
             Path(corpus, f"seed-{number:03}").write_bytes(seed)
         corpora = [] if any(not option.startswith("-") for option in options) else [corpus]
-        atheris.Setup([argv[0], f"-max_len={MAX_LENGTH}", *options, *corpora], target)
+        atheris.Setup([argv[0], f"-max_len={MAX_LENGTH[name]}", *options, *corpora], target)
         atheris.Fuzz()
     return 0
 
@@ -60,7 +59,7 @@ def _mutate(name: str, options: list[str]) -> int:
     target, seeds = _target(name), _seeds(name)
     runs = 0
     while time.monotonic() < stop:
-        data = mutated(chance.choice(seeds), chance)
+        data = mutated(chance.choice(seeds), chance)[: MAX_LENGTH[name]]
         try:
             target(data)
         except Exception:
@@ -89,7 +88,7 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
                 changed[spot:spot] = stretch * chance.randint(1, 4)
             case _:
                 changed[spot:spot] = chance.randbytes(chance.randint(1, 8))
-    return bytes(changed[:MAX_LENGTH])
+    return bytes(changed)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from tests.frames import ARGUMENTS, FRAMES
+import gzip
+from pathlib import Path
+
+from bcapscope.protocol.frame import encode
+from bcapscope.protocol.variant import VT, Variant
+from tests.capture import packets as p
+from tests.frames import ARGUMENTS, DAMAGED, FRAMES, nested
+
+CAPTURES = Path(__file__).parents[2] / "captures"
+LARGEST_SEED = 8192
 
 
 def _framed(argument: bytes) -> bytes:
@@ -11,7 +20,8 @@ def _framed(argument: bytes) -> bytes:
 
 def frame_seeds() -> list[bytes]:
     """Datagrams."""
-    return [pair.data for pair in FRAMES] + [_framed(pair.data) for pair in ARGUMENTS]
+    sound = [pair.data for pair in FRAMES] + [_framed(pair.data) for pair in ARGUMENTS]
+    return [*sound, *(sample.data for sample in DAMAGED), nested(34)]
 
 
 def stream_seeds() -> list[bytes]:
@@ -26,4 +36,50 @@ def stream_seeds() -> list[bytes]:
     return [head + body for head in heads for body in (*bodies, *frames)]
 
 
-SEEDS = {"frame": frame_seeds, "stream": stream_seeds}
+def capture_seeds() -> list[bytes]:
+    """Capture files: every form, link layer and way to carry a frame, one at least of each."""
+    call, answer = p.request(1), p.reply(1)
+    long = encode(2, 0, 64, [Variant.array(VT.UI1, bytes(range(200)))])
+    to_server = p.ipv4(p.udp(call))
+    datagrams = (p.from_client(call), p.from_server(answer), p.from_client(call + call))
+    segments = [p.ethernet(p.ipv4(content, protocol=6)) for content in _segments(long)]
+    parts = p.udp(long)
+    pieces = (
+        p.ipv4(parts[:80], part=0x2000),
+        p.ipv4(parts[80:160], part=0x2000 + 10),
+        p.ipv4(parts[160:], part=20),
+    )
+    other_links = [
+        (113, bytes(14) + b"\x08\x00"),
+        (276, b"\x08\x00" + bytes(18)),
+        (0, b"\x02\0\0\0"),
+        (101, b""),
+    ]
+    made = [
+        p.pcap(*datagrams),
+        p.pcap(*segments),
+        p.pcap(*map(p.ethernet, pieces)),
+        p.pcap(p.ethernet(to_server, tags=(0x88A8, 0x8100))),
+        p.pcap(p.ethernet(p.ipv6(p.udp(call)), 0x86DD), p.ethernet(p.ipv6(p.udp(call)[:20]), 0x86DD)),
+        p.pcap(p.ethernet(p.ipv4(p.udp(call, dport=7000))), p.ethernet(p.ipv4(p.udp(call, dport=7000)))),
+        *(p.pcap(head + to_server, linktype=linktype) for linktype, head in other_links),
+        p.section()
+        + p.interface()
+        + p.enhanced(datagrams[0])
+        + p.simple(datagrams[1])
+        + p.obsolete(datagrams[0]),
+        p.section(">") + p.interface(order=">") + p.enhanced(datagrams[0], order=">"),
+        gzip.compress(p.pcap(*datagrams), mtime=0),
+    ]
+    files = [path.read_bytes() for path in sorted(CAPTURES.glob("*.pcap*"))]
+    return made + [data for data in files if len(data) <= LARGEST_SEED]
+
+
+def _segments(long: bytes) -> list[bytes]:
+    """A TCP connection: opened, a frame in three parts, one of them late, one twice, closed."""
+    parts = [(1, long[:50]), (101, long[100:]), (51, long[50:100]), (51, long[50:120])]
+    sent = [p.tcp(data, seq=seq, ack=1, flags=8) for seq, data in parts]
+    return [p.tcp(seq=0, flags=2), *sent, p.tcp(seq=len(long) + 1, ack=1, flags=1)]
+
+
+SEEDS = {"frame": frame_seeds, "stream": stream_seeds, "capture": capture_seeds}

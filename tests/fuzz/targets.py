@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
+from bcapscope.capture.file import CaptureFile
+from bcapscope.capture.link import ETHERNET
+from bcapscope.capture.observer import Observer
+from bcapscope.capture.packet import Packet
+from bcapscope.errors import CaptureError
 from bcapscope.protocol.arguments import Argument
 from bcapscope.protocol.content import LARGEST_UNPACKED, Content
 from bcapscope.protocol.frame import Frame, Framing, Malformed, encode, parse_datagram
 from bcapscope.protocol.stream import LARGEST_DOUBTFUL, LARGEST_GARBAGE, Piece, Splitter
 from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
+from bcapscope.traffic.observation import Observation
 
 SMALL_LIMIT = 300
 """A second bound for streams, small enough that short inputs reach it."""
@@ -26,17 +33,22 @@ def frame(data: bytes) -> None:
             check_frame(item)
 
 
-def check_frame(item: Frame) -> None:
-    """Compare a frame with one decoded on its own, and what it holds with its bytes."""
+def check_frame(item: Frame, noted: bool = False) -> None:
+    """Compare a frame with one decoded on its own, and what it holds with its bytes.
+
+    Args:
+        item: the frame.
+        noted: the last of its problems is not from its own bytes.
+    """
     fresh = Content(item.raw)
     for _ in range(2):
         assert repr(item.arguments) == repr(fresh.arguments)
-        assert item.problems == fresh.problems
+        assert (item.problems[:-1] if noted else item.problems) == fresh.problems
         assert item.framing is fresh.framing
     assert item.body == fresh.body
     assert len(item.body) <= max(len(item.raw), LARGEST_UNPACKED + 10)
     check_arguments(item.arguments, len(item.body))
-    offsets = [problem.offset for problem in item.problems]
+    offsets = [problem.offset for problem in fresh.problems]
     assert offsets == sorted(offsets)
     assert not offsets or 0 <= offsets[0] <= offsets[-1] <= len(item.body)
     if not item.problems and item.framing is not Framing.VERSION_1_ZLIB:
@@ -151,3 +163,59 @@ def check_pieces(pieces: list[Piece], runs: list[list[bytes]]) -> None:
         if isinstance(piece.item, Frame):
             check_frame(piece.item)
     assert pos == len(expected)
+
+
+def capture(data: bytes) -> None:
+    """Read `data` as a capture file, from link layer to observations.
+
+    It is read at once, in small reads, and with a VLAN tag put into each Ethernet frame, which takes the
+    way for any packet where the first takes the one for simple packets.
+    """
+    found, broken = observed(CaptureFile(io.BytesIO(data)))
+    assert observed(CaptureFile(_Trickle(data))) == (found, broken)
+    assert observed(_tagged(CaptureFile(io.BytesIO(data)))) == (found, broken)
+    for number, observation in enumerate(found, 1):
+        assert observation.number == number
+        if isinstance(observation.item, Frame):
+            check_frame(observation.item, noted=observation.item.note is not None)
+
+
+class Seen(Observation):
+    """An observation that compares by what its flow says."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Seen) and _shown(self) == _shown(other)
+
+    __hash__ = Observation.__hash__
+
+
+def _shown(observation: Observation) -> tuple[object, ...]:
+    flow = observation.flow
+    return (*observation[:3], repr(flow), flow.conversation.side_known_by, *observation[4:])
+
+
+def observed(packets: Iterable[Packet]) -> tuple[list[Seen], tuple[str, int | None] | None]:
+    """Observe `packets`; return what was seen and what ended it early."""
+    found: list[Seen] = []
+    try:
+        for observation in Observer().observe(packets):
+            found.append(Seen(*observation))
+    except CaptureError as error:
+        return found, (str(error), error.offset)
+    return found, None
+
+
+class _Trickle(io.BytesIO):
+    """A pipe that gives a few bytes at a time."""
+
+    def read1(self, size: int | None = -1) -> bytes:
+        return super().read1(min(size or 0, 37))
+
+
+def _tagged(packets: Iterable[Packet]) -> Iterator[Packet]:
+    for time, data, original, interface, comments in packets:
+        if interface.linktype != ETHERNET or len(data) < 14:
+            yield time, data, original, interface, comments
+        else:
+            tagged = data[:12] + b"\x81\x00\x00\x01" + data[12:]
+            yield time, tagged, original + 4, interface, comments
