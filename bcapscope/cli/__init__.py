@@ -15,6 +15,8 @@ from bcapscope import __version__
 
 _COMMANDS = {
     "decode": "Read frames, one line each.",
+    "calls": "Pair requests, retries and replies: a line a call.",
+    "fields": "List the fields and the language of --filter.",
 }
 
 

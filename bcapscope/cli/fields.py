@@ -1,0 +1,26 @@
+"""``bcapscope fields``: what a filter can ask for."""
+
+from __future__ import annotations
+
+import click
+
+from bcapscope.cli.output import Output
+from bcapscope.traffic import filters
+from bcapscope.traffic.fields import FIELDS, RecordKind
+
+_OF: dict[tuple[RecordKind, ...], str] = {(RecordKind.FRAME,): "frames", (RecordKind.CALL,): "calls"}
+
+
+@click.command(short_help="List the fields and the language of --filter.")
+def command() -> None:
+    """List the fields that --filter knows, and explain its language."""
+    output = Output()
+    rows = [
+        (field.name, _OF.get(field.applies_to, "both"), field.type.value, field.meaning) for field in FIELDS
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    lines = [
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=False)) + f"  {row[3]}"
+        for row in rows
+    ]
+    output.write_lines([*lines, "", *(filters.__doc__ or "").strip().splitlines()], lambda: None)

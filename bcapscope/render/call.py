@@ -1,0 +1,135 @@
+"""Calls for people: a line each, or the chain of a call drawn under its origin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bcapscope.protocol.functions import function_name
+from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
+from bcapscope.render.escape import printable
+from bcapscope.render.moment import Clock, time_writer
+from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.render.phrase import LONGEST_STRING
+from bcapscope.traffic.exchange import Event, Exchange, Role, Stray
+from bcapscope.traffic.observation import Direction
+from bcapscope.traffic.question import Question
+from bcapscope.traffic.verdict import Outcome, Verdict
+
+_MILLISECOND = 1_000_000
+_PLAIN_VERDICTS = frozenset({Verdict.ANSWERED, Verdict.REFUSED, Verdict.UNANSWERED, Verdict.CAPTURE_ENDED})
+_BRACKETS = {True: "└─", False: "├─"}
+
+
+class CallRenderer:
+    """Writes calls as lines or trees, in the order in which they settle."""
+
+    def __init__(self, clock: Clock = Clock.RELATIVE, palette: Palette = PLAIN) -> None:
+        self._time = time_writer(clock)
+        self._palette = palette
+
+    def line(self, call: Exchange | Stray) -> str:
+        """Write one line: number, start, ends, function and command, how it ended and when, frames."""
+        if isinstance(call, Stray):
+            return self._stray(call)
+        color = self._palette
+        request = call.request
+        ends = f"{request.flow.src_text} > {request.flow.dst_text} {request.flow.conversation.transport}"
+        text = (
+            f"{call.call:>6} {self._time(request.time)} {color.dim}{printable(ends)}{color.reset}"
+            f"  {self._asked(call.question)}  {self._ending(call)}"
+        )
+        if call.latency is not None:
+            text += f"  {color.number}{milliseconds(call.latency)} ms{color.reset}"
+        return f"{text}{self._troubles(call)}  {color.dim}{frames_text(call)}{color.reset}"
+
+    def tree(self, call: Exchange | Stray) -> Iterator[str]:
+        """Write the line of a call and under it every frame, with the time since the frame before."""
+        yield self.line(call)
+        if isinstance(call, Stray):
+            return
+        events = call.events
+        before = call.request.time
+        for event in events:
+            yield f"       {_BRACKETS[event is events[-1]]} {self._event(event, before, call)}"
+            before = event.seen.time
+
+    def _event(self, event: Event, before: int, call: Exchange) -> str:
+        seen, color = event.seen, self._palette
+        since, elapsed = seen.time - before, seen.time - call.request.time
+        frame = seen.item
+        text = (
+            f"{event.role:<10} frame {seen.number:<6} serial {frame.serial:>5}  reserved {frame.reserved:>5}"
+            f"  {color.number}+{milliseconds(since)} ms{color.reset} at {milliseconds(elapsed)} ms"
+        )
+        if seen.flow.direction is Direction.RESPONSE:
+            text += f"  {self._result(frame.code)}"
+        return text + (f"  {color.problem}discarded{color.reset}" if event.role is Role.LATE else "")
+
+    def _asked(self, question: Question) -> str:
+        color = self._palette
+        name = f"{color.name}{function_name(question.function_id)}"
+        if question.command is not None:
+            name += f" {printable(question.command[:LONGEST_STRING])}"
+        return name + color.reset
+
+    def _ending(self, call: Exchange) -> str:
+        color = self._palette
+        if call.hresult is not None:
+            return self._result(call.hresult)
+        if call.outcome is Outcome.CAPTURE_ENDED:
+            return f"{color.dim}capture ended{color.reset}"
+        return f"{color.bad}unanswered{color.reset}"
+
+    def _result(self, code: int) -> str:
+        color = self._palette
+        name = hresult_name(code)
+        if is_failure(code):
+            return f"{color.bad}{name} ({describe(code).text}){color.reset}"
+        return f"{color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
+
+    def _troubles(self, call: Exchange) -> str:
+        if call.is_plain:
+            return ""
+        parts = []
+        if call.retries:
+            parts.append(counted(call.retries, "retry", "retries"))
+        if call.verdict not in _PLAIN_VERDICTS:
+            parts.append(str(call.verdict))
+        if call.notices:
+            parts.append(counted(len(call.notices), "S_EXECUTING"))
+        if call.duplicates:
+            parts.append(counted(len(call.duplicates), "duplicate"))
+        if not call.origin_seen:
+            parts.append("first try not seen")
+        color = self._palette
+        return f"  {color.problem}{', '.join(parts)}{color.reset}" if parts else ""
+
+    def _stray(self, stray: Stray) -> str:
+        seen, color = stray.seen, self._palette
+        ends = f"{seen.flow.src_text} > {seen.flow.dst_text} {seen.flow.conversation.transport}"
+        whose = (
+            "answers no request that was seen" if stray.call is None else f"too late for call {stray.call}"
+        )
+        return (
+            f"{'-':>6} {self._time(seen.time)} {color.dim}{printable(ends)}{color.reset}"
+            f"  {color.problem}reply with serial {seen.item.serial} {whose}{color.reset}"
+            f"  {self._result(seen.item.code)}  {color.dim}frame {seen.number}{color.reset}"
+        )
+
+
+def milliseconds(nanoseconds: int) -> str:
+    """Write a duration in milliseconds, to the microsecond."""
+    return f"{nanoseconds / _MILLISECOND:.3f}"
+
+
+def counted(count: int, noun: str, plural: str = "") -> str:
+    """Write a number and its noun."""
+    return f"{count} {noun if count == 1 else plural or noun + 's'}"
+
+
+def frames_text(call: Exchange) -> str:
+    """Write the numbers of a call's frames: requests, then the replies behind an arrow."""
+    asked = ",".join(str(seen.number) for seen in call.requests)
+    replies = [*call.late_replies, *call.lost_replies, *([call.reply] if call.reply else [])]
+    answered = ",".join(str(seen.number) for seen in sorted(replies, key=lambda seen: seen.number))
+    return f"frames {asked} > {answered}" if answered else f"frame {asked}"
