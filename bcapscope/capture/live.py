@@ -1,0 +1,196 @@
+"""Live capture on an interface of this machine.
+
+On Linux from a packet socket (packet(7)), which tells what scapy's hides: time stamps to the nanosecond,
+which packets of the loopback interface are seen a second time, and how many were lost. Elsewhere through
+scapy, which knows libpcap and BPF.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import sys
+import time
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Protocol
+
+from bcapscope.capture.link import ETHERNET, LINUX_COOKED
+from bcapscope.capture.packet import Interface, Packet
+from bcapscope.errors import CaptureError
+
+ANY = "any"
+"""All interfaces at once, as tcpdump calls it (Linux)."""
+
+WAIT = 0.25
+"""Seconds that a read waits at most, so that an interrupt is never kept waiting on any system."""
+
+_LARGEST_PACKET = 262144
+_BUFFER_SIZE = 16 * 1024 * 1024  # some 50,000 frames, in case this process is not given the CPU for a while
+_ETH_P_ALL = 3
+_SOL_PACKET, _PACKET_STATISTICS = 263, 6
+_SO_TIMESTAMPNS, _SO_RCVBUFFORCE = 35, 33
+_TIMESPEC = struct.Struct("@ll")
+_COOKED_HEADER = struct.Struct(">HHH8sH")
+
+
+class LiveCapture(Protocol):
+    """An endless capture; also a context manager that ends it.
+
+    Attributes:
+        lost: packets that the system had no room for, as far as it tells.
+    """
+
+    @property
+    def lost(self) -> int: ...
+
+    def __enter__(self) -> LiveCapture: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None: ...
+
+    def __iter__(self) -> Iterator[Packet]:
+        """Yield packets as they pass, until interrupted.
+
+        Raises:
+            CaptureError: the interface went away.
+        """
+        ...
+
+
+def open_live(name: str) -> LiveCapture:
+    """Begin to capture on an interface; packets from now on are kept until they are read.
+
+    Args:
+        name: of the interface, as the system has it, such as `eth0` or `lo`, or `ANY`.
+
+    Raises:
+        CaptureError: there is no such interface, or the right to capture is missing.
+    """
+    known = [known for _, known in socket.if_nameindex()]
+    if name not in known and (name != ANY or sys.platform != "linux"):
+        raise CaptureError(f"there is no interface {name}; there are: {', '.join(known)}")
+    try:
+        return _PacketSocket(name) if sys.platform == "linux" else _ScapySocket(name)
+    except PermissionError as error:
+        raise CaptureError(_how_to_be_allowed(name)) from error
+    except OSError as error:
+        raise CaptureError(f"cannot capture on {name}: {error.strerror}") from error
+
+
+def _how_to_be_allowed(name: str) -> str:
+    if sys.platform != "linux":
+        return f"capturing on {name} needs administrator rights"
+    python = os.path.realpath(sys.executable)
+    return f"capturing on {name} needs rights: run as root, or once: sudo setcap cap_net_raw=ep {python}"
+
+
+class _PacketSocket:
+    """Linux: packets come without their link header and get that of a cooked capture, as tcpdump does."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._lost = 0
+        self._interfaces: dict[str, Interface] = {}
+        everything = socket.htons(_ETH_P_ALL) if name == ANY else 0  # 0: nothing before it is bound
+        self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, everything)
+        try:
+            self._prepare()
+        except OSError:
+            self._socket.close()
+            raise
+
+    def _prepare(self) -> None:
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_SIZE)
+        except PermissionError:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_SIZE)
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        self._socket.settimeout(WAIT)
+        if self._name != ANY:
+            self._socket.bind((self._name, _ETH_P_ALL))
+
+    @property
+    def lost(self) -> int:
+        """Packets for which the socket's buffer had no room."""
+        _, lost = struct.unpack("II", self._socket.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8))
+        self._lost += lost  # the kernel counts from the last time it was asked
+        return self._lost
+
+    def __enter__(self) -> _PacketSocket:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._socket.close()
+
+    def __iter__(self) -> Iterator[Packet]:
+        while True:
+            try:
+                data, ancillary, _, address = self._socket.recvmsg(_LARGEST_PACKET, 64)
+            except TimeoutError:
+                continue
+            except OSError as error:
+                raise CaptureError(f"capturing on {self._name} ended: {error.strerror}") from error
+            name, protocol, kind, hardware, mac = address
+            if kind == socket.PACKET_OUTGOING and name == "lo":
+                continue  # the same packet is about to come in
+            interface = self._interfaces.setdefault(name, Interface(LINUX_COOKED, name))
+            header = _COOKED_HEADER.pack(kind, hardware, len(mac), mac[:8], protocol)
+            yield _time(ancillary), header + data, len(header) + len(data), interface, ()
+
+
+def _time(ancillary: list[tuple[int, int, bytes]]) -> int:
+    """Return when the kernel took the packet in, in nanoseconds; now, where it does not say."""
+    for level, kind, data in ancillary:
+        if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS):
+            seconds, nanoseconds = _TIMESPEC.unpack(data[: _TIMESPEC.size])
+            return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return time.time_ns()
+
+
+class _ScapySocket:
+    """Other systems: what scapy listens with there."""
+
+    lost = 0
+
+    def __init__(self, name: str) -> None:
+        from scapy.all import Scapy_Exception, conf, resolve_iface  # noqa: PLC0415 - takes a second
+
+        try:
+            self._socket = resolve_iface(name).l2listen()(iface=name)
+        except Scapy_Exception as error:
+            raise CaptureError(f"cannot capture on {name}: {error}") from error
+        self._interface = Interface(conf.l2types.layer2num.get(self._socket.LL, ETHERNET), name)
+
+    def __enter__(self) -> _ScapySocket:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._socket.close()
+
+    def __iter__(self) -> Iterator[Packet]:
+        while True:
+            if not self._socket.select([self._socket], WAIT):
+                continue
+            try:
+                _, data, seconds = self._socket.recv_raw()
+            except OSError as error:
+                raise CaptureError(f"capturing on {self._interface.name} ended: {error.strerror}") from error
+            if data is not None:
+                when = time.time_ns() if seconds is None else round(seconds * 1_000_000_000)
+                yield when, bytes(data), len(data), self._interface, ()
