@@ -238,8 +238,9 @@ class Lane:
 
     def _learn_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
-            self._habits = self._habits.after_first(reserved)
-            self._mark = int(reserved != 0)
+            if serial:  # 0 may be its own serial
+                self._habits = self._habits.after_first(reserved)
+                self._mark = int(reserved != 0)
             return
         self._habits = self._habits.after_first_on_tcp(serial, reserved)
         if not reserved == serial == 1:

@@ -1,0 +1,193 @@
+"""The tracker against sessions of which everything is known: it finds exactly what was done."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bcapscope.protocol.frame import Frame
+from bcapscope.traffic.convention import Convention
+from bcapscope.traffic.exchange import Exchange, Settled
+from bcapscope.traffic.lane import PATIENCE_NS
+from bcapscope.traffic.tracker import Tracker
+from tests.traffic.playbook import calls_of, strays_of, summary
+from tests.traffic.sessions import Capture, Profile, Record, Session
+
+PROFILES = st.builds(
+    Profile,
+    convention=st.sampled_from(["seed", "own", "chain", "tcp0", "tcp1", "same"]),
+    first_serial=st.sampled_from([1, 1000, 65520, 65533, 65535]),
+    through_zero=st.booleans(),
+    timeout=st.sampled_from([2, 5, 20]),
+    tries=st.integers(1, 7),
+    loss=st.sampled_from([0.0, 0.1, 0.5]),
+    copies=st.sampled_from([0.0, 0.2]),
+    delay=st.sampled_from([0.5, 4.0, 39.0]),
+    slow=st.sampled_from([0.0, 0.1]),
+    restart=st.sampled_from([0.0, 0.1]),
+    forgetful=st.booleans(),
+    echo=st.booleans(),
+)
+SEEDS = st.integers(0, 2**32)
+
+
+def told(records: dict[int, Record]) -> list[str]:
+    """Tell each call of a client in one line, as `summary` does, from what is known about the session."""
+    calls = sorted({record.call for record in records.values()})
+    by_call = {call: {n: r for n, r in records.items() if r.call == call} for call in calls}
+    lines: list[str] = []
+    for call in reversed(calls):
+        later = [r.time for r in records.values() if r.call > call and r.kind == "request"]
+        passed = any("answered, " in line and "unanswered, " not in line for line in lines)
+        lines.append(_line(by_call[call], min(later, default=None), passed))
+    return lines[::-1]
+
+
+def _line(records: dict[int, Record], next_call: int | None, passed: bool) -> str:
+    known: set[bytes] = set()
+    words: list[str] = []
+    roles: list[tuple[str, Record]] = []
+    waiting_since = last = 0
+    gone_on = accepted = False
+    for number, record in records.items():
+        if next_call is not None and record.time >= next_call and not accepted:
+            gone_on = gone_on or next_call - waiting_since >= PATIENCE_NS
+        role = "<"
+        if record.kind == "notice":
+            role = "..."
+        elif record.raw in known:
+            role = "="
+        elif record.kind == "request":
+            role = ">>" if record.attempt else ">"
+            last = record.attempt
+        elif accepted or gone_on or record.attempt != last:
+            role = "late<"
+        known.add(record.raw)
+        if role in (">", ">>", "..."):
+            waiting_since = record.time
+        accepted = accepted or role == "<"
+        words.append(f"{role}{number}")
+        roles.append((role, record))
+    if next_call is not None and not accepted:
+        gone_on = gone_on or next_call - waiting_since >= PATIENCE_NS
+    outcome = "answered" if accepted else "unanswered" if gone_on or passed else "capture_ended"
+    return f"{' '.join(words)} {outcome}, {_verdict(roles, outcome)}"
+
+
+def _verdict(roles: list[tuple[str, Record]], outcome: str) -> str:
+    results = {record.raw[9:] for role, record in roles if role in ("<", "late<")}
+    if len(results) > 1:
+        return "executed twice"
+    if any(role == "late<" for role, _ in roles):
+        return "reply late"
+    tries = sum(role in (">", ">>") for role, _ in roles)
+    if outcome != "answered" or tries == 1:
+        return outcome.replace("_", " ")
+    (answered,) = [record.attempt for role, record in roles if role == "<"]
+    noticed = {record.attempt for role, record in roles if role == "..."}
+    if noticed - {answered}:
+        return "reply lost"
+    return "request lost" if noticed else "cannot tell"
+
+
+def track(capture: Capture) -> list[Settled]:
+    tracker = Tracker()
+    settled = [item for seen in capture.observations for item in tracker.observe(seen)]
+    return [*settled, *tracker.close()]
+
+
+def calls_by_client(capture: Capture, settled: list[Settled]) -> list[list[Exchange]]:
+    return [
+        [call for call in calls_of(settled) if call.conversation is conversation]
+        for conversation in capture.conversations
+    ]
+
+
+@given(st.lists(PROFILES, min_size=1, max_size=3), SEEDS)
+def test_every_chain_is_found(profiles: list[Profile], seed: int) -> None:
+    sessions = [Session(profile, 12, seed + index) for index, profile in enumerate(profiles)]
+    capture = Capture([(session.profile, session.records) for session in sessions])
+    settled = track(capture)
+    assert strays_of(settled) == []
+    assert sorted(call.call for call in calls_of(settled)) == list(range(1, len(calls_of(settled)) + 1))
+    for records, calls in zip(capture.records, calls_by_client(capture, settled), strict=True):
+        assert [summary(call) for call in calls] == told(records)
+
+
+@given(PROFILES, SEEDS)
+def test_what_the_client_accepted_is_the_reply(profile: Profile, seed: int) -> None:
+    session = Session(profile, 12, seed)
+    capture = Capture([(profile, session.records)])
+    for number, call in enumerate(calls_of(track(capture))):
+        if number in session.accepted and profile.convention != "same":
+            assert call.reply is not None
+            assert capture.records[0][call.reply.number].attempt == session.accepted[number]
+
+
+@given(PROFILES, SEEDS)
+def test_the_convention_is_found(profile: Profile, seed: int) -> None:
+    session = Session(profile, 12, seed)
+    calls = calls_of(track(Capture([(profile, session.records)])))
+    named = {call.convention for call in calls}
+    if profile.is_tcp:
+        expected = Convention.TCP1 if profile.convention == "tcp1" else Convention.TCP0
+        assert calls[-1].convention is expected
+    elif profile.convention == "own":
+        assert named == {Convention.OWN}
+    else:
+        assert named <= {Convention.UNKNOWN, Convention(profile.convention)}
+        if any(len(call.requests) > 2 for call in calls):
+            assert calls[-1].convention is Convention(profile.convention)
+
+
+@given(PROFILES, SEEDS, st.floats(0, 1))
+def test_a_capture_that_is_cut_short_gives_the_same_calls_as_far_as_it_goes(
+    profile: Profile, seed: int, part: float
+) -> None:
+    session = Session(profile, 12, seed)
+    capture = Capture([(profile, session.records)])
+    whole = track(capture)
+    by_number = {call.call: call for call in calls_of(whole)}
+    tracker = Tracker()
+    stop = round(part * len(capture.observations))
+    settled = [item for seen in capture.observations[:stop] for item in tracker.observe(seen)]
+    assert [summary(call) for call in calls_of(settled)] == [
+        summary(call) for call in calls_of(whole[: len(settled)])
+    ]
+    for call in calls_of(tracker.close()):
+        complete = by_number[call.call]
+        assert set(call.events) <= set(complete.events)
+        assert call.requests == complete.requests[: len(call.requests)]
+        assert call.outcome in (complete.outcome, "capture_ended")
+
+
+@settings(max_examples=50)
+@given(
+    st.builds(
+        Profile,
+        convention=st.sampled_from(["seed", "own"]),
+        first_serial=st.sampled_from([1, 65533]),
+        timeout=st.sampled_from([2, 5, 20]),
+        tries=st.integers(1, 7),
+        loss=st.sampled_from([0.1, 0.5]),
+        copies=st.sampled_from([0.0, 0.2]),
+        delay=st.sampled_from([4.0, 39.0]),
+        echo=st.booleans(),
+    ),
+    SEEDS,
+)
+def test_between_the_ends_nothing_is_lost_and_nothing_mixed_up(profile: Profile, seed: int) -> None:
+    session = Session(profile, 12, seed)
+    capture = Capture([(profile, session.crossing)])
+    settled = track(capture)
+    records = capture.records[0]
+    found = [{event.seen.number for event in call.events} for call in calls_of(settled)]
+    assert strays_of(settled) == []
+    calls = {record.call for record in records.values()}
+    known = [{number for number, record in records.items() if record.call == call} for call in calls]
+    assert sorted(map(sorted, found)) == sorted(map(sorted, known))
+
+
+def test_observations_hold_frames() -> None:
+    session = Session(Profile(), 3, 0)
+    assert all(isinstance(seen.item, Frame) for seen in Capture([(Profile(), session.records)]).observations)
