@@ -16,12 +16,15 @@ CONNECTIONS_LIMIT = 1024
 
 
 class _Call:
-    """A connection with what is known of its ends; the first key is that of the sender 0."""
+    """A connection with what is known of its ends; the first key is that of the sender 0.
+
+    There is one key only where a forged packet has the same source and destination.
+    """
 
     __slots__ = ("connection", "ends", "keys", "talk")
 
     def __init__(self, key: bytes) -> None:
-        self.keys = (key, reverse(key))
+        self.keys = (key, reverse(key)) if key != reverse(key) else (key,)
         self.ends = endpoints(key)
         self.connection = Connection()
         self.talk: Talk | None = None
@@ -88,8 +91,8 @@ class Connections:
             call.talk.decide(server, f"port {call.ends[server].port}")
         elif source.port in self._ports:
             call.talk = Talk(call.ends, Transport.TCP)
-        self._calls[call.keys[0]] = call, 0
-        self._calls[call.keys[1]] = call, 1
+        for sender, each in enumerate(call.keys):
+            self._calls[each] = call, sender
         return call, 0
 
     def _listen(
