@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.frame import Framing, encode
 from bcapscope.protocol.variant import NUMBER_FORMATS, VT, Value, Variant
+from tests.frames import FRAMES
 
 INTEGER_BITS = {
     VT.I2: -16,
@@ -95,7 +96,7 @@ def plans(draw: st.DrawFn) -> Plan:
 
 def frames() -> st.SearchStrategy[bytes]:
     """Draw the bytes of a sound frame."""
-    return plans().map(lambda plan: encode(*plan))
+    return st.sampled_from([pair.data for pair in FRAMES]) | plans().map(lambda plan: encode(*plan))
 
 
 @st.composite
@@ -137,7 +138,7 @@ def garbage() -> st.SearchStrategy[bytes]:
 
 def streams() -> st.SearchStrategy[bytes]:
     """Draw sound frames, damaged ones and garbage, one behind the other."""
-    return st.lists(frames() | mutated_frames() | garbage(), max_size=6).map(b"".join)
+    return st.lists(frames() | mutated_frames() | garbage(), max_size=4).map(b"".join)
 
 
 @st.composite

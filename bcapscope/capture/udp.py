@@ -85,7 +85,11 @@ class Datagrams:
     def _release(self, key: bytes, talk: Talk, sender: int) -> list[tuple[Flow, Sighting]]:
         if talk.flows is not None:
             other = reverse(key)
-            del self._talks[key], self._talks[other]
+            for each in {
+                key,
+                other,
+            }:  # one key only where a forged packet has the same source and destination
+                del self._talks[each]
             if len(self.flows) >= FLOWS_LIMIT:
                 del self.flows[next(iter(self.flows))]
             self.flows[key], self.flows[other] = talk.flows[sender], talk.flows[1 - sender]

@@ -147,13 +147,29 @@ class Splitter:
             if trust is _Trust.OPEN and not final:
                 return 0
             if trust in (_Trust.FULL, _Trust.DOUBT):
-                if len(self._buffer) >= length:
-                    if trust is _Trust.FULL or self._buffer[length - 1] == EOT:
-                        return length
-                elif not final:
-                    self._enough = length
+                ends = self._ends(length, trust, final)
+                if ends is None and not final:
                     return 0
+                if ends:
+                    return length
         return self._find_step(final)
+
+    def _ends(self, length: int, trust: _Trust, final: bool) -> bool | None:
+        """Tell whether the frame that begins the buffer ends behind `length` bytes, None for "need more".
+
+        A byte other than EOT may be a damaged EOT where the next frame, or nothing, follows; where it is
+        the SOH of the next frame, one byte too few was sent.
+        """
+        buffer = self._buffer
+        if len(buffer) < length:
+            self._enough = length
+            return None
+        if buffer[length - 1] == EOT or trust is not _Trust.FULL:
+            return buffer[length - 1] == EOT
+        if len(buffer) == length:
+            self._enough = length + 1
+            return True if final else None
+        return buffer[length] == SOH
 
     def _find_step(self, final: bool) -> int:
         """Look for the next byte at which a frame begins beyond doubt; return the size of what is before."""

@@ -161,7 +161,7 @@ def check_pieces(pieces: list[Piece], runs: list[list[bytes]]) -> None:
         else:
             assert piece.item.raw == expected[piece.start : piece.stop]
         if isinstance(piece.item, Frame):
-            check_frame(piece.item)
+            check_frame(piece.item, noted=piece.item.note is not None)
     assert pos == len(expected)
 
 
