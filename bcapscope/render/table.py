@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable
+from functools import lru_cache
 
 from bcapscope.protocol.arguments import Problem
 from bcapscope.protocol.frame import Malformed
@@ -12,7 +13,7 @@ from bcapscope.protocol.hresult import hresult_name
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import epoch_text
 from bcapscope.render.record import RecordRenderer
-from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.traffic.observation import Direction, Flow, Observation
 from bcapscope.traffic.question import Question
 
 COLUMNS = (
@@ -77,8 +78,7 @@ class TableRenderer:
             question: what a request asks, or a reply answers where that was seen.
         """
         flow, item = seen.flow, seen.item
-        ends = (cell(flow.src_text), cell(flow.dst_text), flow.conversation.transport.value)
-        head = (seen.number, epoch_text(seen.time), *ends)
+        head = (seen.number, epoch_text(seen.time), *_ends(flow))
         if isinstance(item, Malformed):
             nothing = ("",) * 8
             return self._row((*head, "malformed", len(item.raw), *nothing, *_faults(item.problems, item.raw)))
@@ -92,15 +92,21 @@ class TableRenderer:
     def _args(self, seen: Observation, question: Question | None) -> str:
         """Cut the arguments out of the JSON object, so that there is one place that writes them.
 
-        Inside a JSON string a quotation mark has a backslash before it, so the keys cannot be taken for text.
+        Inside a JSON string a quotation mark has a backslash before it, so no text can be taken for a key;
+        and what begins with a bracket no spreadsheet computes.
         """
         record = self._records.record(seen, question)
         start = record.index(_ARGS) + len(_ARGS)
-        return cell(record[start : record.index(_PROBLEMS, start)].decode())
+        return record[start : record.index(_PROBLEMS, start)].decode()
 
     def _row(self, cells: Iterable[object]) -> str:
         # A csv writer returns what the write method of its file returned.
         return str(self._writer.writerow(cells))
+
+
+@lru_cache(maxsize=1024)
+def _ends(flow: Flow) -> tuple[str, str, str]:
+    return cell(flow.src_text), cell(flow.dst_text), flow.conversation.transport.value
 
 
 def _about(question: Question | None) -> tuple[object, str, str]:
@@ -110,5 +116,7 @@ def _about(question: Question | None) -> tuple[object, str, str]:
 
 
 def _faults(problems: tuple[Problem, ...], raw: bytes) -> tuple[str, str]:
+    if not problems:
+        return "", ""
     reasons = "; ".join(f"{problem.code} at {problem.offset}: {problem.reason}" for problem in problems)
-    return cell(reasons), raw.hex() if problems else ""
+    return cell(reasons), raw.hex()
