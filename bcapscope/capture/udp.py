@@ -85,10 +85,7 @@ class Datagrams:
     def _release(self, key: bytes, talk: Talk, sender: int) -> list[tuple[Flow, Sighting]]:
         if talk.flows is not None:
             other = reverse(key)
-            for each in {
-                key,
-                other,
-            }:  # one key only where a forged packet has the same source and destination
+            for each in {key, other}:  # the same where a forged packet goes to its own sender
                 del self._talks[each]
             if len(self.flows) >= FLOWS_LIMIT:
                 del self.flows[next(iter(self.flows))]

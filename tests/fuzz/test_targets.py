@@ -17,8 +17,7 @@ def _to_itself(content: bytes, protocol: int) -> bytes:
 
 
 FOUND = {
-    # A UI1 array without elements whose length field promises bytes, and a string beyond its argument: values
-    # held bytes of the arguments behind them.
+    # A value that is promised more than the frame holds took the bytes of the arguments behind it as well.
     "frame: a value beyond its argument": (
         "frame",
         "011a0000000000000000000000010006000000112000000059595959590004",
