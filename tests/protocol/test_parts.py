@@ -1,0 +1,100 @@
+"""Names for the parts of what slvMove carries."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.protocol.parts import UNNAMED, Part, slv_move_part
+from bcapscope.protocol.variant import VT, Variant
+from tests.strategies import variants
+
+JOINTS = [(f"J{axis}", "deg") for axis in range(1, 9)]
+POSITION = [("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("Rx", "deg"), ("Ry", "deg"), ("Rz", "deg"), ("Fig", "")]
+
+
+def row(count: int, vt: int = VT.R8) -> Variant:
+    return Variant.array(vt, tuple(float(number) for number in range(count)))
+
+
+def listed(*values: Variant) -> Variant:
+    return Variant.array(VT.VARIANT, values)
+
+
+def named(part: Part) -> list[tuple[str, str]]:
+    return [(each.name, each.unit) for each in part.parts]
+
+
+@pytest.mark.parametrize("is_request", [True, False])
+@pytest.mark.parametrize(("count", "names"), [(6, JOINTS[:6]), (7, POSITION), (8, JOINTS)])
+def test_bare_pose(count: int, names: list[tuple[str, str]], is_request: bool) -> None:
+    found = slv_move_part(row(count), is_request)
+    assert named(found) == names
+    assert found.name == ""
+    assert found.text == f"{'P' if count == 7 else 'J'} pose, guessed"
+
+
+def test_pose_as_a_list_of_numbers() -> None:
+    numbers = listed(*(Variant(VT.R8, float(number)) for number in range(8)))
+    assert named(slv_move_part(numbers, is_request=True)) == JOINTS
+
+
+def test_number_that_the_ros_driver_appends() -> None:
+    values = (*map(float, range(8)), float(0x400000 | 0x3F))
+    last = slv_move_part(Variant.array(VT.R8, values), is_request=True).parts[8]
+    assert (last.name, last.unit) == ("axes", "")
+
+
+def test_set_point_with_io() -> None:
+    found = slv_move_part(listed(row(7), Variant(VT.I4, 0x10000)), is_request=True)
+    assert [part.name for part in found.parts] == ["pose", "hand I/O"]
+    assert named(found.parts[0]) == POSITION
+    assert found.text == "parts guessed"
+
+
+def test_set_point_with_user_io() -> None:
+    run = (Variant(VT.I4, 128), Variant(VT.I4, 8))
+    found = slv_move_part(listed(row(8), *run, Variant.array(VT.UI1, b"\x01"), *run), is_request=True)
+    assert [part.name for part in found.parts] == [
+        "pose",
+        "user I/O to write, offset",
+        "user I/O to write, bits",
+        "user I/O to write, data",
+        "user I/O to read, offset",
+        "user I/O to read, bits",
+    ]
+
+
+def test_feedback_with_everything() -> None:
+    word = Variant(VT.I4, 5)
+    found = slv_move_part(listed(word, row(15), word, row(8)), is_request=False)
+    assert [part.name for part in found.parts] == ["time stamp", "pose", "hand I/O", "motor current"]
+    assert named(found.parts[1]) == [*POSITION, *JOINTS]
+    assert named(found.parts[3]) == [(name, "") for name, _ in JOINTS]
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [
+        Variant(VT.EMPTY, None),
+        Variant(VT.BSTR, "P(1,2,3)"),
+        row(3),
+        row(0),
+        listed(),
+        listed(Variant(VT.BSTR, "x"), row(8)),
+        Variant.array(VT.UI1, b"\x01\x02\x03\x04\x05\x06"),
+        Variant(VT.ERROR, 5),
+    ],
+)
+@pytest.mark.parametrize("is_request", [True, False])
+def test_what_is_no_pose_has_no_names(variant: Variant, is_request: bool) -> None:
+    assert slv_move_part(variant, is_request) == UNNAMED
+
+
+@given(variants(), st.booleans())
+def test_any_value_can_be_asked_for_its_parts(variant: Variant, is_request: bool) -> None:
+    found = slv_move_part(variant, is_request)
+    if found.parts:
+        assert isinstance(variant.value, tuple)
+        assert len(found.parts) <= len(variant.value)
