@@ -12,6 +12,7 @@ import sys
 import click
 
 from bcapscope import __version__
+from bcapscope.cli.exits import Exit
 
 _COMMANDS = {
     "decode": "Read frames, one line each.",
@@ -48,8 +49,16 @@ def cli() -> None:
 def main() -> None:
     """Run the command line and exit with one of `exits.Exit`."""
     try:
-        cli(prog_name="bcapscope")
+        # Not by cli.main(): that ends with 1 when the reader of stdout has gone.
+        with cli.make_context("bcapscope", sys.argv[1:]) as context:
+            cli.invoke(context)
+    except click.exceptions.Exit as end:
+        sys.exit(end.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(Exit.INTERRUPTED)
     except BrokenPipeError:
         # The reader of stdout has seen enough. What is still buffered must not be tried again at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)

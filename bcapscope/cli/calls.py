@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import click
 
 from bcapscope.cli import options
-from bcapscope.cli.output import Output, narrate, palette
+from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.reading import Reading
 from bcapscope.render.call import CallRenderer, counted
 from bcapscope.render.call_record import CallRecordRenderer
@@ -23,6 +23,7 @@ from bcapscope.traffic.tracker import Tracker
 
 @click.command(short_help="Pair requests, retries and replies: a line a call.")
 @options.paths
+@options.interface
 @options.ports
 @click.option("--tree", is_flag=True, help="Each call's frames under it, with the times between.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a call.")
@@ -32,6 +33,7 @@ from bcapscope.traffic.tracker import Tracker
 def command(
     *,
     paths: tuple[str, ...],
+    interface: str | None,
     ports: tuple[int, ...],
     tree: bool,
     as_json: bool,
@@ -49,20 +51,19 @@ def command(
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
-    output = Output()
-    reading = Reading(paths, ports, output)
+    reading = Reading(paths, ports, interface)
     strays = _Strays()
     settled = settle(reading.observations())
     calls = strays.apart(settled, wanted)
     if as_json:
-        output.write_lines(map(CallRecordRenderer().record, calls), reading.pause)
+        reading.output.write_lines(map(CallRecordRenderer().record, calls), reading.pause)
     else:
         renderer = CallRenderer(Clock(clock), palette(color))
         shown = settled if wanted is None else calls
         lines = (
             (line for call in shown for line in renderer.tree(call)) if tree else map(renderer.line, shown)
         )
-        output.write_lines(lines, reading.pause)
+        reading.output.write_lines(lines, reading.pause)
     reading.summary()
     strays.summary()
     sys.exit(reading.exit)

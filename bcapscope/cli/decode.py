@@ -10,7 +10,7 @@ from itertools import chain, starmap
 import click
 
 from bcapscope.cli import options
-from bcapscope.cli.output import Output, palette
+from bcapscope.cli.output import palette
 from bcapscope.cli.reading import Reading
 from bcapscope.render.hexdump import hexdump
 from bcapscope.render.line import LineRenderer
@@ -37,6 +37,7 @@ class Style(StrEnum):
 
 @click.command(short_help="Read frames, one line each.")
 @options.paths
+@options.interface
 @options.ports
 @click.option("--tree", "style", flag_value=Style.TREE, type=Style, help="Every field, with its bytes.")
 @click.option("--csv", "style", flag_value=Style.CSV, type=Style, help="A table with a header.")
@@ -49,6 +50,7 @@ class Style(StrEnum):
 def command(
     *,
     paths: tuple[str, ...],
+    interface: str | None,
     ports: tuple[int, ...],
     style: Style | None,
     dump: bool,
@@ -67,8 +69,7 @@ def command(
     """
     if dump and style in (Style.CSV, Style.JSON):
         raise click.UsageError("--hex goes with lines and trees")
-    output = Output()
-    reading = Reading(paths, ports, output)
+    reading = Reading(paths, ports, interface)
     told = _told(reading.observations(), wanted)
     if style is Style.JSON:
         lines: Iterable[str] | Iterable[bytes] = starmap(RecordRenderer().record, told)
@@ -81,7 +82,7 @@ def command(
         if style is Style.TREE or dump:
             tree = TreeRenderer(colors, full, dump) if style is Style.TREE else None
             lines = _with_details(told, LineRenderer(Clock(clock), colors), tree, colors)
-    output.write_lines(lines, reading.pause)
+    reading.output.write_lines(lines, reading.pause)
     reading.summary()
     sys.exit(reading.exit)
 

@@ -16,3 +16,5 @@ class Exit(IntEnum):
     """A capture is damaged or breaks off; all before the damage was given out."""
     UNREADABLE = 4
     """Nothing could be read: no such file, no capture, no right to listen."""
+    INTERRUPTED = 130
+    """Ctrl-C while there was something to do; shells name a program so that SIGINT ended."""

@@ -15,6 +15,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=click.Path(allow_dash=True))
 
+interface = click.option(
+    "-i",
+    "--interface",
+    metavar="NAME",
+    help="Capture live on this interface, or on all with `any`, until Ctrl-C; needs the right to capture.",
+)
+
 ports = click.option(
     "-p",
     "--port",

@@ -11,8 +11,6 @@ import click
 
 from bcapscope.render.palette import ANSI, PLAIN, Palette
 
-_LINES_AT_ONCE = 512
-
 
 class Output:
     """Collects lines of data and writes many at once.
@@ -20,17 +18,19 @@ class Output:
     `flush` is called before anything waits for more input, so that live traffic is seen as it comes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lines_at_once: int = 512) -> None:
+        """Write when `lines_at_once` have come together."""
+        self._most = lines_at_once
         self._lines: list[str] | list[bytes] = []
         self._stdout = sys.stdout.buffer
 
     def write_lines(self, lines: Iterable[str] | Iterable[bytes], pause: Callable[[], None]) -> None:
-        """Write each line; call `pause` after every few hundred."""
+        """Write each line; call `pause` whenever some were written."""
         kept = self._lines
         append = cast(Callable[[str | bytes], None], kept.append)
         for line in lines:
             append(line)
-            if len(kept) >= _LINES_AT_ONCE:
+            if len(kept) >= self._most:
                 self.flush()
                 pause()
         self.flush()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import BinaryIO, cast
@@ -10,6 +11,7 @@ import click
 
 from bcapscope.capture.counts import Counts
 from bcapscope.capture.file import CaptureFile, open_capture
+from bcapscope.capture.live import open_live
 from bcapscope.capture.observer import Observer
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.sides import PORTS
@@ -29,22 +31,35 @@ class Reading:
 
     Attributes:
         exit: how reading went so far.
+        output: where the command writes its data.
     """
 
-    def __init__(self, paths: Sequence[str], ports: Collection[int], output: Output) -> None:
-        """Read `paths`, ``-`` being standard input, for servers on `ports`, or on 5007 if there are none."""
-        if not paths:
-            raise click.UsageError("name a capture, or - for standard input")
+    def __init__(self, paths: Sequence[str], ports: Collection[int], interface: str | None = None) -> None:
+        """Choose what to read.
+
+        Args:
+            paths: captures, ``-`` being standard input.
+            ports: where servers listen; 5007 if there are none.
+            interface: capture live on it, instead of reading.
+
+        Raises:
+            click.UsageError: there is nothing to read, or both.
+        """
+        if bool(paths) == bool(interface):
+            raise click.UsageError("name a capture, - for standard input, or an interface with -i")
         self.exit = Exit.OK
+        # What is live is to be seen at once; what lies in a file is to be read fast.
+        self.output = Output(1) if interface else Output()
         self._paths = paths
+        self._interface = interface
         self._observer = Observer(frozenset(ports) or PORTS)
-        self._output = output
         self._progress = Progress()
         self._file: CaptureFile | None = None
+        self._lost = 0
 
     def observations(self) -> Iterator[Observation]:
         """Yield all that is said; what cannot be read is told on stderr, in one sentence each."""
-        yield from self._observer.observe(self._packets())
+        yield from self._observer.observe(self._live() if self._interface else self._packets())
         self._progress.done()
 
     def pause(self) -> None:
@@ -60,7 +75,24 @@ class Reading:
             narrate(f"server {server} ({conversation.transport}), told by {reason}")
         if len(told) > _MOST_SIDES_TOLD:
             narrate(f"… and {len(told) - _MOST_SIDES_TOLD} more servers told by what was said")
+        if self._lost:
+            narrate(f"{_number(self._lost, 'packet')} lost: there was no room for more")
         narrate(_counted(self._observer.counts))
+
+    def _live(self) -> Iterator[Packet]:
+        name = self._interface or ""
+        try:
+            with open_live(name) as capture:
+                narrate(f"capturing on {printable(name)}, Ctrl-C ends")
+                try:
+                    yield from capture
+                except KeyboardInterrupt:
+                    narrate("")
+                finally:
+                    self._lost = capture.lost
+        except CaptureError as error:
+            narrate(f"{printable(name)}: {error}")
+            self.exit = Exit.UNREADABLE
 
     def _packets(self) -> Iterator[Packet]:
         for path in self._paths:
@@ -73,10 +105,10 @@ class Reading:
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:
             return open_capture(path)
-        return CaptureFile(cast(BinaryIO, _Patient(sys.stdin.buffer, self._output)))
+        return CaptureFile(cast(BinaryIO, _Patient(self.output)))
 
     def _report(self, path: str, error: CaptureError) -> None:
-        self._output.flush()
+        self.output.flush()
         self._progress.done()
         narrate(f"{'standard input' if path == STDIN else printable(path)}: {error}")
         self.exit = max(self.exit, Exit.DAMAGED if error.offset else Exit.UNREADABLE)
@@ -85,13 +117,17 @@ class Reading:
 class _Patient:
     """Standard input that lets everything found so far be written out before it waits for more."""
 
-    def __init__(self, stream: BinaryIO, output: Output) -> None:
-        self._stream = stream
+    def __init__(self, output: Output) -> None:
+        self._stream = io.FileIO(sys.stdin.fileno(), closefd=False)
         self._output = output
 
-    def read1(self, size: int) -> bytes:
+    def read(self, size: int) -> bytes:
+        """Read what there is, up to `size` bytes; Ctrl-C while waiting ends the capture, not the program."""
         self._output.flush()
-        return cast(bytes, self._stream.read1(size))  # type: ignore[attr-defined]  # a BufferedReader has it
+        try:
+            return self._stream.read(size) or b""
+        except KeyboardInterrupt:
+            return b""
 
     def fileno(self) -> int:
         return self._stream.fileno()

@@ -1,0 +1,82 @@
+"""``bcapscope calls`` and ``bcapscope fields`` from the outside."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bcapscope.cli.exits import Exit
+from bcapscope.traffic.fields import FIELDS
+from tests.cli.run import CAPTURES, run
+
+RETRIES = CAPTURES / "retry-story.pcapng"
+ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
+
+
+def test_the_retry_story_is_one_call() -> None:
+    (line,) = run("calls", RETRIES, "--json").lines
+    assert json.loads(line) == {
+        "call": 1,
+        "function": "Robot_Execute",
+        "function_id": 64,
+        "command": "slvMove",
+        "transport": "udp",
+        "client": "192.168.0.10:50001",
+        "server": "192.168.0.1:5007",
+        "started": 1700000000.0,
+        "requests": [1, 2, 3, 4],
+        "serials": [1232, 1233, 1234, 1235],
+        "retries": 3,
+        "replies": [6],
+        "late_replies": [5],
+        "executing": 0,
+        "duplicates": [],
+        "outcome": "answered",
+        "hresult": 0,
+        "hresult_name": "S_OK",
+        "hresult_text": "done",
+        "latency_ms": 7.24,
+        "rtt_ms": 1.2,
+        "convention": "seed",
+        "verdict": "reply late",
+    }
+
+
+@pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
+def test_every_sound_request_is_in_one_call(path: Path) -> None:
+    frames = [json.loads(line) for line in run("decode", path, "--json").lines]
+    calls = [json.loads(line) for line in run("calls", path, "--json").lines]
+    asked = sorted(frame["frame"] for frame in frames if frame["kind"] == "request")
+    kept = [number for call in calls for number in call["requests"] + call["duplicates"]]
+    replies = {frame["frame"] for frame in frames if frame["kind"] == "response"}
+    assert sorted(number for number in kept if number not in replies) == asked
+
+
+@pytest.mark.parametrize("style", [[], ["--tree"]])
+def test_lines_and_trees(style: list[str], golden: Callable[[str, bytes], None]) -> None:
+    out = "".join(
+        run("calls", CAPTURES / name, *style).out for name in ("retry-story.pcapng", "tcp-gap.pcap")
+    )
+    golden(f"calls{''.join(style)}.txt", out.encode())
+
+
+def test_a_filter() -> None:
+    path = CAPTURES / "slave-mode-lost.pcapng"
+    out = run("calls", path, "--json", "-f", "outcome == refused and command == slvMove").lines
+    assert json.loads(out[0])["hresult_name"] == "0x84201482"
+    assert run("calls", path, "-f", "latency > 1h").code == Exit.USAGE
+
+
+def test_tree_and_json_exclude_each_other() -> None:
+    assert run("calls", RETRIES, "--json", "--tree").code == Exit.USAGE
+
+
+def test_fields_are_listed_with_their_meaning() -> None:
+    out = run("fields").out
+    for field in FIELDS:
+        assert field.name in out
+        assert field.meaning in out
+    assert "contains" in out

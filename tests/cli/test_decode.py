@@ -1,0 +1,226 @@
+"""``bcapscope decode`` from the outside."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bcapscope.cli.exits import Exit
+from tests.cli.run import CAPTURES, run
+
+SESSION = CAPTURES / "slave-session.pcapng"
+RETRIES = CAPTURES / "retry-story.pcapng"
+ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
+
+
+@pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
+def test_every_sample_is_read_to_its_end(path: Path) -> None:
+    done = run("decode", path)
+    assert done.code == Exit.OK
+    assert done.err.splitlines()[-1].startswith(f"{len(done.lines) - _malformed(done.lines)} frames in ")
+
+
+def _malformed(lines: list[str]) -> int:
+    return sum(line.split("  !! ")[0].endswith("     -     -") for line in lines)
+
+
+def test_a_line_a_frame() -> None:
+    lines = run("decode", RETRIES).lines
+    assert len(lines) == 6
+    assert lines[1].startswith(
+        "     2     0.002010 192.168.0.10:50001 > 192.168.0.1:5007 udp request   1233  1232  "
+        "Robot_Execute slvMove hRobot=1 vntParam=R4["
+    )
+    assert "udp response  1235  1232  S_OK Robot_Execute slvMove pVal=R4[" in lines[5]
+
+
+def test_json_is_one_object_a_line() -> None:
+    records = [json.loads(line) for line in run("decode", SESSION, "--json").lines]
+    assert [record["frame"] for record in records] == list(range(1, len(records) + 1))
+    assert not [record for record in records if record["problems"]]
+    assert {record["function"] for record in records} >= {"Service_Start", "Robot_Execute", "Service_Stop"}
+    assert all(record["function"] for record in records if record["kind"] == "response")
+
+
+def test_csv_is_a_table_with_a_header() -> None:
+    rows = list(csv.DictReader(io.StringIO(run("decode", RETRIES, "--csv").out)))
+    assert [row["serial"] for row in rows] == ["1232", "1233", "1234", "1235", "1233", "1235"]
+    assert {row["command"] for row in rows} == {"slvMove"}
+
+
+def test_tree_and_hexdump() -> None:
+    tree = run("decode", RETRIES, "--tree").out
+    assert "HRESULT" in tree
+    assert "argument count" in tree
+    dump = run("decode", RETRIES, "--hex").out
+    assert "01 64 00 00 00 d0 04 00  00 40 00 00 00 03 00 0a" in dump
+
+
+def test_hex_goes_with_text_only() -> None:
+    done = run("decode", RETRIES, "--hex", "--json")
+    assert done.code == Exit.USAGE
+    assert "--hex goes with lines and trees" in done.err
+
+
+def test_a_filter_keeps_numbers_and_pairing() -> None:
+    lines = run("decode", RETRIES, "-f", "kind == response and serial == 1235").lines
+    assert len(lines) == 1
+    assert lines[0].startswith("     6 ")
+    assert "Robot_Execute slvMove" in lines[0]
+
+
+def test_a_bad_filter_is_told_with_a_caret() -> None:
+    done = run("decode", RETRIES, "-f", "serail == 5")
+    assert done.code == Exit.USAGE
+    assert "did you mean 'serial'?" in done.err
+    assert done.err.splitlines()[-1].strip() == "^"
+    assert done.out == ""
+
+
+@pytest.mark.parametrize("clock", ["relative", "delta", "utc", "epoch"])
+def test_clocks(clock: str) -> None:
+    first, second, *_ = run("decode", RETRIES, "--time", clock).lines
+    texts = {
+        "relative": ("0.000000", "0.002010"),
+        "delta": ("0.000000", "0.002010"),
+        "utc": ("2023-11-14T22:13:20.000000000Z", "2023-11-14T22:13:20.002010000Z"),
+        "epoch": ("1700000000.000000000", "1700000000.002010000"),
+    }
+    assert (first.split()[1], second.split()[1]) == texts[clock]
+
+
+def test_several_captures_are_one_traffic() -> None:
+    lines = run("decode", RETRIES, RETRIES).lines
+    assert [int(line.split()[0]) for line in lines] == list(range(1, 13))
+
+
+def test_gzip_and_standard_input() -> None:
+    plain = run("decode", SESSION)
+    assert run("decode", "-", stdin=gzip.compress(SESSION.read_bytes())) == plain
+
+
+def test_frames_of_a_pipe_are_shown_as_they_come() -> None:
+    argv = [sys.executable, "-m", "bcapscope", "decode", "-"]
+    data = (CAPTURES / "exchanges.pcap").read_bytes()
+    with subprocess.Popen(
+        argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as done:
+        assert done.stdin
+        assert done.stdout
+        assert done.stderr
+        done.stdin.write(data[:24])
+        at = 24
+        for number in range(1, 4):
+            size = 16 + int.from_bytes(data[at + 8 : at + 12], "little")
+            done.stdin.write(data[at : at + size])
+            done.stdin.flush()
+            at += size
+            assert (
+                int(done.stdout.readline().split()[0]) == number
+            )  # would wait for ever if it were held back
+        done.stdin.close()
+        assert done.stdout.read() == b""
+        assert done.stderr.read() == b"3 frames in 3 packets\n"
+
+
+def test_a_closed_pipe_ends_quietly(tmp_path: Path) -> None:
+    many = tmp_path / "many.pcap"
+    data = (CAPTURES / "exchanges.pcap").read_bytes()
+    many.write_bytes(data[:24] + data[24:] * 3000)
+    argv = [sys.executable, "-m", "bcapscope", "decode", str(many)]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as done:
+        assert done.stdout
+        assert done.stderr
+        done.stdout.readline()
+        done.stdout.close()
+        assert done.stderr.read() == b""
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize("kept", [1, 8, 100])
+def test_a_truncated_capture_gives_all_before_the_cut(tmp_path: Path, kept: int) -> None:
+    cut = tmp_path / "cut.pcapng"
+    cut.write_bytes(SESSION.read_bytes()[:-kept])
+    whole, done = run("decode", SESSION), run("decode", cut)
+    assert done.code == Exit.DAMAGED
+    assert done.lines == whole.lines[: len(done.lines)]
+    assert len(done.lines) >= len(whole.lines) - 2
+    (sentence,) = [line for line in done.err.splitlines() if line.startswith(str(cut))]
+    assert "byte" in sentence
+
+
+@pytest.mark.parametrize("data", [b"", b"\n", b"not a capture at all", b"\x7fELF" + bytes(60)])
+def test_what_is_no_capture_is_told_in_one_sentence(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "what"
+    path.write_bytes(data)
+    done = run("decode", path)
+    assert done.code == Exit.UNREADABLE
+    assert done.out == ""
+    assert done.err.startswith(f"{path}: ")
+    assert "Traceback" not in done.err
+
+
+def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
+    done = run("decode", tmp_path / "none.pcap", RETRIES)
+    assert done.code == Exit.UNREADABLE
+    assert len(done.lines) == 6
+    assert "No such file" in done.err
+
+
+def test_no_capture_is_a_mistake_in_the_command_line() -> None:
+    done = run("decode")
+    assert done.code == Exit.USAGE
+    assert "name a capture" in done.err
+
+
+def test_a_server_on_another_port_is_told() -> None:
+    assert "told by" not in run("decode", RETRIES).err
+    lines = run("decode", RETRIES, "--port", "50001").lines
+    assert "response" in lines[0]
+
+
+def test_a_server_that_has_to_be_worked_out_is_said(tmp_path: Path) -> None:
+    data = (CAPTURES / "exchanges.pcap").read_bytes().replace(b"\x13\x8f", b"\x3a\x9f")
+    path = tmp_path / "other-port.pcap"
+    path.write_bytes(data)
+    done = run("decode", path)
+    assert "server 192.168.0.1:15007 (udp), told by " in done.err
+    assert len(done.lines) == len(run("decode", CAPTURES / "exchanges.pcap").lines)
+
+
+def test_colours_are_for_terminals() -> None:
+    assert "\x1b" not in run("decode", RETRIES).out
+    assert "\x1b[" in run("decode", RETRIES, "--color", "always").out
+    assert "\x1b[" in _on_a_terminal(NO_COLOR="")
+    assert "\x1b[" not in _on_a_terminal(NO_COLOR="1")
+
+
+def _on_a_terminal(**environment: str) -> str:
+    main, side = pty.openpty()
+    argv = [sys.executable, "-m", "bcapscope", "decode", str(RETRIES)]
+    with subprocess.Popen(argv, stdout=side, stderr=subprocess.DEVNULL, env={**os.environ, **environment}):
+        os.close(side)
+        shown = b""
+        try:
+            while chunk := os.read(main, 65536):
+                shown += chunk
+        except OSError:
+            pass  # how Linux says that the other side is closed
+    os.close(main)
+    return shown.decode()
+
+
+@pytest.mark.parametrize("style", [[], ["--json"], ["--csv"], ["--tree", "--hex", "--full"]])
+def test_hostile_strings_never_get_out_raw(style: list[str]) -> None:
+    out = run("decode", CAPTURES / "malformed.pcapng", *style).out
+    assert not [char for char in out if not char.isprintable() and char not in "\n\r\u3000"]
+    assert "\r" not in out.replace("\r\n", "") or style == ["--csv"]
