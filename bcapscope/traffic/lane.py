@@ -45,7 +45,9 @@ MOST_SHADOWED = 16
 MOST_PAST = 1024
 """Serials of settled calls: at least as many are known, at most twice."""
 
-_CREATORS = frozenset(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)
+_OPENERS = frozenset(
+    (SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)),
+)
 
 
 class Lane:
@@ -300,15 +302,15 @@ class Lane:
 
     def _finish(self, exchange: Exchange) -> Exchange:
         exchange.habits = self._habits
-        if exchange.question.function_id in _CREATORS:
+        if exchange.question.function_id in _OPENERS:
             self._follow_handles(exchange)
-        elif exchange.question.function_id == SERVICE_START:
-            self._handle = 0
-        if exchange.is_plain:
-            self._forget(exchange.request.item.serial, exchange)
-        else:
-            for serial in (*exchange.serials, exchange.request.item.reserved):
-                self._forget(serial, exchange)
+        frame = exchange.request.item
+        serial = frame.serial
+        self._forget(serial, exchange)
+        if exchange.others or frame.reserved not in (0, serial):
+            named = (frame.reserved,) if frame.reserved else ()
+            for other in {*exchange.serials, *named} - {serial}:
+                self._forget(other, exchange)
         return exchange
 
     def _forget(self, serial: int, exchange: Exchange) -> None:
@@ -325,6 +327,8 @@ class Lane:
     def _follow_handles(self, exchange: Exchange) -> None:
         """Note handles that a server gave away unseen while it executed the tries of one call."""
         reply = exchange.reply
+        if exchange.question.function_id == SERVICE_START:
+            self._handle = 0
         if reply is None or is_failure(reply.item.code) or not reply.item.arguments:
             return
         vt, handle, _ = reply.item.arguments[0].variant
