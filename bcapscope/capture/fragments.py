@@ -108,8 +108,11 @@ class Fragments:
         if fragment is None:
             return Whole(packet, time)
         self._expire(time)
-        parts = self._waiting.setdefault(fragment.key, _Parts(time))
-        self._cost -= parts.cost
+        parts = self._waiting.get(fragment.key)
+        if parts is None:
+            parts = self._waiting[fragment.key] = _Parts(time)
+        else:
+            self._cost -= parts.cost
         if packet.missing == 0:
             parts.add(fragment.offset, packet.payload, fragment.more)
         if fragment.offset == 0:
