@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,8 @@ _LOWEST, _HIGHEST = -24, 40
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
 
 
-class Bin(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Bin:
     """How many values there are from `low`, itself included, to `high`."""
 
     low: float
@@ -30,7 +32,8 @@ class Bin(NamedTuple):
     count: int
 
 
-class Distribution(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Distribution:
     """How values are spread. A percentile is the smallest value that this share of all does not exceed.
 
     Attributes:
@@ -102,7 +105,8 @@ class Histogram:
             counts, points = self._counts, self._percentiles(self._counts)
         drawn = _bins(counts) if bins and counts is not None else ()
         mean = min(max(self.total / self.count, self.least), self.most)
-        return Distribution(self.count, mean, self.least, self.most, *points, bins=drawn)
+        p50, p90, p99, p999 = points
+        return Distribution(self.count, mean, self.least, self.most, p50, p90, p99, p999, drawn)
 
     def _percentiles(self, counts: NDArray[np.int64]) -> list[float]:
         ranks = [_rank(share, self.count) for share in _SHARES]
@@ -121,7 +125,8 @@ def _rank(share: int, count: int) -> int:
 
 def _bin_numbers(values: Floats) -> NDArray[np.int64]:
     mantissas, exponents = np.frexp(values)
-    numbers = (exponents - (_LOWEST + 1)) * _PER_OCTAVE + ((mantissas - 0.5) * (2 * _PER_OCTAVE)).astype(np.int64)
+    parts = ((mantissas - 0.5) * (2 * _PER_OCTAVE)).astype(np.int64)
+    numbers = (exponents - (_LOWEST + 1)) * _PER_OCTAVE + parts
     return np.clip(np.where(values > 0, numbers, 0), 0, _BINS - 1)
 
 

@@ -1,7 +1,7 @@
 """One stay in slave mode, as facts: plain fields for people, programs and rules to read.
 
-Moments are nanoseconds since 1970-01-01 UTC, durations milliseconds; frames are numbers of observations. Lists
-that a bad capture could make long hold the first few and stand beside a count of all.
+Moments are nanoseconds since 1970-01-01 UTC, durations milliseconds; frames are numbers of observations.
+Lists that a bad capture could make long hold the first few and stand beside a count of all.
 """
 
 from __future__ import annotations
@@ -164,8 +164,8 @@ class Counts:
         after_end: refused after the end, as a consequence; in none of the other numbers.
         retries: requests beyond the first of each.
         by_retries: how many set points were sent again so often; 0 among the keys.
-        retries_forbidden: retries in a mode in which the newest point wins, over UDP: wasted bandwidth (DENSO Wave
-            2009, How to use the Slave mode).
+        retries_forbidden: retries in a mode in which the newest point wins, over UDP: wasted bandwidth (DENSO
+            Wave 2009, How to use the Slave mode).
         late_replies: replies that came after the client had sent another try.
         lost_replies: replies that were seen, and yet the client asked again.
     """
@@ -253,7 +253,7 @@ class Starved(NamedTuple):
         before: frame of the set point that came too late.
         missing: ticks of the controller that found nothing.
         late_ms: how long after `time` the point came.
-        moving: whether the set points before were different from each other; None where they could not be read.
+        moving: whether the last two set points before differ; None where they could not be read.
     """
 
     time: int
@@ -281,8 +281,9 @@ class Buffer:
         overflows: predicted: set points that came when the buffer was full, beyond the doubt of the phase.
         overflow_list: the first of them, by frame of the request.
         overwritten: where `overwrites`, points replaced before they were taken; else 0.
-        smallest_level: points in the buffer when the next one came, at worst; None for fewer than two set points.
-        smallest_slack_ms: time that was left until the buffer would have run empty, at worst; negative where it had.
+        smallest_level: points in the buffer when the next one came, at worst; None for fewer than two.
+        smallest_slack_ms: time that was left until the buffer would have been empty, at worst; negative
+            where it was.
         smallest_slack_at: frame of the set point that came then; None likewise.
         levels: how many set points found how many in the buffer.
         reported_underflows: frames of replies that said so (84201482).
@@ -362,7 +363,8 @@ class AxisMotion:
         largest_step: with its frame.
         largest_velocity: with its frame.
         largest_acceleration: with its frame.
-        difference: commanded less returned in the same call, without sign; None where no pose of this type came back.
+        difference: commanded less returned in the same call, without sign; None where no such pose came
+            back.
         largest_difference: with its frame.
         lag_cycles: set points by which the returned pose is behind, where they agree best; an estimate, None
             where the axis does not move enough for one.
@@ -515,8 +517,8 @@ class Stay:
         motion: where they led; None for a stay without set points.
         refused_list: set points that were refused, the first ones.
         forbidden_retry_list: frames of the first retries that the mode forbids.
-        other_calls: calls of any client to this controller from shortly before the beginning to shortly after the
-            end that are no set points, the last ones, in order of time.
+        other_calls: calls of any client to this controller that are no set points, from shortly before the
+            beginning to shortly after the end, the last ones, in order of time.
         slices: figures by time, where asked for.
         slices_left_off: slices beyond those in `slices`.
         samples: for plots.

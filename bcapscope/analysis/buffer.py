@@ -1,0 +1,223 @@
+"""A model of the controller's buffer: what it should have held whenever a set point came.
+
+The model is a prediction, not an observation. It takes for granted
+
+- that the controller takes one set point each period (8 ms) and begins with the first point, at once;
+- that a set point reaches it when the capture sees the request that was answered, of an unanswered one the
+  first. What the network takes on the way is left out; it is the same for all, or nearly;
+- that a point which was refused is not put into the buffer;
+- that its clock and that of the capture agree. They do not quite, so the buffer is set right by what is seen:
+  it never holds more than its slots, S_BUF_FULL says that it is full, and where replies wait for room, a set
+  point that finds it full is in when its reply comes.
+
+Where in its period the controller is when a point comes is not known. A single tick without a point may be
+that doubt alone and is counted apart, as one that may be; a point too many is predicted only where even a
+controller that takes points as early as it can has no room for it. Slots by mode and the period are in
+`bcapscope.protocol.slavemode`, with their sources.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bcapscope.analysis.stay import MOST_LISTED, Buffer, Starved
+from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
+from bcapscope.protocol.slavemode import PERIOD_MS, SlaveMode
+
+UNKNOWN_SLOTS = 3
+"""Of a mode that is not known: what most modes of present controllers have."""
+
+_NS_PER_MS = 1_000_000
+_PERIOD = PERIOD_MS * _NS_PER_MS
+
+
+@dataclass(frozen=True, slots=True)
+class BufferRules:
+    """How the buffer of a mode behaves, and what of it is only assumed."""
+
+    slots: int
+    overwrites: bool
+    paces: bool
+    assumptions: tuple[str, ...]
+
+    @classmethod
+    def of(cls, mode: SlaveMode | None, guessed: bool) -> BufferRules:
+        """Take the rules of a mode."""
+        common = (
+            f"the controller takes a set point each {PERIOD_MS} ms, the first one as it comes",
+            "set points arrive when the capture sees them",
+        )
+        if mode is None:
+            unknown = f"the mode is not known: {UNKNOWN_SLOTS} slots, replies that do not wait"
+            return cls(UNKNOWN_SLOTS, False, False, (unknown, *common))
+        doubt = ("the mode is read as on an RC8, since the generation is not known",) if guessed else ()
+        return cls(mode.slots, mode.overwrites, mode.paces, (*doubt, *common))
+
+
+class Arrivals(NamedTuple):
+    """Set points in the order in which they were sent, a row each.
+
+    Attributes:
+        times: when each came, nanoseconds.
+        replies: when each was answered, in nanoseconds; 0 where it was not.
+        codes: HRESULT of each, 0 where it was not answered.
+        frames: of the first request.
+        reply_frames: 0 where there is none.
+        moving: whether the one before was in motion; None where that is not known.
+    """
+
+    times: Sequence[int]
+    replies: Sequence[int]
+    codes: Sequence[int]
+    frames: Sequence[int]
+    reply_frames: Sequence[int]
+    moving: Sequence[bool | None]
+
+
+class BufferModel:
+    """Takes set points in order and predicts what the buffer held when each came."""
+
+    def __init__(self, rules: BufferRules) -> None:
+        self._rules = rules
+        self._full = rules.slots * _PERIOD
+        # Points too many show only once they are more than the doubt of the phase, a point before and behind;
+        # a point that replaces another is no matter of doubt.
+        self._most_excess = _PERIOD if rules.overwrites else 2 * _PERIOD
+        self._excess = 0  # what came beyond what the buffer holds, as time that it would last
+        self._empty_at = 0  # when the controller will find nothing, as things stand
+        self._begun = False
+        self._before = 0  # frame of the last set point of the rows before
+        self._starved: list[Starved] = []
+        self._starved_count = self._starved_moving = self._maybe_starved = 0
+        self._overflows: list[int] = []
+        self._overflow_count = 0
+        self._levels = [0] * (rules.slots + 1)
+        self._smallest: tuple[int, int] | None = None
+        self._underflow_frames: list[int] = []
+        self._refused_frames: list[int] = []
+        self._full_frames: list[int] = []
+
+    def add(self, rows: Arrivals) -> list[int]:
+        """Take in set points.
+
+        Returns:
+            For each, nanoseconds from its coming until the buffer would have been empty, negative where it
+            was; 0 for the very first.
+        """
+        if not rows.times:
+            return []
+        slacks: list[int] = []
+        keep, full, codes = slacks.append, self._full, rows.codes
+        replies = rows.replies if self._rules.paces else None
+        if not self._begun:
+            self._empty_at = rows.times[0]
+        empty_at = self._empty_at
+        for index, now in enumerate(rows.times):
+            slack = empty_at - now
+            keep(slack)
+            if slack <= 0:
+                empty_at = self._starve(rows, index, empty_at)
+            if codes[index]:
+                empty_at = self._heed(rows, index, empty_at)
+                continue
+            entered = now
+            if replies and slack > full - _PERIOD:  # it waits for room, and is in when its reply comes
+                entered = max(now, replies[index])
+            empty_at += _PERIOD
+            over = empty_at - entered - full
+            if over > 0:
+                empty_at -= over
+                self._excess += over
+                if self._excess > self._most_excess and not replies:
+                    self._overflow(rows.frames[index])
+        self._empty_at = empty_at
+        self._note(slacks, rows.frames)
+        return slacks
+
+    def _starve(self, rows: Arrivals, index: int, empty_at: int) -> int:
+        """Note that nothing was there at `empty_at`; return when nothing would be there next."""
+        late = rows.times[index] - empty_at
+        self._excess = 0
+        if not self._begun:
+            self._begun = True
+            return empty_at
+        missing = late // _PERIOD + 1
+        if missing == 1:
+            self._maybe_starved += 1
+        else:
+            moving = rows.moving[index]
+            self._starved_count += 1
+            self._starved_moving += moving is not False
+            if len(self._starved) < MOST_LISTED:
+                after = rows.frames[index - 1] if index else self._before
+                late_ms = late / _NS_PER_MS
+                self._starved.append(Starved(empty_at, after, rows.frames[index], missing, late_ms, moving))
+        return empty_at + missing * _PERIOD
+
+    def _heed(self, rows: Arrivals, index: int, empty_at: int) -> int:
+        """Take what the controller says about its buffer; return when it will be empty."""
+        code, reply = rows.codes[index], rows.reply_frames[index]
+        if code == S_BUF_FULL:
+            _list(self._full_frames, reply)
+            self._excess = 0
+            return rows.times[index] + self._full
+        if code == E_SLAVE_OVERFLOW:
+            _list(self._refused_frames, reply)
+            self._excess = 0
+        elif code == E_SLAVE_UNDERFLOW:
+            _list(self._underflow_frames, reply)
+        return empty_at if is_failure(code) else empty_at + _PERIOD
+
+    def _overflow(self, frame: int) -> None:
+        self._excess -= _PERIOD
+        self._overflow_count += 1
+        _list(self._overflows, frame)
+
+    def _note(self, slacks: list[int], frames: Sequence[int]) -> None:
+        """Keep the levels and the smallest slack, but for the first set point of all."""
+        first = 0 if self._before else 1
+        found = np.array(slacks[first:], np.int64)
+        self._before = frames[-1]
+        if not len(found):
+            return
+        levels = np.clip((found + (_PERIOD - 1)) // _PERIOD, 0, self._rules.slots)
+        for level, count in enumerate(np.bincount(levels, minlength=self._rules.slots + 1).tolist()):
+            self._levels[level] += count
+        least = int(found.argmin())
+        if self._smallest is None or int(found[least]) < self._smallest[0]:
+            self._smallest = int(found[least]), frames[first + least]
+
+    def facts(self) -> Buffer:
+        """Tell what was predicted and reported so far."""
+        rules, smallest = self._rules, self._smallest
+        levels = {level: count for level, count in enumerate(self._levels) if count}
+        return Buffer(
+            slots=rules.slots,
+            period_ms=PERIOD_MS,
+            overwrites=rules.overwrites,
+            paces=rules.paces,
+            assumptions=rules.assumptions,
+            starved=self._starved_count,
+            starved_moving=self._starved_moving,
+            starved_list=tuple(self._starved),
+            maybe_starved=self._maybe_starved,
+            overflows=0 if rules.overwrites else self._overflow_count,
+            overflow_list=() if rules.overwrites else tuple(self._overflows),
+            overwritten=self._overflow_count if rules.overwrites else 0,
+            smallest_level=min(levels) if levels else None,
+            smallest_slack_ms=smallest[0] / _NS_PER_MS if smallest else None,
+            smallest_slack_at=smallest[1] if smallest else None,
+            levels=levels,
+            reported_underflows=tuple(self._underflow_frames),
+            reported_overflows=tuple(self._refused_frames),
+            reported_full=tuple(self._full_frames),
+        )
+
+
+def _list(frames: list[int], frame: int) -> None:
+    if len(frames) < MOST_LISTED:
+        frames.append(frame)
