@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator
+from itertools import chain, starmap
 
 import click
 
 from bcapscope.cli import options
 from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.reading import Reading
-from bcapscope.render.call import CallRenderer, counted
+from bcapscope.render.call import CallRenderer, counted, session_text
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.moment import Clock
-from bcapscope.traffic.exchange import Exchange, Settled, Stray
+from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.traffic.handles import Handles, Thing
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
+
+_MOST_SESSIONS_TOLD = 8
 
 
 @click.command(short_help="Pair requests, retries and replies: a line a call.")
@@ -52,20 +56,17 @@ def command(
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
     reading = Reading(paths, ports, interface)
-    strays = _Strays()
-    settled = settle(reading.observations())
-    calls = strays.apart(settled, wanted)
+    calls = _Calls(settle(reading.observations()), wanted)
     if as_json:
-        reading.output.write_lines(map(CallRecordRenderer().record, calls), reading.pause)
+        lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.exchanges())
     else:
         renderer = CallRenderer(Clock(clock), palette(color))
-        shown = settled if wanted is None else calls
-        lines = (
-            (line for call in shown for line in renderer.tree(call)) if tree else map(renderer.line, shown)
-        )
-        reading.output.write_lines(lines, reading.pause)
+        lines = starmap(renderer.line, calls.all())
+        if tree:
+            lines = chain.from_iterable(starmap(renderer.tree, calls.all()))
+    reading.output.write_lines(lines, reading.pause)
     reading.summary()
-    strays.summary()
+    calls.summary()
     sys.exit(reading.exit)
 
 
@@ -78,23 +79,43 @@ def settle(observations: Iterable[Observation]) -> Iterator[Settled]:
     yield from tracker.close()
 
 
-class _Strays:
-    """Counts what belongs to no call, since JSON has no place for it."""
+class _Calls:
+    """What settled, with the objects that handles stand for, and what is to be said at the end."""
 
-    def __init__(self) -> None:
-        self._count = 0
-        self._first = 0
+    def __init__(self, settled: Iterable[Settled], wanted: Filter | None) -> None:
+        self._settled = settled
+        self._wanted = None if wanted is None else wanted.bind(CALL_GETTERS)
+        self._handles = Handles()
+        self._strays = 0
+        self._first_stray = 0
 
-    def apart(self, settled: Iterable[Settled], wanted: Filter | None) -> Iterator[Exchange]:
-        test = None if wanted is None else wanted.bind(CALL_GETTERS)
-        for item in settled:
-            if isinstance(item, Stray):
-                self._count += 1
-                self._first = self._first or item.seen.number
-            elif test is None or test(item):
-                yield item
+    def all(self) -> Iterator[tuple[Settled, Thing | None]]:
+        """Yield the calls that are wanted, and what belongs to no call unless something else is wanted."""
+        wanted = self._wanted
+        for item in self._settled:
+            if isinstance(item, Exchange):
+                subject = self._handles.follow(item)
+                if wanted is None or wanted(item):
+                    yield item, subject
+            else:
+                self._strays += 1
+                self._first_stray = self._first_stray or item.seen.number
+                if wanted is None:
+                    yield item, None
+
+    def exchanges(self) -> Iterator[tuple[Exchange, Thing | None]]:
+        """Yield the calls that are wanted; for what belongs to none, JSON has no place."""
+        for item, subject in self.all():
+            if isinstance(item, Exchange):
+                yield item, subject
 
     def summary(self) -> None:
-        if self._count:
-            count = counted(self._count, "reply", "replies")
-            narrate(f"{count} to no open call, the first in frame {self._first}")
+        """Tell on stderr what belongs to no call, and which sessions left something behind."""
+        if self._strays:
+            count = counted(self._strays, "reply", "replies")
+            narrate(f"{count} to no open call, the first in frame {self._first_stray}")
+        unclean = [session for session in self._handles.sessions() if not session.is_clean]
+        for session in unclean[:_MOST_SESSIONS_TOLD]:
+            narrate(session_text(session))
+        if len(unclean) > _MOST_SESSIONS_TOLD:
+            narrate(f"… and {len(unclean) - _MOST_SESSIONS_TOLD} more sessions that were not ended in order")

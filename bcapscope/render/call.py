@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.protocol.functions import function_name
+from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
-from bcapscope.render.escape import printable
+from bcapscope.render.escape import printable, quoted
 from bcapscope.render.moment import Clock, time_writer
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.phrase import LONGEST_STRING
 from bcapscope.traffic.exchange import Event, Exchange, Role, Stray
+from bcapscope.traffic.handles import Ending, Session, Thing, name_asked
 from bcapscope.traffic.observation import Direction
 from bcapscope.traffic.question import Question
 from bcapscope.traffic.verdict import Outcome, Verdict
 
 _MILLISECOND = 1_000_000
 _PLAIN_VERDICTS = frozenset({Verdict.ANSWERED, Verdict.REFUSED, Verdict.UNANSWERED, Verdict.CAPTURE_ENDED})
+_MOST_NAMED = 6
 _BRACKETS = {True: "└─", False: "├─"}
 
 
@@ -27,8 +29,13 @@ class CallRenderer:
         self._time = time_writer(clock)
         self._palette = palette
 
-    def line(self, call: Exchange | Stray) -> str:
-        """Write one line: number, start, ends, function and command, how it ended and when, frames."""
+    def line(self, call: Exchange | Stray, subject: Thing | None = None) -> str:
+        """Write one line: number, start, ends, function and command, how it ended and when, frames.
+
+        Args:
+            call: the call, or a reply that belongs to none.
+            subject: the object that it was asked of, where that is known.
+        """
         if isinstance(call, Stray):
             return self._stray(call)
         color = self._palette
@@ -36,15 +43,15 @@ class CallRenderer:
         ends = f"{request.flow.src_text} > {request.flow.dst_text} {request.flow.conversation.transport}"
         text = (
             f"{call.call:>6} {self._time(request.time)} {color.dim}{printable(ends)}{color.reset}"
-            f"  {self._asked(call.question)}  {self._ending(call)}"
+            f"  {self._asked(call.question)}{_subject(call, subject)}  {self._ending(call)}"
         )
         if call.latency is not None:
             text += f"  {color.number}{milliseconds(call.latency)} ms{color.reset}"
         return f"{text}{self._troubles(call)}  {color.dim}{frames_text(call)}{color.reset}"
 
-    def tree(self, call: Exchange | Stray) -> Iterator[str]:
+    def tree(self, call: Exchange | Stray, subject: Thing | None = None) -> Iterator[str]:
         """Write the line of a call and under it every frame, with the time since the frame before."""
-        yield self.line(call)
+        yield self.line(call, subject)
         if isinstance(call, Stray):
             return
         events = call.events
@@ -96,7 +103,7 @@ class CallRenderer:
         if call.verdict not in _PLAIN_VERDICTS:
             parts.append(str(call.verdict))
         if call.notices:
-            parts.append(counted(len(call.notices), "S_EXECUTING"))
+            parts.append(f"{len(call.notices)} S_EXECUTING")
         if call.duplicates:
             parts.append(counted(len(call.duplicates), "duplicate"))
         if not call.origin_seen:
@@ -115,6 +122,32 @@ class CallRenderer:
             f"  {color.problem}reply with serial {seen.item.serial} {whose}{color.reset}"
             f"  {self._result(seen.item.code)}  {color.dim}frame {seen.number}{color.reset}"
         )
+
+
+def session_text(session: Session) -> str:
+    """Say how a session ended and what it left behind."""
+    conversation = session.conversation
+    ending = {Ending.STOPPED: "ended by Service_Stop", Ending.RESTARTED: "begun anew without Service_Stop"}
+    text = (
+        f"{conversation.client} > {conversation.server}: {ending.get(session.ending, 'no Service_Stop seen')}"
+    )
+    if not session.left:
+        return text
+    names = [f"{thing.kind} {printable(thing.name) or thing.handle}" for thing in session.left[:_MOST_NAMED]]
+    more = len(session.left) - len(names)
+    return f"{text}; not released: {', '.join(names)}{f' and {more} more' if more else ''}"
+
+
+def _subject(call: Exchange, subject: Thing | None) -> str:
+    """Name the object that a call was asked of, or the one that it asks for."""
+    function = FUNCTIONS.get(call.question.function_id)
+    text = ""
+    if subject is not None and function is not None:
+        name = f" ({printable(subject.name[:LONGEST_STRING])})" if subject.name else ""
+        text = f" {function.params[0].name}={subject.handle}{name}"
+    if function is not None and function.creates not in (None, ObjectClass.SERVICE):
+        text += f" {quoted(name_asked(call, function)[:LONGEST_STRING])}"
+    return text
 
 
 def milliseconds(nanoseconds: int) -> str:

@@ -9,6 +9,7 @@ from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.render.moment import epoch_text
 from bcapscope.render.record import json_text
 from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.handles import Thing
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.question import Question
 from bcapscope.traffic.verdict import Outcome, Verdict
@@ -18,7 +19,7 @@ MOST_TEXTS = 4096
 
 _MILLISECOND = 1_000_000
 _OBJECT = (
-    b'{"call":%d,%b"started":%b,"requests":%b,"serials":%b,"retries":%d,"replies":%b,"late_replies":%b,'
+    b'{"call":%d,%b"object":%b,"started":%b,"requests":%b,"serials":%b,"retries":%d,"replies":%b,"late_replies":%b,'
     b'"executing":%d,"duplicates":%b,"outcome":"%b",%b,"latency_ms":%b,"rtt_ms":%b,"convention":"%b",'
     b'"verdict":"%b"}'
 )
@@ -33,8 +34,8 @@ class CallRecordRenderer:
         self._heads: dict[tuple[Conversation, Question], bytes] = {}
         self._results: dict[int | None, bytes] = {}
 
-    def record(self, call: Exchange) -> bytes:
-        """Write one object, without a line end.
+    def record(self, call: Exchange, subject: Thing | None = None) -> bytes:
+        """Write one object, without a line end; `object` is the name of `subject`, of which it was asked.
 
         `started` is in seconds since 1970, `latency_ms` runs from the first request to the accepted reply,
         `rtt_ms` from the request that it answers; lists hold frame numbers but for `serials`.
@@ -60,6 +61,7 @@ class CallRecordRenderer:
         return _OBJECT % (
             call.call,
             head,
+            b"null" if subject is None else json_text(subject.label),
             started,
             requests,
             serials,

@@ -117,7 +117,7 @@ class Handles:
                 self._start(client, exchange.call)
         elif function.creates is not None:
             parent = "" if target is None else target.label
-            client.create(exchange, function.creates, _name_asked(exchange, function), parent)
+            client.create(exchange, function.creates, name_asked(exchange, function), parent)
         elif function.releases is not None and _succeeded(exchange):
             self._release(client, exchange.call, function.releases, target)
         return target
@@ -215,7 +215,7 @@ def _first_number(frame: Frame) -> int | None:
     return value if isinstance(value, int) and vt in _HANDLE_TYPES else None
 
 
-def _name_asked(exchange: Exchange, function: Function) -> str:
+def name_asked(exchange: Exchange, function: Function) -> str:
     index = next((index for index, param in enumerate(function.params) if param.name == "bstrName"), None)
     arguments = exchange.request.item.arguments
     if index is None or index >= len(arguments):

@@ -26,6 +26,7 @@ def test_the_retry_story_is_one_call() -> None:
         "transport": "udp",
         "client": "192.168.0.10:50001",
         "server": "192.168.0.1:5007",
+        "object": None,
         "started": 1700000000.0,
         "requests": [1, 2, 3, 4],
         "serials": [1232, 1233, 1234, 1235],
