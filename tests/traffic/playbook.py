@@ -39,6 +39,12 @@ def execute(command: str, handle: int = 1) -> tuple[int, tuple[Variant, ...]]:
     return EXECUTE, (i4(handle), text(command), i4(0))
 
 
+POSE = r8s(1.0, 2.0)
+MOVE = slv_move(1.0, 2.0)
+OTHER = slv_move(3.0, 4.0)
+START_SERVICE = (SERVICE_START, (text(""),))
+
+
 class Script:
     """Observations in the order in which they were seen, numbered from 1."""
 
@@ -117,3 +123,19 @@ def summaries(settled: Iterable[Settled]) -> list[str]:
         else f"stray {item.seen.number} of {item.call}"
         for item in settled
     ]
+
+
+def play(script: Script, lines: list[tuple[object, ...]], transport: Transport = Transport.UDP) -> None:
+    """Write the lines down: (ms, serial, reserved, question), or (ms, -serial, code, *results) for a reply.
+
+    A reply to serial 0 is written as -0.5.
+    """
+    client = script.client(transport=transport)
+    for ms, serial, *rest in lines:
+        assert isinstance(ms, int | float)
+        assert isinstance(serial, int | float)
+        if serial >= 0:
+            client.ask(ms, int(serial), *rest)  # type: ignore[arg-type]  # a table of literals
+        else:
+            code, *results = rest or (0,)
+            client.reply(ms, int(-serial), 0, code, *results)  # type: ignore[arg-type]  # likewise

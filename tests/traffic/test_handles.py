@@ -276,9 +276,13 @@ def test_sessions_are_bounded() -> None:
 
 def test_clients_are_bounded_and_the_silent_one_is_told_first() -> None:
     script = Script()
-    for port in range(MOST_CONVERSATIONS + 2):
+    Person(script, 0).call(SERVICE_STOP)
+    for port in range(1, MOST_CONVERSATIONS + 3):
         person = Person(script, port)
         person.ms = 100.0 * port
         person.call(CONNECT, text(f"{port}"), gives=1)
-    _, sessions = follow(script)
-    assert [left(session) for session in sessions] == [[f"{port}"] for port in range(MOST_CONVERSATIONS + 2)]
+    _, (stopped, *sessions) = follow(script)
+    assert stopped.is_clean
+    assert [left(session) for session in sessions] == [
+        [f"{port}"] for port in range(1, MOST_CONVERSATIONS + 3)
+    ]
