@@ -69,7 +69,8 @@ def fields(
 ) -> tuple[Field, ...]:
     """Take a frame apart, from SOH to EOT; the offsets are those of `Frame.body`.
 
-    Any frame, however damaged: the leaves cover every byte once. A missing EOT is a field without bytes.
+    Any frame, however damaged: the leaves cover every byte once. A missing EOT is a field without bytes, a
+    damaged one has the byte that stands in its place.
     What a compressed frame looks like on the wire is in `envelope`, with the problems that belong there.
 
     Args:
@@ -196,7 +197,9 @@ class _Walk:
     def _tail(self, start: int) -> Iterator[Field]:
         body = self.body
         size = len(body)
-        end = size - 1 if size > HEADER_SIZE and body[-1] == EOT else size
+        # A last byte that is none is taken for a damaged EOT where the length says that the frame ends there.
+        has_eot = body[-1] == EOT or int.from_bytes(body[1:5], "little") == size
+        end = size - 1 if size > HEADER_SIZE and has_eot else size
         if start < end:
             name = {Framing.SERIAL_LINE: "CRC", Framing.VERSION_1: "mode byte"}.get(self._frame.framing)
             yield (

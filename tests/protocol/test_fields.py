@@ -205,6 +205,12 @@ def test_problems_stand_at_the_field_they_belong_to(raw: bytes, name: str) -> No
     assert name in {each.name for each in leaves(found) if each.problems}
 
 
+def test_damaged_eot_is_a_field_of_one_byte() -> None:
+    last = fields(Frame(encode(5, 0, 64)[:-1] + b"\x05"), is_request=True)[-1]
+    assert (last.name, last.start, last.stop) == ("EOT", 15, 16)
+    assert [problem.code for problem in last.problems] == ["eot"]
+
+
 def array_of_many_with_two() -> bytes:
     argument = struct.pack("<IHIdd", 22, ARRAY | VT.R8, 1000, 1.0, 2.0)
     return struct.pack("<BIHHIH", 1, 16 + 2 * len(argument), 5, 0, 200, 2) + 2 * argument + b"\x04"
