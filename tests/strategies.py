@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from functools import cache
 from typing import NamedTuple
 
 from hypothesis import strategies as st
@@ -44,6 +45,7 @@ def numbers(vt: int) -> st.SearchStrategy[Value]:
     return st.floats(width=32 if vt == VT.R4 else 64)
 
 
+@cache
 def scalars() -> st.SearchStrategy[Variant]:
     """Draw a VARIANT that is no array."""
     plain = [st.builds(Variant, st.just(int(vt)), numbers(vt), st.just(1)) for vt in NUMBER_FORMATS]
@@ -58,6 +60,7 @@ def _array(vt: int, size: int) -> st.SearchStrategy[Variant]:
     return st.lists(items, max_size=size).map(lambda values: Variant.array(vt, tuple(values)))
 
 
+@cache
 def arrays(size: int = 3) -> st.SearchStrategy[Variant]:
     """Draw an array of any element type but VARIANT."""
     return st.one_of(*(_array(vt, size) for vt in (*NUMBER_FORMATS, VT.BSTR)))
@@ -67,11 +70,17 @@ def _nest(inner: st.SearchStrategy[Variant]) -> st.SearchStrategy[Variant]:
     return st.lists(inner, max_size=3).map(lambda values: Variant.array(VT.VARIANT, tuple(values)))
 
 
+@cache
 def variants() -> st.SearchStrategy[Variant]:
     """Draw any VARIANT, VARIANT arrays up to three deep."""
     leaf = scalars() | arrays()
     shallow = leaf | _nest(leaf)
     return leaf | _nest(leaf) | _nest(shallow | _nest(shallow))
+
+
+@cache
+def _argument_lists() -> st.SearchStrategy[list[Variant]]:
+    return st.lists(variants(), max_size=3)
 
 
 class Plan(NamedTuple):
@@ -91,12 +100,27 @@ def plans(draw: st.DrawFn) -> Plan:
     version_1 = framing in (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
     reserved = 1 if version_1 else draw(st.sampled_from([0, 1, 65535]))
     code = draw(st.integers(0, 140) | st.integers(0, 2**32 - 1))
-    return Plan(draw(st.integers(0, 65535)), reserved, code, draw(st.lists(variants(), max_size=3)), framing)
+    return Plan(draw(st.integers(0, 65535)), reserved, code, draw(_argument_lists()), framing)
 
 
+@cache
 def frames() -> st.SearchStrategy[bytes]:
     """Draw the bytes of a sound frame."""
     return st.sampled_from([pair.data for pair in FRAMES]) | plans().map(lambda plan: encode(*plan))
+
+
+_SPLINTERS = st.binary(max_size=4) | st.sampled_from(
+    [
+        b"\x00",
+        b"\x01",
+        b"\x04",
+        b"\xff\xff\xff\xff",
+        b"\x11\x20",
+        b"\x0c\x20",
+        b"\x06\x00\x00\x00",
+        b"\x80",
+    ]
+)
 
 
 @st.composite
@@ -106,22 +130,11 @@ def mutated_frames(draw: st.DrawFn) -> bytes:
     for _ in range(draw(st.integers(1, 4))):
         spot = draw(st.integers(0, len(data)))
         dropped = draw(st.sampled_from([0, 1, 1, 1, 2, 4]))
-        data[spot : spot + dropped] = draw(st.sampled_from(_SPLINTERS) | st.binary(max_size=4))
+        data[spot : spot + dropped] = draw(_SPLINTERS)
     return bytes(data)
 
 
-_SPLINTERS = (
-    b"\x00",
-    b"\x01",
-    b"\x04",
-    b"\xff\xff\xff\xff",
-    b"\x11\x20",
-    b"\x0c\x20",
-    b"\x06\x00\x00\x00",
-    b"\x80",
-)
-
-
+@cache
 def garbage() -> st.SearchStrategy[bytes]:
     """Draw bytes of no frame, rich in what frames begin with."""
     bait = st.sampled_from(

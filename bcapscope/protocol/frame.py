@@ -178,9 +178,8 @@ class Frame:
         return inner
 
     def _content(self) -> Content:
-        if not isinstance(self._inner, Content):
-            self._inner = Content(self.raw)
-        return self._inner
+        self._inner = content = Content(self.raw)
+        return content
 
 
 def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:

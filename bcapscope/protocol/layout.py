@@ -183,9 +183,8 @@ def numbers_of(variant: Variant) -> Iterator[int | float | bytes]:
     if not isinstance(value, tuple):
         yield value  # type: ignore[misc]  # numbers_taken counts numbers and bytes only
     elif variant.vt == ARRAY | VT.VARIANT:
-        for item in value:
-            if isinstance(item, Variant):
-                yield from numbers_of(item)
+        for item in (item for item in value if isinstance(item, Variant)):
+            yield from numbers_of(item)
     else:
         yield from value  # type: ignore[misc]  # the same
 

@@ -166,6 +166,15 @@ def test_a_compressed_frame_has_its_code_at_once_and_spans_in_what_it_unpacks_to
     assert frame.layout is None
 
 
+def test_a_layout_is_known_before_anything_else_is_asked() -> None:
+    first, second = Frame(encode(1, 0, 65, [Variant(VT.I8, 1)])), Frame(encode(2, 0, 65, [Variant(VT.I8, 2)]))
+    found = [frame.layout for frame in (first, second)]
+    assert found[0] is not None
+    assert found[1] is not None
+    assert found[0][0] is found[1][0]
+    assert (found[0][1], found[1][1]) == ((1,), (2,))
+
+
 def test_a_plain_frame_is_its_own_body() -> None:
     for pair in FRAMES[:-1]:
         assert Frame(pair.data).body == pair.data
