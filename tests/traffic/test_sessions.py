@@ -5,12 +5,13 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame
 from bcapscope.traffic.convention import Convention
 from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.lane import PATIENCE_NS
+from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.tracker import Tracker
-from tests.traffic.playbook import calls_of, strays_of, summary
+from bcapscope.traffic.verdict import Verdict
+from tests.traffic.playbook import MS, Script, calls_of, i4, strays_of, summary
 from tests.traffic.sessions import Capture, Profile, Record, Session
 
 PROFILES = st.builds(
@@ -188,6 +189,46 @@ def test_between_the_ends_nothing_is_lost_and_nothing_mixed_up(profile: Profile,
     assert sorted(map(sorted, found)) == sorted(map(sorted, known))
 
 
-def test_observations_hold_frames() -> None:
-    session = Session(Profile(), 3, 0)
-    assert all(isinstance(seen.item, Frame) for seen in Capture([(Profile(), session.records)]).observations)
+STEPS = st.lists(
+    st.tuples(
+        st.integers(0, 1),  # which client
+        st.booleans(),  # a request?
+        st.sampled_from([0, 1, 2, 3, 65535]),
+        st.sampled_from([0, 1, 2, 3, 65535]),
+        st.sampled_from([0, 1, 7, 64, 0x900, 0x809100AA]),
+        st.sampled_from([-(10**9), 0, 10**4, 10**6, 3 * 10**6, 2 * 10**8, 10**10, 2 * 10**11]),
+    ),
+    max_size=40,
+)
+
+
+@given(STEPS, st.sampled_from(Transport), st.booleans())
+def test_any_frames_at_any_time_are_each_in_one_place(
+    steps: list[tuple[int, bool, int, int, int, int]], transport: Transport, expires: bool
+) -> None:
+    script = Script()
+    clients = [script.client(1), script.client(2, transport)]
+    tracker, settled, ms = Tracker(), list[Settled](), 0.0
+    for index, is_request, serial, reserved, code, gap in steps:
+        ms += gap / MS
+        client = clients[index]
+        if is_request:
+            settled += tracker.observe(client.ask(ms, serial, reserved, (code, (i4(serial % 3),))))
+        else:
+            settled += tracker.observe(client.reply(ms, serial, reserved, code, i4(serial)))
+        if expires:
+            settled += tracker.expire(script.seen[-1].time)
+    settled += tracker.close()
+    assert tracker.open == []
+    calls = calls_of(settled)
+    frames = [event.seen.number for call in calls for event in call.events]
+    frames += [stray.seen.number for stray in strays_of(settled)]
+    assert sorted(frames) == [seen.number for seen in script.seen]
+    assert sorted(call.call for call in calls) == list(range(1, len(calls) + 1))
+    for client in clients:
+        numbers = [call.call for call in calls if call.conversation is client.conversation]
+        assert numbers == sorted(numbers)
+    for call in calls:
+        assert (call.reply is not None) == (call.outcome in ("answered", "refused"))
+        assert (call.latency is None) == (call.rtt is None) == (call.reply is None)
+        assert call.verdict in Verdict
