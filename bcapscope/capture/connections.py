@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Collection
 
+from bcapscope.capture.counts import Counts
 from bcapscope.capture.sides import begins_frame, server_by_port
 from bcapscope.capture.talk import Sighting, Talk, endpoints, reverse
 from bcapscope.capture.tcp import SYN, Connection, Segment
@@ -21,20 +22,23 @@ class _Call:
     There is one key only where a forged packet has the same source and destination.
     """
 
-    __slots__ = ("connection", "ends", "keys", "talk")
+    __slots__ = ("connection", "doubtful", "ends", "keys", "talk")
 
     def __init__(self, key: bytes) -> None:
         self.keys = (key, reverse(key)) if key != reverse(key) else (key,)
         self.ends = endpoints(key)
         self.connection = Connection()
         self.talk: Talk | None = None
+        self.doubtful = 0  # segments taken in before it was sure that they are b-CAP
 
 
 class Connections:
     """All TCP conversations of a capture."""
 
-    def __init__(self, ports: Collection[int]) -> None:
+    def __init__(self, ports: Collection[int], counts: Counts) -> None:
+        """Take the ports on which servers listen, and where to count what is something else."""
         self._ports = ports
+        self._counts = counts
         self._calls: OrderedDict[bytes, tuple[_Call, int]] = OrderedDict()
         self._contradictions = 0
 
@@ -44,19 +48,14 @@ class Connections:
         open_calls = (call.connection.contradictions for call, sender in self._calls.values() if sender == 0)
         return self._contradictions + sum(open_calls)
 
-    def receive(
-        self, key: bytes, segment: Segment, time: int, packet: int
-    ) -> list[tuple[Flow, Sighting]] | None:
-        """Take a segment in.
+    def receive(self, key: bytes, segment: Segment, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
+        """Take a segment in and return what is known to have been said by now.
 
         Args:
             key: source and destination address, source and destination port.
             segment: the rest of it.
             time: when it was captured, in nanoseconds.
             packet: its number.
-
-        Returns:
-            What is known to have been said by now, or None if it holds something else than b-CAP.
         """
         found: list[tuple[Flow, Sighting]] = []
         known = self._calls.get(key)
@@ -72,8 +71,7 @@ class Connections:
         call, sender = known
         for each in call.keys:
             self._calls.move_to_end(each)
-        said = self._listen(call, sender, segment, time, packet)
-        return found or None if said is None else found + said
+        return found + self._listen(call, sender, segment, time, packet)
 
     def close(self, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
         """End the capture: give out what was held back and what was begun."""
@@ -97,31 +95,39 @@ class Connections:
 
     def _listen(
         self, call: _Call, sender: int, segment: Segment, time: int, packet: int
-    ) -> list[tuple[Flow, Sighting]] | None:
+    ) -> list[tuple[Flow, Sighting]]:
         if call.talk is None and segment.data:
             call.talk = _recognise(call, sender, segment)
             if call.talk is None:
                 call.connection = Connection()
-                return None
+                self._counts.not_bcap += 1
+                return []
         said = call.connection.receive(sender, segment, time, packet)
         if call.talk is None:
             return []
+        call.doubtful += call.talk.tentative and bool(segment.data)
         if call.talk.flows is None and call.connection.server is not None:
             call.talk.decide(call.connection.server, "the TCP handshake: this end accepted the connection")
-        for each, sighting in said:
-            if not call.talk.hear(each, sighting):
-                call.talk, call.connection = None, Connection()
-                return None
+        if not all(call.talk.hear(each, sighting) for each, sighting in said):
+            self._reject(call)
+            return []
         return call.talk.release()
 
+    def _reject(self, call: _Call) -> None:
+        """Go back to not knowing what this is."""
+        self._counts.not_bcap += call.doubtful
+        call.talk, call.connection, call.doubtful = None, Connection(), 0
+
     def _end(self, call: _Call, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
-        for key in call.keys:
+        for key in set(call.keys):  # one and the same in a forged packet from an end to itself
             del self._calls[key]
         self._contradictions += call.connection.contradictions
         if call.talk is None:
             return []
-        for sender, sighting in call.connection.close(time, packet):
-            call.talk.hear(sender, sighting)
+        said = call.connection.close(time, packet)
+        if not all(call.talk.hear(sender, sighting) for sender, sighting in said):
+            self._reject(call)
+            return []
         call.talk.guess()
         return call.talk.release()
 

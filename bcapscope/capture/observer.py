@@ -43,8 +43,8 @@ class Observer:
         """Take the ports on which servers listen; other conversations are told by what is said in them."""
         self.counts = Counts()
         self._conversations: dict[Conversation, None] = {}
-        self._datagrams = Datagrams(ports)
-        self._connections = Connections(ports)
+        self._datagrams = Datagrams(ports, self.counts)
+        self._connections = Connections(ports, self.counts)
         self._fragments = Fragments()
 
     @property
@@ -152,22 +152,14 @@ class Observer:
             return []
         segment = ip.payload[:size]
         note = _why_short(len(segment), size, cut) if len(segment) < size else None
-        found = self._datagrams.receive(ip.addresses, segment, sighting, note)
-        if found is None:
-            self.counts.not_bcap += 1
-            return []
-        return found
+        return self._datagrams.receive(ip.addresses, segment, sighting, note)
 
     def _take_tcp(self, ip: IPPacket, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
         segment = read_segment(ip.payload, ip.missing)
         if segment is None:
             self.counts.broken += 1
             return []
-        found = self._connections.receive(ip.addresses + ip.payload[:4], segment, time, packet)
-        if found is None:
-            self.counts.not_bcap += 1
-            return []
-        return found
+        return self._connections.receive(ip.addresses + ip.payload[:4], segment, time, packet)
 
     def _finish(self, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
         """Let go of all that was held back, since nothing more comes."""

@@ -50,9 +50,10 @@ class Talk:
 
     Attributes:
         flows: by sender, 0 or 1; None until it is known which end is the server.
+        tentative: whether this may still turn out not to be b-CAP.
     """
 
-    __slots__ = ("_ends", "_held", "_tentative", "_transport", "flows")
+    __slots__ = ("_ends", "_held", "_transport", "flows", "tentative")
 
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, tentative: bool = False
@@ -60,7 +61,7 @@ class Talk:
         """Begin a talk; a tentative one may turn out not to be b-CAP until it shows a sound frame."""
         self._ends = ends
         self._transport = transport
-        self._tentative = tentative
+        self.tentative = tentative
         self._held: list[tuple[int, Sighting]] = []
         self.flows: tuple[Flow, Flow] | None = None
 
@@ -82,10 +83,10 @@ class Talk:
         Returns:
             False if this turns out to be no b-CAP at all.
         """
-        if self._tentative:
+        if self.tentative:
             if isinstance(sighting.item, Malformed) or sighting.item.problems:
                 return False
-            self._tentative = False
+            self.tentative = False
         self._held.append((sender, sighting))
         if self.flows is None:
             self._weigh(sender, sighting.item)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from bcapscope.capture.counts import Counts
 from bcapscope.capture.sides import is_datagram, server_by_port
 from bcapscope.capture.talk import Sighting, Talk, endpoints, reverse
 from bcapscope.protocol.frame import Frame, Malformed, Problem, parse_datagram
@@ -25,24 +26,23 @@ class Datagrams:
             and destination port. Only what is b-CAP, and of which the server is known.
     """
 
-    def __init__(self, ports: Collection[int]) -> None:
+    def __init__(self, ports: Collection[int], counts: Counts) -> None:
+        """Take the ports on which servers listen, and where to count what is something else."""
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
+        self._counts = counts
         self._talks: dict[bytes, tuple[Talk, int]] = {}
 
     def receive(
         self, addresses: bytes, segment: bytes, sighting: Sighting, note: Problem | None
-    ) -> list[tuple[Flow, Sighting]] | None:
-        """Take a datagram in.
+    ) -> list[tuple[Flow, Sighting]]:
+        """Take a datagram in and return what is known to have been said by now.
 
         Args:
             addresses: source and destination.
             segment: the datagram with its header of 8 bytes.
             sighting: when it was seen; its item is not looked at.
             note: why the datagram is not whole, if it is not.
-
-        Returns:
-            What is known to have been said by now, or None if this is no b-CAP.
         """
         key = addresses + segment[:4]
         payload = segment[8:]
@@ -55,7 +55,8 @@ class Datagrams:
         if known is None:
             talk = self._begin(key, payload)
             if talk is None:
-                return None
+                self._counts.not_bcap += 1
+                return []
             known = talk, 0
             found = self._make_room()
             self._talks[key] = known
@@ -87,9 +88,9 @@ class Datagrams:
             other = reverse(key)
             for each in {key, other}:  # the same where a forged packet goes to its own sender
                 del self._talks[each]
-            if len(self.flows) >= FLOWS_LIMIT:
-                del self.flows[next(iter(self.flows))]
             self.flows[key], self.flows[other] = talk.flows[sender], talk.flows[1 - sender]
+            while len(self.flows) > FLOWS_LIMIT:
+                del self.flows[next(iter(self.flows))]
         return talk.release()
 
     def _make_room(self) -> list[tuple[Flow, Sighting]]:

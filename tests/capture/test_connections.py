@@ -1,0 +1,82 @@
+"""TCP conversations: bounds, and forged packets."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.capture import connections
+from bcapscope.capture.connections import Connections
+from bcapscope.capture.counts import Counts
+from bcapscope.capture.talk import Sighting
+from bcapscope.capture.tcp import ACK, FIN, SYN, Segment
+from bcapscope.protocol.frame import encode
+from bcapscope.traffic.observation import Flow
+from tests.capture.packets import CLIENT, SERVER, reply, request
+
+DOUBTFUL = encode(1, 0, 1)
+
+
+def receive(
+    calls: Connections, data: bytes, sport: int, dport: int = 5007, *, flags: int = ACK, seq: int = 1
+) -> list[tuple[Flow, Sighting]]:
+    key = CLIENT + SERVER + sport.to_bytes(2) + dport.to_bytes(2)
+    return calls.receive(key, Segment(flags, seq, 0, data, 0), sport, sport)
+
+
+def test_the_connection_that_was_silent_longest_is_ended_beyond_the_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connections, "CONNECTIONS_LIMIT", 3)
+    calls = Connections({5007}, Counts())
+    frame = request(1)
+    for port in (1, 2, 3):
+        assert receive(calls, frame[:9], port) == []
+    assert len(receive(calls, frame[9:], 1, seq=10)) == 1
+    ((flow, sighting),) = receive(calls, frame, 4)[:1]
+    assert flow.src.port == 2
+    assert sighting.item.raw == frame[:9]
+    assert [flow.src.port for flow, _ in calls.close(0, 0)] == [3]
+
+
+def test_a_flood_of_handshakes_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "CONNECTIONS_LIMIT", 3)
+    calls = Connections({5007}, Counts())
+    for port in range(1, 1000):
+        assert receive(calls, b"", port, flags=SYN) == []
+    assert calls.close(0, 0) == []
+
+
+def test_an_end_that_talks_to_itself_breaks_nothing() -> None:
+    calls = Connections({5007}, Counts())
+    key = CLIENT + CLIENT + bytes((19, 143)) * 2
+    assert calls.receive(key, Segment(ACK, 1, 1, DOUBTFUL, 0), 1, 1) == []
+    found = calls.receive(key, Segment(ACK, 17, 17, reply(1), 0), 2, 2)
+    assert [sighting.item.raw for _, sighting in found] == [DOUBTFUL, reply(1)]
+    assert calls.close(3, 3) == []
+
+
+def test_both_ends_on_the_port_are_told_by_what_is_said() -> None:
+    calls = Connections({5007, 5008}, Counts())
+    assert receive(calls, DOUBTFUL, 5008) == []
+    ((flow, _), _) = receive(calls, request(1), 5008, seq=17)
+    assert flow.conversation.server.port == 5007
+
+
+def test_a_frame_that_never_ends_on_an_unknown_port_is_no_bcap() -> None:
+    counts = Counts()
+    calls = Connections({5007}, counts)
+    assert receive(calls, b"", 1, 2, flags=SYN, seq=0) == []
+    assert receive(calls, b"\x01", 1, 2) == []
+    assert receive(calls, b"", 1, 2, flags=FIN, seq=2) == []
+    assert calls.close(0, 0) == []
+    assert counts.not_bcap == 1
+
+
+def test_what_was_no_bcap_may_become_it() -> None:
+    counts = Counts()
+    calls = Connections({5007}, counts)
+    assert receive(calls, b"HELLO", 1, 2) == []
+    assert receive(calls, b"\x01\x40", 1, 2, seq=6) == []
+    ((flow, sighting),) = receive(calls, request(1), 1, 2, seq=8)
+    assert (flow.conversation.server.port, sighting.item.raw) == (2, request(1))
+    assert counts.not_bcap == 2

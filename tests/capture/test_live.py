@@ -1,0 +1,117 @@
+"""Live capture: on the loopback interface where that is allowed, and a sentence where it is not."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from bcapscope.capture import live
+from bcapscope.capture.live import LiveCapture, open_live
+from bcapscope.capture.observer import Observer
+from bcapscope.errors import CaptureError
+from tests.capture.packets import request
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="packet sockets are Linux's")
+
+
+@pytest.fixture
+def talk() -> Iterator[tuple[int, Callable[[bytes], int]]]:
+    """A port on loopback, and how to send a datagram to it."""
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+    ):
+        server.bind(("127.0.0.1", 0))
+        address = server.getsockname()
+        yield address[1], lambda data: client.sendto(data, address)
+
+
+def started(begin: Callable[[str], LiveCapture], name: str) -> LiveCapture:
+    try:
+        return begin(name)
+    except (CaptureError, PermissionError) as error:
+        pytest.skip(f"no right to capture here: {error}")
+
+
+@linux
+@pytest.mark.parametrize("name", ["lo", "any"])
+def test_sees_each_packet_once_with_the_kernels_time(
+    name: str, talk: tuple[int, Callable[[bytes], int]]
+) -> None:
+    port, send = talk
+    with started(open_live, name) as capture:
+        before = time.time_ns()
+        for serial in (1, 2, 3):
+            send(request(serial))
+        observations = Observer({port}).observe(capture)
+        found = [next(observations) for _ in range(3)]
+        assert [each.item.raw for each in found] == [request(1), request(2), request(3)]
+        assert all(before - 1_000_000 <= each.time <= time.time_ns() for each in found)
+        assert capture.lost == 0
+
+
+@linux
+def test_names_the_interface_it_came_from() -> None:
+    with started(open_live, "lo") as capture, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.sendto(b"x", ("127.0.0.1", 9))
+        packet = next(iter(capture))
+        assert packet[3].name == "lo"
+        assert packet[2] == len(packet[1])
+
+
+@linux
+def test_scapys_socket_sees_them_too(talk: tuple[int, Callable[[bytes], int]]) -> None:
+    port, send = talk
+    with started(live._ScapySocket, "lo") as capture:
+        send(request(1))
+        observation = next(Observer({port}).observe(capture))
+        assert observation.item.raw == request(1)
+        assert abs(observation.time - time.time_ns()) < 10 * 10**9
+        assert capture.lost == 0
+
+
+def test_an_unknown_interface_is_told_with_those_that_there_are() -> None:
+    with pytest.raises(CaptureError, match=r"^there is no interface nowhere0; there are: .*lo"):
+        open_live("nowhere0")
+
+
+@pytest.mark.parametrize(
+    ("platform", "how"),
+    [
+        ("linux", "capturing on lo needs rights: run as root, or once: sudo setcap"),
+        ("darwin", "administrator"),
+    ],
+)
+def test_missing_rights_are_told_with_how_to_give_them(
+    monkeypatch: pytest.MonkeyPatch, platform: str, how: str
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(live, "_PacketSocket", refuse)
+    monkeypatch.setattr(live, "_ScapySocket", refuse)
+    monkeypatch.setattr(sys, "platform", platform)
+    with pytest.raises(CaptureError, match=how):
+        open_live("lo")
+
+
+def test_other_failures_are_told_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(105, "No buffer space available")
+
+    monkeypatch.setattr(live, "_PacketSocket", fail)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(CaptureError, match=r"^cannot capture on lo: No buffer space available$"):
+        open_live("lo")
+
+
+@linux
+def test_a_socket_that_goes_away_is_told() -> None:
+    with started(open_live, "lo") as capture:
+        capture.__exit__(None, None, None)
+        with pytest.raises(CaptureError, match=r"^capturing on lo ended: "):
+            next(iter(capture))
