@@ -19,18 +19,9 @@ _SINGLE = struct.Struct("<f")
 
 def single_text(value: float) -> str:
     """Write an R4 with the fewest digits that give the same R4 again."""
-    for digits in range(6, 9):
-        text = f"{value:.{digits}g}"
-        if _single_bytes(float(text)) == _single_bytes(value):
-            return repr(float(text))
-    return repr(float(f"{value:.9g}"))
-
-
-def _single_bytes(value: float) -> bytes | None:
-    try:
-        return _SINGLE.pack(value)
-    except OverflowError:  # the largest R4, rounded up
-        return None
+    texts = (f"{value:.{digits}g}" for digits in range(6, 9))
+    same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
+    return repr(float(next(same, f"{value:.9g}")))
 
 
 def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING) -> str:

@@ -66,6 +66,16 @@ def test_set_point_with_user_io() -> None:
     ]
 
 
+def test_mini_io_both_ways() -> None:
+    word, user = Variant(VT.I4, 0x1000000), Variant.array(VT.UI1, b"\x01")
+    found = slv_move_part(listed(row(8), word, word), is_request=True)
+    assert [part.name for part in found.parts] == ["pose", "mini I/O", "hand I/O"]
+    found = slv_move_part(listed(row(8), word, word), is_request=False)
+    assert [part.name for part in found.parts] == ["pose", "mini I/O", "hand I/O"]
+    found = slv_move_part(listed(row(8), user), is_request=False)
+    assert [part.name for part in found.parts] == ["pose", "user I/O"]
+
+
 def test_feedback_with_everything() -> None:
     word = Variant(VT.I4, 5)
     found = slv_move_part(listed(word, row(15), word, row(8)), is_request=False)
