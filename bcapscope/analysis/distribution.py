@@ -58,6 +58,12 @@ class Distribution:
     p999: float
     bins: tuple[Bin, ...] = ()
 
+    def scaled(self, factor: float) -> Distribution:
+        """Return that of the same values in another unit, without bins."""
+        points = (self.mean, self.least, self.most, self.p50, self.p90, self.p99, self.p999)
+        mean, least, most, p50, p90, p99, p999 = (point * factor for point in points)
+        return Distribution(self.count, mean, least, most, p50, p90, p99, p999)
+
 
 class Histogram:
     """Takes values, 0 or more, and tells how they are spread; what is negative or no number is left out."""
@@ -92,6 +98,20 @@ class Histogram:
             self._few = []
         elif len(self._few) > _MOST_PIECES:
             self._few = [np.concatenate(self._few)]
+
+    def merge(self, other: Histogram) -> None:
+        """Take in all that another histogram took."""
+        if other._counts is None:
+            for values in other._few:
+                self.add(values)
+            return
+        if self._counts is None:
+            few, self._few = self._few, []
+            self._counts = np.bincount(_bin_numbers(np.concatenate(few)) if few else [], minlength=_BINS)
+        self._counts = self._counts + other._counts
+        self.count += other.count
+        self.total += other.total
+        self.least, self.most = min(self.least, other.least), max(self.most, other.most)
 
     def distribution(self, bins: bool = False) -> Distribution | None:
         """Tell how the values so far are spread; None where there is none."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from bcapscope.cli.output import Output
+from bcapscope.render.columns import columns
 from bcapscope.traffic import filters
 from bcapscope.traffic.fields import FIELDS, RecordKind
 
@@ -18,9 +19,5 @@ def command() -> None:
     rows = [
         (field.name, _OF.get(field.applies_to, "both"), field.type.value, field.meaning) for field in FIELDS
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    lines = [
-        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=False)) + f"  {row[3]}"
-        for row in rows
-    ]
+    lines = list(columns(rows, "<<<<"))
     output.write_lines([*lines, "", *(filters.__doc__ or "").strip().splitlines()], lambda: None)

@@ -50,6 +50,15 @@ clock = click.option(
 )
 
 
+window = click.option(
+    "--window",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0.1),
+    callback=lambda context, parameter, value: None if value is None else round(value * 1e9),
+    help="Figures for each slice of so many seconds, instead of the whole.",
+)
+
+
 def filter_option(kind: RecordKind) -> Callable[[F], F]:
     """Make the option ``--filter`` for records of `kind`; its value is a compiled filter or None."""
 
