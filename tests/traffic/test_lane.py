@@ -123,6 +123,18 @@ PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
         ["1: >1 <4 answered, answered", "2: >2 <3 answered, answered"],
         [(0, 1, 0, MOVE), (1, 2, 0, OTHER), (2, -2, 0, POSE), (2.5, -1, 0, POSE)],
     ),
+    "busy with a later call, so the one before may still be at work": (
+        ["1: >1 capture_ended, capture ended", "2: >2 <3 refused, refused"],
+        [(0, 1, 0, MOVE), (1, 2, 0, OTHER), (2, -2, BUSY)],
+    ),
+    "an earlier retry is overtaken by the reply to a later one": (
+        ["1: >1 >>2 <3 >>4 answered, cannot tell"],
+        [(0, 1, 0, MOVE), (4, 3, 1, MOVE), (4.5, -3, 0, POSE), (4.6, 2, 1, MOVE)],
+    ),
+    "a retry is overtaken by the next call": (
+        ["1: >1 <2 >>4 answered, cannot tell", "2: >3 <5 answered, answered"],
+        [(0, 1, 0, MOVE), (3, -1, 0, POSE), (3.1, 3, 0, OTHER), (3.2, 2, 1, MOVE), (4, -3, 0, POSE)],
+    ),
     "a reply to nothing": (
         ["stray 1 of None", "1: >2 <3 answered, answered"],
         [(0, -77, 0, POSE), (1, 1, 0, MOVE), (2, -1, 0, POSE)],
