@@ -22,10 +22,10 @@ _US_AT_LEAST = 30.0
 class ControllerClock:
     """Takes pairs of the controller's stamp and the time at which its reply was seen.
 
-    Stamps are a signed 32-bit number that wraps, in µs after some 36 minutes and 71 (DENSORobot/denso_robot_ros2
-    denso_robot_core asks for either unit). The reply is seen later than it was stamped by the time that the
-    network takes; a straight line through all pairs finds how fast one clock runs against the other, since
-    that time is nearly the same for all.
+    Stamps are a signed 32-bit number, in ms or µs as the client asks (DENSORobot/denso_robot_ros2
+    denso_robot_core); in µs it turns negative after 36 minutes and wraps each 72. The reply is seen later than
+    it was stamped by the time that the network takes; a straight line through all pairs finds how fast one
+    clock runs against the other, since that time is nearly the same for all.
     """
 
     def __init__(self, microseconds: bool | None) -> None:

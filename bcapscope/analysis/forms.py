@@ -15,6 +15,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from bcapscope.analysis.distribution import Bools
 from bcapscope.protocol.arguments import Argument, Number
 from bcapscope.protocol.content import Content, Framing
 from bcapscope.protocol.frame import Frame
@@ -89,7 +90,7 @@ class _Form:
         self._pose = [str(index) for index in pose]
         self._stamp = None if stamp is None else str(stamp)
 
-    def agrees(self, data: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    def agrees(self, data: NDArray[np.uint8]) -> Bools:
         """Tell which rows of bytes have this form."""
         return (data[:, self._fixed] == self._template).all(axis=1)  # type: ignore[no-any-return]  # numpy
 

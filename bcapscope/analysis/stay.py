@@ -222,7 +222,8 @@ class Timing:
         rtt: from the request that was answered to the accepted reply; None likewise.
         deadlines: recommended time-outs against `latency`.
         slowest: the set points with the longest latency or with no reply in time, worst first.
-        slack_ms: what the controller's buffer can bridge when full: slots times its period.
+        slack_ms: what the controller's buffer can bridge when full: slots times its period, two at the least,
+            since a single slot is filled again while the point before is executed.
         gaps: cycles longer than `slack_ms`, all of them.
         gap_list: the first of them, each the set point behind the gap.
     """
@@ -422,7 +423,7 @@ class Motion:
         lag_cycles: of all axes, an estimate; None where none has one.
         first_distance: first set point less the position known then, by axis; () where none is known.
         first_distance_known_by: what told that position, one clause; "" where nothing did.
-        first_step_frames: frames of both.
+        first_distance_frames: that prove both; () likewise.
     """
 
     read: int
@@ -441,7 +442,7 @@ class Motion:
     lag_cycles: float | None
     first_distance: tuple[float, ...]
     first_distance_known_by: str
-    first_step_frames: tuple[int, ...]
+    first_distance_frames: tuple[int, ...]
 
 
 class Slice(NamedTuple):

@@ -1,0 +1,242 @@
+"""Where set points lead: steps, velocities and accelerations axis by axis, and what comes back.
+
+A controller takes one set point each period, whenever it came: so velocity and acceleration are those of one
+step a period, not of the times at which the set points were sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bcapscope.analysis.distribution import Bools, Floats, Histogram
+from bcapscope.analysis.lag import Lag
+from bcapscope.analysis.stay import MOST_LISTED, AxisMotion, Jump, Motion, Peak
+from bcapscope.protocol.poses import Axis
+from bcapscope.protocol.slavemode import PoseType
+
+JUMP_TIMES = 5.0
+"""A step is a jump if it is so many times as large as both beside it: at 8 ms no robot changes its speed so,
+and a motion that only begins or ends has a small step on one side at the most."""
+
+SMALLEST_JUMP = 0.2
+"""Degrees or mm in one step, 25 of them a second: below that a jump is rounding or noise."""
+
+_FIGURE = "Fig"
+_TURN = 360.0
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """Poses of successive set points, a row each.
+
+    Attributes:
+        commanded: NaN where one could not be read.
+        readable: rows of `commanded` that could be read.
+        returned: NaN where none came back.
+        answered: rows of `returned` in which one came back.
+        frames: of the first requests.
+        times: of those, nanoseconds.
+    """
+
+    commanded: Floats
+    readable: Bools
+    returned: Floats
+    answered: Bools
+    frames: NDArray[np.int64]
+    times: NDArray[np.int64]
+
+
+class Start(NamedTuple):
+    """How far the first set point is from where the robot stood.
+
+    Attributes:
+        distance: by axis; () where that is not known.
+        known_by: what told where it stood; "" likewise.
+        frames: that prove it; () likewise.
+    """
+
+    distance: tuple[float, ...] = ()
+    known_by: str = ""
+    frames: tuple[int, ...] = ()
+
+
+class _Largest:
+    """The largest value of each axis and its frame."""
+
+    __slots__ = ("frames", "values")
+
+    def __init__(self, axes: int) -> None:
+        self.values = np.full(axes, -1.0)
+        self.frames = np.zeros(axes, np.int64)
+
+    def add(self, values: Floats, frames: NDArray[np.int64]) -> None:
+        if not len(values):
+            return
+        rows = values.argmax(axis=0)
+        found = values[rows, np.arange(values.shape[1])]
+        better = found > self.values
+        self.values[better] = found[better]
+        self.frames[better] = frames[rows][better]
+
+    def peak(self, axis: int, factor: float = 1.0) -> Peak | None:
+        value = float(self.values[axis])
+        return Peak(value * factor, int(self.frames[axis])) if value >= 0 else None
+
+
+class MotionModel:
+    """Takes the poses of a stay, in order."""
+
+    def __init__(self, axes: Sequence[Axis], pose_type: PoseType | None, guessed: bool) -> None:
+        self._axes = axes
+        count = len(axes)
+        self._guessed = guessed
+        self._figure = next((index for index, axis in enumerate(axes) if axis.name == _FIGURE), None)
+        turns = [pose_type is PoseType.P and axis.unit == "deg" for axis in axes]
+        self._turns = np.array(turns, np.bool_)
+        self._read = self._unread = self._returned = self._repeated = self._figure_changes = 0
+        self._not_finite: list[int] = []
+        self._not_finite_count = self._stutters_count = self._jumps_count = 0
+        self._stutters: list[int] = []
+        self._jumps: list[Jump] = []
+        self._least, self._most = np.full(count, np.inf), np.full(count, -np.inf)
+        self._steps = [Histogram() for _ in axes]
+        self._changes = [Histogram() for _ in axes]
+        self._differences = [Histogram() for _ in axes]
+        self._largest_step, self._largest_change = _Largest(count), _Largest(count)
+        self._largest_difference = _Largest(count)
+        self._lag = Lag(count)
+        # the last three set points of the rows before: a step is judged by those on both sides
+        self._tail = np.empty((0, count))
+        self._tail_frames = self._tail_times = np.empty(0, np.int64)
+
+    def add(self, poses: Poses) -> None:
+        """Take in the poses of set points that follow those taken in before."""
+        finite: Bools = np.logical_and.reduce(np.isfinite(poses.commanded), axis=1)
+        good = poses.readable & finite
+        self._count_bad(poses, finite)
+        self._read += int(good.sum())
+        commanded, frames, times = poses.commanded[good], poses.frames[good], poses.times[good]
+        if not len(commanded):
+            return
+        self._least = np.minimum(self._least, commanded.min(axis=0))
+        self._most = np.maximum(self._most, commanded.max(axis=0))
+        self._compare(commanded, poses.returned[good], poses.answered[good], frames)
+        self._follow(commanded, frames, times)
+
+    def _count_bad(self, poses: Poses, finite: Bools) -> None:
+        self._unread += int((~poses.readable).sum())
+        odd = poses.frames[poses.readable & ~finite].tolist()
+        self._not_finite_count += len(odd)
+        self._not_finite += odd[: MOST_LISTED - len(self._not_finite)]
+
+    def _compare(
+        self, commanded: Floats, returned: Floats, answered: Bools, frames: NDArray[np.int64]
+    ) -> None:
+        answered = answered & np.logical_and.reduce(np.isfinite(returned), axis=1)
+        self._returned += int(answered.sum())
+        self._lag.add(commanded, returned, answered)
+        off = np.abs(self._shortest(commanded[answered] - returned[answered]))
+        self._largest_difference.add(off, frames[answered])
+        for histogram, column in zip(self._differences, off.T, strict=True):
+            histogram.add(column)
+
+    def _follow(self, commanded: Floats, frames: NDArray[np.int64], times: NDArray[np.int64]) -> None:
+        old = len(self._tail)
+        points = np.vstack((self._tail, commanded))
+        frames = np.concatenate((self._tail_frames, frames))
+        times = np.concatenate((self._tail_times, times))
+        steps = self._shortest(np.diff(points, axis=0))
+        sizes = np.abs(steps)
+        changes = np.abs(np.diff(steps, axis=0))
+        new_steps, new_changes = max(old - 1, 0), max(old - 2, 0)
+        self._largest_step.add(sizes[new_steps:], frames[1:][new_steps:])
+        self._largest_change.add(changes[new_changes:], frames[2:][new_changes:])
+        for axis in range(len(self._axes)):
+            self._steps[axis].add(sizes[new_steps:, axis])
+            self._changes[axis].add(changes[new_changes:, axis])
+        moves: Bools = np.logical_or.reduce(sizes > 0, axis=1)
+        self._repeated += int((~moves[new_steps:]).sum())
+        if self._figure is not None:
+            self._figure_changes += int(np.count_nonzero(sizes[new_steps:, self._figure]))
+        self._find_stutters(moves, frames, new_steps)
+        self._find_jumps(steps, frames, times, new_steps)
+        self._tail, self._tail_frames, self._tail_times = points[-3:], frames[-3:], times[-3:]
+
+    def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
+        """Find steps of nothing between two that move, the last of which is new."""
+        first = max(new - 2, 0)
+        still = ~moves[1:-1] & moves[:-2] & moves[2:]
+        found = frames[2:-1][first:][still[first:]].tolist()
+        self._stutters_count += len(found)
+        self._stutters += found[: MOST_LISTED - len(self._stutters)]
+
+    def _find_jumps(
+        self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
+    ) -> None:
+        first = max(new - 2, 0)
+        measured = [index for index, axis in enumerate(self._axes) if axis.unit]
+        sizes = np.abs(steps[first:, measured])
+        beside = np.maximum(sizes[:-2], sizes[2:])
+        far = (sizes[1:-1] > JUMP_TIMES * beside) & (sizes[1:-1] > SMALLEST_JUMP)
+        rows = np.flatnonzero(far.any(axis=1))
+        self._jumps_count += len(rows)
+        for row in rows[: MOST_LISTED - len(self._jumps)].tolist():
+            axis = measured[int(np.where(far[row], sizes[row + 1], -1.0).argmax())]
+            at = first + row + 1
+            name, step = self._axes[axis].name, float(steps[at, axis])
+            self._jumps.append(Jump(int(frames[at + 1]), int(times[at + 1]), name, step))
+
+    def _shortest(self, steps: Floats) -> Floats:
+        """Take the short way round for angles that turn: 179 and -179 degrees are two apart."""
+        if self._turns.any():
+            turning = steps[:, self._turns]
+            steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)
+        return steps
+
+    def facts(self, grid_ms: float, start: Start) -> Motion:
+        """Tell what was found, with one set point each `grid_ms`."""
+        return Motion(
+            read=self._read,
+            unread=self._unread,
+            not_finite=self._not_finite_count,
+            not_finite_frames=tuple(self._not_finite),
+            guessed=self._guessed,
+            axes=tuple(self._axis(index, 1000.0 / grid_ms) for index in self._axes_found()),
+            returned=self._returned,
+            repeated=self._repeated,
+            stutters=self._stutters_count,
+            stutter_list=tuple(self._stutters),
+            jumps=self._jumps_count,
+            jump_list=tuple(self._jumps),
+            figure_changes=self._figure_changes,
+            lag_cycles=self._lag.of_all(),
+            first_distance=start.distance,
+            first_distance_known_by=start.known_by,
+            first_distance_frames=start.frames,
+        )
+
+    def _axes_found(self) -> range:
+        return range(len(self._axes) if self._read else 0)
+
+    def _axis(self, index: int, per_second: float) -> AxisMotion:
+        step, change = self._steps[index].distribution(), self._changes[index].distribution()
+        return AxisMotion(
+            name=self._axes[index].name,
+            unit=self._axes[index].unit,
+            least=float(self._least[index]),
+            most=float(self._most[index]),
+            step=step,
+            velocity=step and step.scaled(per_second),
+            acceleration=change and change.scaled(per_second * per_second),
+            largest_step=self._largest_step.peak(index),
+            largest_velocity=self._largest_step.peak(index, per_second),
+            largest_acceleration=self._largest_change.peak(index, per_second * per_second),
+            difference=self._differences[index].distribution(),
+            largest_difference=self._largest_difference.peak(index),
+            lag_cycles=self._lag.of_axis(index),
+        )

@@ -1,0 +1,216 @@
+"""When set points were sent and how soon they were answered."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcapscope.analysis.distribution import Floats, Histogram
+from bcapscope.analysis.rows import Rows
+from bcapscope.analysis.stay import MOST_LISTED, Deadline, SetPointFact, Timing
+from bcapscope.protocol.slavemode import PERIOD_MS, ModeKind, SlaveMode
+from bcapscope.traffic.observation import Transport
+
+FAST_GRID_MS = 1
+"""What the seed's paper recommends where the newest point wins (DENSO Wave 2009, How to use the Slave mode)."""
+
+FAST_BELOW_MS = 3.0
+"""A median cycle below this is nearer, as factors go, to 1 ms than to 8 ms."""
+
+SLOWEST_LISTED = 16
+_ON_GRID = 0.1
+_SKIPPED = 1.5
+_GUIDE = "DENSO Wave 2009, How to use the Slave mode"
+_DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core"
+
+
+class _Budget(NamedTuple):
+    """A recommended time-out.
+
+    Attributes:
+        name: for people.
+        timeout_ms: of one try.
+        tries: at the most.
+        kinds: of modes that it is meant for.
+        udp_only: for UDP alone.
+        source: who recommends it.
+    """
+
+    name: str
+    timeout_ms: float
+    tries: int
+    kinds: frozenset[ModeKind]
+    udp_only: bool
+    source: str
+
+
+BUDGETS = (
+    _Budget("Sync: 2 ms, 7 retries", 2.0, 8, frozenset({ModeKind.SYNC}), True, _GUIDE),
+    _Budget("Async: 2 ms, no retry", 2.0, 1, frozenset({ModeKind.ASYNC, ModeKind.MODE_1}), True, _GUIDE),
+    _Budget("ROS driver, mode 2: 16 ms, 3 tries", 16.0, 3, frozenset({ModeKind.MODE_2}), False, _DRIVER),
+    _Budget(
+        "ROS driver, modes 0 and 1: 8 ms, 3 tries",
+        8.0,
+        3,
+        frozenset({ModeKind.MODE_0, ModeKind.MODE_1}),
+        False,
+        _DRIVER,
+    ),
+)
+"""What is recommended for slvMove."""
+
+
+class _Misses:
+    """Set points that a time-out would have been too short for."""
+
+    __slots__ = ("given_up", "late")
+
+    def __init__(self) -> None:
+        self.late = self.given_up = 0
+
+    def add(self, budget: _Budget, latencies: Floats) -> None:
+        self.late += int(np.count_nonzero(latencies > budget.timeout_ms))
+        self.given_up += int(np.count_nonzero(latencies > budget.timeout_ms * budget.tries))
+
+
+class Grid(NamedTuple):
+    """The period that a client should keep, and why."""
+
+    ms: int
+    known_by: str
+
+
+def choose_grid(overwrites: bool | None, cycles: Floats) -> Grid:
+    """Choose between 8 ms and 1 ms.
+
+    Args:
+        overwrites: the newest point wins; None where the mode is not known.
+        cycles: the first ones of a stay, ms.
+    """
+    pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)
+    if overwrites is False:
+        return Grid(PERIOD_MS, "the mode takes a set point each 8 ms")
+    why = "the newest point wins in this mode" if overwrites else "the mode is not known"
+    if pace < FAST_BELOW_MS:
+        return Grid(FAST_GRID_MS, f"{why}, and the median cycle is nearer to 1 ms than to 8 ms")
+    return Grid(PERIOD_MS, f"{why}, and the median cycle is nearer to 8 ms than to 1 ms")
+
+
+class TimingModel:
+    """Takes set points in order."""
+
+    def __init__(self, mode: SlaveMode | None, transport: Transport, slots: int) -> None:
+        self.grid = Grid(PERIOD_MS, "")
+        self._mode = mode
+        self._transport = transport
+        self._slack_ms = float(max(slots, 2) * PERIOD_MS)
+        self._first: int | None = None
+        self._last = 0  # time of the latest set point
+        self._count = self._backwards = self._on_grid = self._skipped = self._gap_count = 0
+        self._cycle, self._jitter, self._latency, self._rtt = (Histogram() for _ in range(4))
+        self._misses = [_Misses() for _ in BUDGETS]
+        self._slowest: list[tuple[float, SetPointFact]] = []
+        self._gaps: list[SetPointFact] = []
+
+    def add(self, rows: Rows) -> Floats:
+        """Take in set points; return the cycle before each in ms, NaN for the first of all."""
+        cycles = np.diff(rows.times, prepend=self._last) / 1e6
+        if self._first is None:
+            self._first = int(rows.times[0])
+            cycles[0] = np.nan
+            self._choose_grid(cycles[1:])
+        self._count += len(cycles)
+        self._last = int(rows.times[-1])
+        measured = cycles[~np.isnan(cycles)]
+        self._add_cycles(measured)
+        self._add_latencies(rows, cycles)
+        self._add_gaps(rows, cycles)
+        return cycles
+
+    def _choose_grid(self, cycles: Floats) -> None:
+        self.grid = choose_grid(None if self._mode is None else self._mode.overwrites, cycles)
+
+    def _add_cycles(self, cycles: Floats) -> None:
+        grid = self.grid.ms
+        self._backwards += int(np.count_nonzero(cycles < 0))
+        forward = cycles[cycles >= 0]
+        off = np.abs(forward - grid)
+        self._on_grid += int(np.count_nonzero(off <= _ON_GRID * grid))
+        self._skipped += int(np.count_nonzero(forward >= _SKIPPED * grid))
+        self._cycle.add(forward)
+        self._jitter.add(off)
+
+    def _add_latencies(self, rows: Rows, cycles: Floats) -> None:
+        latencies = rows.latencies
+        answered = rows.answered
+        self._latency.add(latencies[answered])
+        self._rtt.add((rows.replies - rows.arrivals)[answered] / 1e6)
+        judged = latencies[~rows.open]
+        for misses, budget in zip(self._misses, BUDGETS, strict=True):
+            misses.add(budget, judged)
+        known = np.where(rows.open, -1.0, latencies)
+        least = self._slowest[-1][0] if len(self._slowest) == SLOWEST_LISTED else -1.0
+        slow = np.flatnonzero(known > least)
+        if len(slow):
+            slow = slow[np.argsort(-known[slow], kind="stable")][:SLOWEST_LISTED]
+            found = [(float(known[row]), set_point_fact(rows, row, cycles)) for row in slow.tolist()]
+            merged = sorted((*self._slowest, *found), key=lambda each: -each[0])
+            self._slowest = merged[:SLOWEST_LISTED]
+
+    def _add_gaps(self, rows: Rows, cycles: Floats) -> None:
+        gaps = np.flatnonzero(cycles > self._slack_ms)
+        self._gap_count += len(gaps)
+        for row in gaps[: MOST_LISTED - len(self._gaps)].tolist():
+            self._gaps.append(set_point_fact(rows, row, cycles))
+
+    def facts(self) -> Timing:
+        """Tell what was found."""
+        return Timing(
+            cycle=self._cycle.distribution(bins=True),
+            grid_ms=float(self.grid.ms),
+            grid_known_by=self.grid.known_by,
+            jitter=self._jitter.distribution(),
+            on_grid=self._on_grid,
+            skipped=self._skipped,
+            backwards=self._backwards,
+            rate_hz=self._rate(),
+            latency=self._latency.distribution(bins=True),
+            rtt=self._rtt.distribution(),
+            deadlines=tuple(map(self._deadline, BUDGETS, self._misses)),
+            slowest=tuple(fact for _, fact in self._slowest),
+            slack_ms=self._slack_ms,
+            gaps=self._gap_count,
+            gap_list=tuple(self._gaps),
+        )
+
+    def _rate(self) -> float | None:
+        lasted = self._last - (self._first or 0)
+        return (self._count - 1) / (lasted / 1e9) if self._count > 1 and lasted > 0 else None
+
+    def _deadline(self, budget: _Budget, misses: _Misses) -> Deadline:
+        kind = None if self._mode is None else self._mode.kind
+        applies = kind in budget.kinds and (self._transport is Transport.UDP or not budget.udp_only)
+        return Deadline(
+            name=budget.name,
+            timeout_ms=budget.timeout_ms,
+            tries=budget.tries,
+            late=misses.late,
+            given_up=misses.given_up,
+            applies=applies,
+            source=budget.source,
+        )
+
+
+def set_point_fact(rows: Rows, row: int, cycles: Floats) -> SetPointFact:
+    """Tell about one set point; `cycles` is the time before each in ms, NaN where there is none."""
+    call, cycle = rows.calls[row], float(cycles[row])
+    return SetPointFact(
+        call=call.call,
+        request=call.request.number,
+        time=call.request.time,
+        reply=None if call.reply is None else call.reply.number,
+        hresult=call.hresult,
+        latency_ms=None if call.latency is None else call.latency / 1e6,
+        cycle_ms=None if cycle != cycle else cycle,
+    )
