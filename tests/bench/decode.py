@@ -102,7 +102,8 @@ def check(job: Job, capture: Path) -> str:
     """Return what is wrong with the job's output on the small capture, nothing if it names each frame."""
     done = subprocess.run(job.argv(capture), check=False, cwd=ROOT, capture_output=True)
     if done.returncode:
-        return f"exit code {done.returncode}"
+        *_, last = done.stderr.decode(errors="replace").splitlines() or [""]
+        return f"exit code {done.returncode} {last}".rstrip()
     seen = done.stdout.count(job.mark) if job.mark else CHECK_FRAMES
     return "" if seen == CHECK_FRAMES else f"prints {seen} of {CHECK_FRAMES} frames"
 
