@@ -80,3 +80,11 @@ def test_what_was_no_bcap_may_become_it() -> None:
     ((flow, sighting),) = receive(calls, request(1), 1, 2, seq=8)
     assert (flow.conversation.server.port, sighting.item.raw) == (2, request(1))
     assert counts.not_bcap == 2
+
+
+def test_an_acknowledgement_out_of_nowhere_begins_nothing() -> None:
+    counts = Counts()
+    calls = Connections({5007}, counts)
+    assert receive(calls, b"", 1) == []
+    assert calls.close(0, 0) == []
+    assert counts.not_bcap == 0

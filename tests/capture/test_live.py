@@ -74,6 +74,25 @@ def test_scapys_socket_sees_them_too(talk: tuple[int, Callable[[bytes], int]]) -
         assert capture.lost == 0
 
 
+@linux
+def test_a_buffer_as_large_as_allowed_will_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Modest(socket.socket):
+        def setsockopt(self, level: int, option: int, value: int) -> None:  # type: ignore[override]
+            if option == live._SO_RCVBUFFORCE:
+                raise PermissionError(1, "Operation not permitted")
+            super().setsockopt(level, option, value)
+
+    started(open_live, "lo").__exit__(None, None, None)
+    monkeypatch.setattr(socket, "socket", Modest)
+    with open_live("lo") as capture:
+        assert capture.lost == 0
+
+
+def test_time_is_now_where_the_kernel_does_not_say() -> None:
+    before = time.time_ns()
+    assert before <= live._time([(1, 2, b"other")]) <= time.time_ns()
+
+
 def test_an_unknown_interface_is_told_with_those_that_there_are() -> None:
     with pytest.raises(CaptureError, match=r"^there is no interface nowhere0; there are: .*lo"):
         open_live("nowhere0")

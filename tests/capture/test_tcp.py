@@ -267,6 +267,15 @@ def test_times_stay_bounded_in_a_frame_of_countless_segments() -> None:
     assert [(s.began, s.time, s.item.raw) for s in found] == [(0, len(long) - 1, long)]
 
 
+def test_bytes_outside_of_frames_have_the_times_of_their_own_segments() -> None:
+    made = stream()
+    for number, data in enumerate((b"garbage", b"more", FRAMES[0][:20]), 1):
+        assert made.receive(segment(7 * (number > 1) + 4 * (number > 2), data), number, number) == []
+    garbage, sound = made.receive(segment(31, FRAMES[0][20:]), 4, 4)
+    assert (garbage.item.raw, garbage.began, garbage.time, garbage.packet) == (b"garbagemore", 1, 2, 2)
+    assert (sound.item.raw, sound.began, sound.time, sound.packet) == (FRAMES[0], 3, 4, 4)
+
+
 def both(*sent: tuple[int, Segment]) -> tuple[Connection, list[tuple[int, bytes]]]:
     connection = Connection()
     found = []
@@ -277,6 +286,7 @@ def both(*sent: tuple[int, Segment]) -> tuple[Connection, list[tuple[int, bytes]
 
 def test_a_handshake_tells_the_server_and_where_streams_begin() -> None:
     connection, found = both(
+        (0, Segment(SYN, 2**32 - 1, 0, b"", 0)),
         (0, Segment(SYN, 2**32 - 1, 0, b"", 0)),
         (1, Segment(SYN | ACK, 99, 0, b"", 0)),
         (1, segment(100, FRAMES[1])),
