@@ -41,6 +41,7 @@ class Connections:
         self._counts = counts
         self._calls: OrderedDict[bytes, tuple[_Call, int]] = OrderedDict()
         self._contradictions = 0
+        self._latest: _Call | None = None
 
     @property
     def contradictions(self) -> int:
@@ -69,8 +70,10 @@ class Connections:
                 found += self._end(next(iter(self._calls.values()))[0], time, packet)
             known = self._begin(key)
         call, sender = known
-        for each in call.keys:
-            self._calls.move_to_end(each)
+        if call is not self._latest:
+            self._latest = call
+            for each in call.keys:
+                self._calls.move_to_end(each)
         return found + self._listen(call, sender, segment, time, packet)
 
     def close(self, time: int, packet: int) -> list[tuple[Flow, Sighting]]:

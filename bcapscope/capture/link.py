@@ -6,6 +6,7 @@ IPv6: RFC 8200.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -23,6 +24,8 @@ _EXTENSIONS = frozenset({_HOP_BY_HOP, _ROUTING, _AUTHENTICATION, _DESTINATION, 1
 _NO_NEXT_HEADER = 59
 
 NOT_IP = -1
+
+_IPV4_HEADER = struct.Struct(">2xH2sHxBxx8s")
 
 
 class Fragment(NamedTuple):
@@ -129,17 +132,16 @@ def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
     start = offset + size
     if size < 20 or start > len(data):
         return None
+    total, identification, part, protocol, addresses = _IPV4_HEADER.unpack_from(data, offset)
     # A length of 0 is left to the network card to fill in, when the capturing machine itself is the sender.
-    total = int.from_bytes(data[offset + 2 : offset + 4]) or len(data) - offset
+    total = total or len(data) - offset
     if total < size:
         return None
-    protocol, addresses = data[offset + 9], data[offset + 12 : offset + 20]
     payload = data[start : offset + total]
-    flags = int.from_bytes(data[offset + 6 : offset + 8])
     fragment = None
-    if flags & 0x3FFF:
-        key = addresses + data[offset + 4 : offset + 6] + bytes((protocol,))
-        fragment = Fragment(key, (flags & 0x1FFF) * 8, bool(flags & 0x2000))
+    if part & 0x3FFF:
+        key = addresses + identification + bytes((protocol,))
+        fragment = Fragment(key, (part & 0x1FFF) * 8, bool(part & 0x2000))
     return IPPacket(protocol, addresses, payload, total - size - len(payload), fragment)
 
 
