@@ -8,11 +8,11 @@ from bcapscope.protocol.frame import Frame, Framing, Malformed
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
 from bcapscope.protocol.layout import Layout, flatten
+from bcapscope.protocol.roles import request_role, result_role
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import Clock, time_writer
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.phrase import LONGEST_STRING, Phrase, PhraseBuilder
-from bcapscope.render.roles import request_role, result_role
 from bcapscope.traffic.observation import Direction, Flow, Observation
 from bcapscope.traffic.question import Question
 

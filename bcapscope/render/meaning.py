@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import struct
 from itertools import islice
 
 from bcapscope.protocol.fields import HRESULT, Field
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.variant import VT, Value, vt_name
 from bcapscope.render.escape import quoted
-from bcapscope.render.phrase import cy_text, date_text
+from bcapscope.render.number import cy_text, date_text, single_text
 
 LONGEST_STRING = 60
 """Characters of a string that are shown unless all are asked for."""
-
-_SINGLE = struct.Struct("<f")
-
-
-def single_text(value: float) -> str:
-    """Write an R4 with the fewest digits that give the same R4 again."""
-    texts = (f"{value:.{digits}g}" for digits in range(6, 9))
-    same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
-    return repr(float(next(same, f"{value:.9g}")))
 
 
 def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING) -> str:

@@ -7,19 +7,16 @@ is met, and each frame after it only fills its own numbers in.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from datetime import datetime, timedelta
-from decimal import Decimal
 from functools import partial
 from typing import Any, TypeAlias
-
-import orjson
 
 from bcapscope.protocol.arguments import Argument
 from bcapscope.protocol.functions import Param
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.protocol.layout import Numbers, numbers_of, numbers_taken, taken_by_each
-from bcapscope.protocol.variant import ARRAY, CY_SCALE, NUMBER_FORMATS, VT, Variant, vt_name
+from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.render.escape import quoted
+from bcapscope.render.number import cy_text, date_text, plain_text, single_text, singles_text
 
 LONGEST_STRING = 120
 """Characters of a string, and half as many bytes of a UI1 array, that one line shows."""
@@ -31,26 +28,8 @@ Writer: TypeAlias = Callable[[Any], str]
 Place: TypeAlias = tuple[int | slice, Writer]
 """Which of a frame's numbers stand here, and how they are written."""
 
-_DATE_ZERO = datetime(1899, 12, 30)
 _SPOKEN = ("bstrCommand",)
 """Arguments that the line shows beside the function's name."""
-
-
-def date_text(days: float) -> str:
-    """Write a DATE as date and time; empty where no calendar has one.
-
-    Days since 1899-12-30 00:00. Before that OLE and DENSO's Python client count the fraction in opposite
-    directions, so only the number itself is certain there. The time zone is the sender's secret: C and
-    Python send UTC, C# local time (orin_bcap).
-    """
-    if not 0 <= days < 2_958_466:
-        return ""
-    return str((_DATE_ZERO + timedelta(days=days)).replace(microsecond=0))
-
-
-def cy_text(raw: int) -> str:
-    """Write a CY in the unit that COM gives it."""
-    return str(Decimal(raw) / CY_SCALE)
 
 
 class Phrase:
@@ -207,19 +186,6 @@ def _joined(write: Writer, values: tuple[int | float, ...]) -> str:
     return ",".join(map(write, values))
 
 
-def _plain(value: int | float | tuple[int | float, ...]) -> str:
-    """Write numbers with the fewest digits that read back as the same: exact, and fast."""
-    text = orjson.dumps(value).decode("ascii")
-    if "null" in text:
-        return _joined(repr, value) if isinstance(value, tuple) else repr(value)
-    return text[1:-1] if isinstance(value, tuple) else text
-
-
-def _single(value: float) -> str:
-    """Write an R4 with the seven digits that it holds."""
-    return "%.7g" % value
-
-
 def _date(days: float) -> str:
     text = date_text(days)
     return f"{days!r} {text}" if text else repr(days)
@@ -228,8 +194,8 @@ def _date(days: float) -> str:
 _WRITERS: dict[int, Writer] = {
     VT.I2: str,
     VT.I4: str,
-    VT.R4: _single,
-    VT.R8: _plain,
+    VT.R4: single_text,
+    VT.R8: plain_text,
     VT.CY: lambda raw: f"{raw} {cy_text(raw)}",
     VT.DATE: _date,
     VT.ERROR: hresult_name,
@@ -239,4 +205,7 @@ _WRITERS: dict[int, Writer] = {
     VT.I8: str,
     VT.UI8: str,
 }
-_LISTS: dict[int, Writer] = {vt: _plain for vt in (VT.I2, VT.I4, VT.R8, VT.UI2, VT.UI4, VT.I8, VT.UI8)}
+_LISTS: dict[int, Writer] = {
+    VT.R4: singles_text,
+    **{vt: plain_text for vt in (VT.I2, VT.I4, VT.R8, VT.UI2, VT.UI4, VT.I8, VT.UI8)},
+}

@@ -19,10 +19,10 @@ from bcapscope.protocol.frame import Frame, Malformed
 from bcapscope.protocol.functions import Param, function_name
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.layout import Layout, Numbers, flatten, numbers_of, taken_by_each
+from bcapscope.protocol.roles import request_role, result_role
 from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.render.moment import epoch_text
-from bcapscope.render.phrase import cy_text, date_text
-from bcapscope.render.roles import request_role, result_role
+from bcapscope.render.number import cy_text, date_text
 from bcapscope.traffic.observation import Direction, Flow, Observation
 from bcapscope.traffic.question import Question
 

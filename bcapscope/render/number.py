@@ -1,0 +1,55 @@
+"""Numbers as text: exact, and with no more digits than that takes."""
+
+from __future__ import annotations
+
+import struct
+from datetime import datetime, timedelta
+from decimal import Decimal
+
+import orjson
+
+from bcapscope.protocol.variant import CY_SCALE
+
+_DATE_ZERO = datetime(1899, 12, 30)
+_SINGLE = struct.Struct("<f")
+
+
+def date_text(days: float) -> str:
+    """Write a DATE as date and time; empty where no calendar has one.
+
+    Days since 1899-12-30 00:00. Before that OLE and DENSO's Python client count the fraction in opposite
+    directions, so only the number itself is certain there. The time zone is the sender's secret: C and
+    Python send UTC, C# local time (orin_bcap).
+    """
+    if not 0 <= days < 2_958_466:
+        return ""
+    return str((_DATE_ZERO + timedelta(days=days)).replace(microsecond=0))
+
+
+def cy_text(raw: int) -> str:
+    """Write a CY in the unit that COM gives it."""
+    return str(Decimal(raw) / CY_SCALE)
+
+
+def plain_text(value: int | float | tuple[int | float, ...]) -> str:
+    """Write numbers with the fewest digits that read back as the same: exact, and fast."""
+    text = orjson.dumps(value).decode("ascii")
+    if "null" in text:
+        return ",".join(map(repr, value)) if isinstance(value, tuple) else repr(value)
+    return text[1:-1] if isinstance(value, tuple) else text
+
+
+def singles_text(values: tuple[float, ...]) -> str:
+    """Write several R4 as `single_text` does, fast where seven digits are enough for each."""
+    form = struct.Struct(f"<{len(values)}f")
+    short = tuple(map(float, ("%.7g " * len(values) % values).split()))
+    return (
+        plain_text(short) if form.pack(*short) == form.pack(*values) else ",".join(map(single_text, values))
+    )
+
+
+def single_text(value: float) -> str:
+    """Write an R4 with the fewest digits that give the same R4 again."""
+    texts = (f"{value:.{digits}g}" for digits in range(6, 9))
+    same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
+    return repr(float(next(same, f"{value:.9g}")))
