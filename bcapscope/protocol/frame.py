@@ -137,7 +137,7 @@ class Frame:
         inner = self._inner
         if inner is None:
             inner = self._inner = layouts.find(self.raw) or self._look_inside()
-        return inner if isinstance(inner, tuple) else None
+        return inner if isinstance(inner, tuple) and self.note is None else None
 
     @property
     def arguments(self) -> tuple[Argument, ...]:

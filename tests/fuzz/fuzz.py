@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192}
+MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192, "render": 1024}
 
 
 def main(argv: list[str]) -> int:
@@ -32,7 +32,7 @@ def main(argv: list[str]) -> int:
         print("atheris is not installed: random mutations only", file=sys.stderr)
         return _mutate(name, options)
     with atheris.instrument_imports(include=["bcapscope"]):
-        target = _target(name)
+        target = target_of(name)
     with tempfile.TemporaryDirectory(prefix=f"fuzz-{name}-") as corpus:
         for number, seed in enumerate(_seeds(name)):
             Path(corpus, f"seed-{number:03}").write_bytes(seed)
@@ -42,8 +42,10 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _target(name: str) -> Callable[[bytes], None]:
-    target: Callable[[bytes], None] = getattr(importlib.import_module("tests.fuzz.targets"), name)
+def target_of(name: str) -> Callable[[bytes], None]:
+    """Import a target, and with it what it tries."""
+    module = "tests.fuzz.rendering" if name == "render" else "tests.fuzz.targets"
+    target: Callable[[bytes], None] = getattr(importlib.import_module(module), name)
     return target
 
 
@@ -56,7 +58,7 @@ def _mutate(name: str, options: list[str]) -> int:
     settings = dict(option.lstrip("-").split("=", 1) for option in options if "=" in option)
     chance = random.Random(int(settings.get("seed", "0")))
     stop = time.monotonic() + float(settings.get("max_total_time", "60"))
-    target, seeds = _target(name), _seeds(name)
+    target, seeds = target_of(name), _seeds(name)
     runs = 0
     while time.monotonic() < stop:
         data = mutated(chance.choice(seeds), chance)[: MAX_LENGTH[name]]

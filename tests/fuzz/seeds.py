@@ -8,7 +8,7 @@ from pathlib import Path
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import VT, Variant
 from tests.capture import packets as p
-from tests.frames import ARGUMENTS, DAMAGED, FRAMES, nested
+from tests.frames import ARGUMENTS, DAMAGED, FRAMES, HANDLE, nested
 
 CAPTURES = Path(__file__).parents[2] / "captures"
 LARGEST_SEED = 8192
@@ -82,4 +82,10 @@ def _segments(long: bytes) -> list[bytes]:
     return [p.tcp(seq=0, flags=2), *sent, p.tcp(seq=len(long) + 1, ack=1, flags=1)]
 
 
-SEEDS = {"frame": frame_seeds, "stream": stream_seeds, "capture": capture_seeds}
+def render_seeds() -> list[bytes]:
+    """Datagrams behind the byte that tells who sent them."""
+    hostile = encode(5, 0, 64, [HANDLE, Variant(VT.BSTR, "=\x1b[2J\x9b\u202e\u2028\ud800[/foo]\"<b>'")])
+    return [bytes((head,)) + data for data in (*frame_seeds(), hostile) for head in (0, 1, 2)]
+
+
+SEEDS = {"frame": frame_seeds, "stream": stream_seeds, "capture": capture_seeds, "render": render_seeds}

@@ -7,8 +7,7 @@ import random
 import pytest
 
 from tests.capture.packets import CLIENT, ethernet, ipv4, pcap, reply, request, tcp, udp
-from tests.fuzz import targets
-from tests.fuzz.fuzz import mutated
+from tests.fuzz.fuzz import mutated, target_of
 from tests.fuzz.seeds import SEEDS
 
 
@@ -42,13 +41,13 @@ FOUND = {
 @pytest.mark.parametrize("name", FOUND)
 def test_what_was_found_stays_mended(name: str) -> None:
     target, data = FOUND[name]
-    getattr(targets, target)(bytes.fromhex(data))
+    target_of(target)(bytes.fromhex(data))
 
 
-@pytest.mark.parametrize("target", SEEDS)
-def test_seeds_and_their_mutations_hold(target: str) -> None:
-    chance = random.Random(1)
-    for seed in SEEDS[target]():
-        getattr(targets, target)(seed)
+@pytest.mark.parametrize("name", SEEDS)
+def test_seeds_and_their_mutations_hold(name: str) -> None:
+    chance, target = random.Random(1), target_of(name)
+    for seed in SEEDS[name]():
+        target(seed)
         for _ in range(4):
-            getattr(targets, target)(mutated(seed, chance))
+            target(mutated(seed, chance))

@@ -152,6 +152,7 @@ def test_a_note_is_a_problem_of_the_frame_and_not_of_its_bytes() -> None:
     assert cut.problems == (*Content(cut.raw).problems, note)
     sound = Frame(FRAMES[2].data, note)
     assert sound.problems == (note,)
+    assert sound.layout is None
     assert Frame(FRAMES[2].data).problems == ()
 
 
