@@ -21,6 +21,9 @@ from bcapscope.traffic.observation import Conversation, Flow, Observation
 CONVERSATIONS_LIMIT = 10_000
 """Conversations that are listed; a flood of forged addresses would fill the memory with them."""
 
+COMMENTS_LIMIT = 4096
+"""Packets whose comments are kept, which is until those who look at their frames have had time to ask."""
+
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
 _UNSEEN = Malformed(b"", ())
@@ -37,11 +40,13 @@ class Observer:
 
     Attributes:
         counts: what became of the packets so far.
+        comments: of the packets that have any, by number; the latest `COMMENTS_LIMIT` packets.
     """
 
     def __init__(self, ports: Collection[int] = PORTS) -> None:
         """Take the ports on which servers listen; other conversations are told by what is said in them."""
         self.counts = Counts()
+        self.comments: dict[int, tuple[str, ...]] = {}
         self._conversations: dict[Conversation, None] = {}
         self._datagrams = Datagrams(ports, self.counts)
         self._connections = Connections(ports, self.counts)
@@ -67,8 +72,10 @@ class Observer:
         flow_of, new = self._datagrams.flows.get, tuple.__new__
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
-            for time, data, original, source, _ in packets:
+            for time, data, original, source, comments in packets:
                 packet += 1
+                if comments:
+                    self._keep(packet, comments)
                 if source is not interface:
                     interface, ethernet = source, source.linktype == ETHERNET
                 if ethernet and len(data) >= _SMALLEST_IN_ETHERNET:  # nearly all packets of a session
@@ -96,6 +103,11 @@ class Observer:
             yield self._observation(counts.items, flow, sighting)
         if broken is not None:
             raise broken
+
+    def _keep(self, packet: int, comments: tuple[str, ...]) -> None:
+        if len(self.comments) >= COMMENTS_LIMIT:
+            del self.comments[next(iter(self.comments))]
+        self.comments[packet] = comments
 
     def _observation(self, number: int, flow: Flow, sighting: Sighting) -> Observation:
         began, time, packet, item = sighting

@@ -22,7 +22,6 @@ from bcapscope.render.tree import TreeRenderer
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import FRAME_GETTERS, Told
-from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Questions
 
 
@@ -70,12 +69,12 @@ def command(
     if dump and style in (Style.CSV, Style.JSON):
         raise click.UsageError("--hex goes with lines and trees")
     reading = Reading(paths, ports, interface)
-    told = _told(reading.observations(), wanted)
+    told = _told(reading, wanted)
     if style is Style.JSON:
         lines: Iterable[str] | Iterable[bytes] = starmap(RecordRenderer().record, told)
     elif style is Style.CSV:
         table = TableRenderer()
-        lines = chain([table.header()], starmap(table.row, told))
+        lines = chain([table.header()], (table.row(seen, question) for seen, question, _ in told))
     else:
         colors = palette(color)
         lines = starmap(LineRenderer(Clock(clock), colors).line, told)
@@ -87,19 +86,22 @@ def command(
     sys.exit(reading.exit)
 
 
-def _told(observations: Iterable[Observation], wanted: Filter | None) -> Iterator[Told]:
+def _told(reading: Reading, wanted: Filter | None) -> Iterator[Told]:
     """Tell what each observation is about, and pass on those that are wanted."""
-    about = Questions().about
+    about, comments = Questions().about, reading.comments
     new = tuple.__new__
-    told = (new(Told, (seen, about(seen))) for seen in observations)
+    told = (
+        new(Told, (seen, about(seen), comments.get(seen.packet, ()) if comments else ()))
+        for seen in reading.observations()
+    )
     return told if wanted is None else filter(wanted.bind(FRAME_GETTERS), told)
 
 
 def _with_details(
     told: Iterable[Told], line: LineRenderer, tree: TreeRenderer | None, colors: Palette
 ) -> Iterator[str]:
-    for seen, question in told:
-        yield line.line(seen, question)
+    for seen, question, comments in told:
+        yield line.line(seen, question, comments)
         details = hexdump(seen.item.raw, palette=colors) if tree is None else tree.lines(seen, question)
         for detail in details:
             yield f"       {detail}"

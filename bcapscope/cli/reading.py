@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import BinaryIO, cast
 
 import click
@@ -61,6 +61,11 @@ class Reading:
         """Yield all that is said; what cannot be read is told on stderr, in one sentence each."""
         yield from self._observer.observe(self._live() if self._interface else self._packets())
         self._progress.done()
+
+    @property
+    def comments(self) -> Mapping[int, tuple[str, ...]]:
+        """Comments of the packets read lately, by the number of the packet."""
+        return self._observer.comments
 
     def pause(self) -> None:
         """Show how far reading has come, if it takes long."""

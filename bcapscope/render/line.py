@@ -31,13 +31,17 @@ class LineRenderer:
         self._time = time_writer(clock)
         self._phrases: dict[tuple[Flow, Layout, Question | None], Phrase] = {}
 
-    def line(self, seen: Observation, question: Question | None) -> str:
+    def line(self, seen: Observation, question: Question | None, comments: tuple[str, ...] = ()) -> str:
         """Write one line, without its end.
 
         Args:
             seen: the frame or malformed bytes.
             question: what a request asks, or a reply answers where that was seen.
+            comments: that the capture has on it.
         """
+        if comments:
+            remarks = "".join(f"  # {printable(comment)}" for comment in comments)
+            return f"{self.line(seen, question)}{self._palette.dim}{remarks}{self._palette.reset}"
         number, time, _, flow, item, _ = seen
         if isinstance(item, Malformed):
             return self._malformed(seen, item)

@@ -176,13 +176,19 @@ class RecordRenderer:
     def __init__(self) -> None:
         self._forms: dict[tuple[Flow, Layout, Question | None], _Form] = {}
 
-    def record(self, seen: Observation, question: Question | None) -> bytes:
+    def record(self, seen: Observation, question: Question | None, comments: tuple[str, ...] = ()) -> bytes:
         """Write one object, without a line end.
 
         Args:
             seen: the frame or malformed bytes.
             question: what a request asks, or a reply answers where that was seen.
+            comments: that the capture has on it.
         """
+        if comments:
+            return b'%b,"comments":[%b]}' % (
+                self.record(seen, question)[:-1],
+                b",".join(map(json_text, comments)),
+            )
         number, time, _, flow, item, packet = seen
         if isinstance(item, Malformed):
             return self._malformed(seen, item)

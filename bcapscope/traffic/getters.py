@@ -14,10 +14,17 @@ from bcapscope.traffic.question import Question
 
 
 class Told(NamedTuple):
-    """An observation, and what it is about as far as that is known."""
+    """An observation, and what is known about it.
+
+    Attributes:
+        seen: the observation.
+        question: what it asks or answers, where that was seen.
+        comments: that the capture has on it.
+    """
 
     seen: Observation
     question: Question | None
+    comments: tuple[str, ...] = ()
 
 
 _Read: TypeAlias = Callable[[Told], object]

@@ -224,3 +224,11 @@ def test_hostile_strings_never_get_out_raw(style: list[str]) -> None:
     out = run("decode", CAPTURES / "malformed.pcapng", *style).out
     assert not [char for char in out if not char.isprintable() and char not in "\n\r\u3000"]
     assert "\r" not in out.replace("\r\n", "") or style == ["--csv"]
+
+
+def test_comments_of_the_capture_are_shown_and_stay_escaped() -> None:
+    assert run("decode", RETRIES).lines[0].endswith("  # a new set point, serial 1232")
+    assert json.loads(run("decode", RETRIES, "--json").lines[0])["comments"] == [
+        "a new set point, serial 1232"
+    ]
+    assert "comments" not in json.loads(run("decode", CAPTURES / "exchanges.pcap", "--json").lines[0])
