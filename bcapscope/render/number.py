@@ -52,4 +52,4 @@ def single_text(value: float) -> str:
     """Write an R4 with the fewest digits that give the same R4 again."""
     texts = (f"{value:.{digits}g}" for digits in range(6, 9))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
-    return repr(float(next(same, f"{value:.9g}")))
+    return plain_text(float(next(same, f"{value:.9g}")))
