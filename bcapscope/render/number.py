@@ -49,7 +49,7 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Write an R4 with the fewest digits that give the same R4 again."""
-    texts = (f"{value:.{digits}g}" for digits in range(6, 9))
+    """Write an R4 with the digits that give the same R4 again: seven, or eight or nine where it takes them."""
+    texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
     return plain_text(float(next(same, f"{value:.9g}")))
