@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bcapscope.analysis.stay import MOST_LISTED, Buffer, Starved
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
@@ -33,6 +34,7 @@ UNKNOWN_SLOTS = 3
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
+_MOVING = {1: True, 0: False, -1: None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +64,12 @@ class Arrivals(NamedTuple):
     """Set points in the order in which they were sent, a row each.
 
     Attributes:
-        times: when each came, nanoseconds.
-        replies: when each was answered, in nanoseconds; 0 where it was not.
+        times: when each came, nanoseconds since an origin.
+        replies: when each was answered, likewise; no later than `times` where it was not.
         codes: HRESULT of each, 0 where it was not answered.
         frames: of the first request.
         reply_frames: 0 where there is none.
-        moving: whether the one before was in motion; None where that is not known.
+        moving: whether the one before was in motion, 1 or 0; -1 where that is not known.
     """
 
     times: Sequence[int]
@@ -75,14 +77,16 @@ class Arrivals(NamedTuple):
     codes: Sequence[int]
     frames: Sequence[int]
     reply_frames: Sequence[int]
-    moving: Sequence[bool | None]
+    moving: NDArray[np.int64]
 
 
 class BufferModel:
     """Takes set points in order and predicts what the buffer held when each came."""
 
-    def __init__(self, rules: BufferRules) -> None:
+    def __init__(self, rules: BufferRules, origin: int) -> None:
+        """Take how the mode behaves, and the moment from which times are counted."""
         self._rules = rules
+        self._origin = origin
         self._full = rules.slots * _PERIOD
         # Points too many show only once they are more than the doubt of the phase, a point before and behind;
         # a point that replaces another is no matter of doubt.
@@ -149,13 +153,15 @@ class BufferModel:
         if missing == 1:
             self._maybe_starved += 1
         else:
-            moving = rows.moving[index]
+            moving = _MOVING[int(rows.moving[index])]
             self._starved_count += 1
             self._starved_moving += moving is not False
             if len(self._starved) < MOST_LISTED:
                 after = rows.frames[index - 1] if index else self._before
                 late_ms = late / _NS_PER_MS
-                self._starved.append(Starved(empty_at, after, rows.frames[index], missing, late_ms, moving))
+                self._starved.append(
+                    Starved(self._origin + empty_at, after, rows.frames[index], missing, late_ms, moving)
+                )
         return empty_at + missing * _PERIOD
 
     def _heed(self, rows: Arrivals, index: int, empty_at: int) -> int:

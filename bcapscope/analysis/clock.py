@@ -23,9 +23,9 @@ class ControllerClock:
     """Takes pairs of the controller's stamp and the time at which its reply was seen.
 
     Stamps are a signed 32-bit number, in ms or µs as the client asks (DENSORobot/denso_robot_ros2
-    denso_robot_core); in µs it turns negative after 36 minutes and wraps each 72. The reply is seen later than
-    it was stamped by the time that the network takes; a straight line through all pairs finds how fast one
-    clock runs against the other, since that time is nearly the same for all.
+    denso_robot_core); in µs it turns negative after 36 minutes and wraps each 72. The reply is seen later
+    than it was stamped by the time that the network takes; a straight line through all pairs finds how fast
+    one clock runs against the other, since that time is nearly the same for all.
     """
 
     def __init__(self, microseconds: bool | None) -> None:

@@ -32,6 +32,7 @@ class Rows:
         frames: of the first requests.
         reply_frames: 0 where there is none.
         retries: of each.
+        troubled: which of them were sent or answered more than once.
     """
 
     calls: Sequence[Exchange]
@@ -44,6 +45,7 @@ class Rows:
     frames: NDArray[np.int64]
     reply_frames: NDArray[np.int64]
     retries: NDArray[np.int64]
+    troubled: Sequence[int]
 
     @property
     def latencies(self) -> NDArray[np.float64]:
@@ -70,6 +72,7 @@ def rows_of(calls: Sequence[Exchange], origin: int) -> Rows:
         frames=np.array([request.number for request in requests], np.int64),
         reply_frames=np.array([0 if reply is None else reply.number for reply in replies], np.int64),
         retries=np.zeros(len(calls), np.int64),
+        troubled=[index for index, call in enumerate(calls) if call.others or not call.origin_seen],
     )
     _add_troubled(rows, origin)
     return rows
@@ -77,11 +80,11 @@ def rows_of(calls: Sequence[Exchange], origin: int) -> Rows:
 
 def _add_troubled(rows: Rows, origin: int) -> None:
     """Fill in what only a few calls have: retries, and no reply."""
-    for index, call in enumerate(rows.calls):
-        if call.others or not call.origin_seen:
-            rows.retries[index] = call.retries
-            if call.reply is not None and call.rtt is not None:
-                rows.arrivals[index] = _times([call.reply.time - call.rtt], origin)[0]
+    for index in rows.troubled:
+        call = rows.calls[index]
+        rows.retries[index] = call.retries
+        if call.reply is not None and call.rtt is not None:
+            rows.arrivals[index] = _times([call.reply.time - call.rtt], origin)[0]
     for index in np.flatnonzero(~rows.answered).tolist():
         rows.open[index] = rows.calls[index].outcome is Outcome.CAPTURE_ENDED
 

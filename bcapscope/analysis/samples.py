@@ -17,7 +17,7 @@ _HEAD = 7
 
 
 class Sampler:
-    """Keeps runs of set points, each summed up in a row; they become twice as long when there are too many."""
+    """Keeps runs of set points, each summed up in a row; when there are too many, they grow twice as long."""
 
     def __init__(self, axes: int, origin: int) -> None:
         """Take the number of axes and the time, in nanoseconds, from which rows are counted."""

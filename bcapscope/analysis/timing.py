@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from bcapscope.protocol.slavemode import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""What the seed's paper recommends where the newest point wins (DENSO Wave 2009, How to use the Slave mode)."""
+"""Recommended where the newest point wins (DENSO Wave 2009, How to use the Slave mode)."""
 
 FAST_BELOW_MS = 3.0
 """A median cycle below this is nearer, as factors go, to 1 ms than to 8 ms."""
@@ -212,5 +213,5 @@ def set_point_fact(rows: Rows, row: int, cycles: Floats) -> SetPointFact:
         reply=None if call.reply is None else call.reply.number,
         hresult=call.hresult,
         latency_ms=None if call.latency is None else call.latency / 1e6,
-        cycle_ms=None if cycle != cycle else cycle,
+        cycle_ms=None if math.isnan(cycle) else cycle,
     )
