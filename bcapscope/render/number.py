@@ -35,7 +35,7 @@ def plain_text(value: int | float | tuple[int | float, ...]) -> str:
     """Write numbers with the fewest digits that read back as the same: exact, and fast."""
     text = orjson.dumps(value).decode("ascii")
     if "null" in text:
-        return ",".join(map(repr, value)) if isinstance(value, tuple) else repr(value)
+        return ",".join(map(plain_text, value)) if isinstance(value, tuple) else repr(value)
     return text[1:-1] if isinstance(value, tuple) else text
 
 
@@ -49,7 +49,7 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Write an R4 with the digits that give the same R4 again: seven, or eight or nine where it takes them."""
+    """Write an R4 with digits that give the same R4 again: seven, or more where it takes them."""
     texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
     return plain_text(float(next(same, f"{value:.9g}")))
