@@ -37,6 +37,11 @@ class Style(StrEnum):
 @click.command(short_help="Read frames, one line each.")
 @options.paths
 @options.interface
+@click.option(
+    "--text",
+    metavar="FILE",
+    help="Read hex as people paste it from mails, documents and tools; - is standard input.",
+)
 @options.ports
 @click.option("--tree", "style", flag_value=Style.TREE, type=Style, help="Every field, with its bytes.")
 @click.option("--csv", "style", flag_value=Style.CSV, type=Style, help="A table with a header.")
@@ -50,6 +55,7 @@ def command(
     *,
     paths: tuple[str, ...],
     interface: str | None,
+    text: str | None,
     ports: tuple[int, ...],
     style: Style | None,
     dump: bool,
@@ -68,7 +74,7 @@ def command(
     """
     if dump and style in (Style.CSV, Style.JSON):
         raise click.UsageError("--hex goes with lines and trees")
-    reading = Reading(paths, ports, interface)
+    reading = Reading(paths, ports, interface, text)
     told = _told(reading, wanted)
     if style is Style.JSON:
         lines: Iterable[str] | Iterable[bytes] = starmap(RecordRenderer().record, told)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import BinaryIO, cast
 
 import click
@@ -14,6 +15,7 @@ from bcapscope.capture.file import CaptureFile, open_capture
 from bcapscope.capture.live import open_live
 from bcapscope.capture.observer import Observer
 from bcapscope.capture.packet import Packet
+from bcapscope.capture.pasted import Pasted, observe_text
 from bcapscope.capture.sides import PORTS
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import Output, narrate
@@ -34,24 +36,32 @@ class Reading:
         output: where the command writes its data.
     """
 
-    def __init__(self, paths: Sequence[str], ports: Collection[int], interface: str | None = None) -> None:
+    def __init__(
+        self,
+        paths: Sequence[str],
+        ports: Collection[int],
+        interface: str | None = None,
+        text: str | None = None,
+    ) -> None:
         """Choose what to read.
 
         Args:
             paths: captures, ``-`` being standard input.
             ports: where servers listen; 5007 if there are none.
             interface: capture live on it, instead of reading.
+            text: a file with pasted hex, ``-`` being standard input, instead of either.
 
         Raises:
-            click.UsageError: there is nothing to read, or both.
+            click.UsageError: there is nothing to read, or more than one thing.
         """
-        if bool(paths) == bool(interface):
+        if bool(paths) + bool(interface) + bool(text) != 1:
             raise click.UsageError("name a capture, - for standard input, or an interface with -i")
         self.exit = Exit.OK
         # What is live is to be seen at once; what lies in a file is to be read fast.
         self.output = Output(1) if interface else Output()
         self._paths = paths
         self._interface = interface
+        self._pasted = None if text is None else self._read_text(text)
         self._observer = Observer(frozenset(ports) or PORTS)
         self._progress = Progress()
         self._file: CaptureFile | None = None
@@ -59,13 +69,16 @@ class Reading:
 
     def observations(self) -> Iterator[Observation]:
         """Yield all that is said; what cannot be read is told on stderr, in one sentence each."""
+        if self._pasted is not None:
+            yield from self._pasted.observations
+            return
         yield from self._observer.observe(self._live() if self._interface else self._packets())
         self._progress.done()
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
         """Comments of the packets read lately, by the number of the packet."""
-        return self._observer.comments
+        return self._observer.comments if self._pasted is None else self._pasted.comments
 
     def pause(self) -> None:
         """Show how far reading has come, if it takes long."""
@@ -74,6 +87,9 @@ class Reading:
 
     def summary(self) -> None:
         """Tell on stderr what was read, what was left aside, and which servers had to be worked out."""
+        if self._pasted is not None:
+            narrate(f"{_number(len(self._pasted.observations), 'packet')} found in the text")
+            return
         told = [c for c in self._observer.conversations if not c.side_known_by.startswith("port ")]
         for conversation in told[:_MOST_SIDES_TOLD]:
             server, reason = conversation.server, conversation.side_known_by
@@ -83,6 +99,19 @@ class Reading:
         if self._lost:
             narrate(f"{_number(self._lost, 'packet')} lost: there was no room for more")
         narrate(_counted(self._observer.counts))
+
+    def _read_text(self, path: str) -> Pasted:
+        try:
+            data = sys.stdin.buffer.read() if path == STDIN else Path(path).read_bytes()
+        except OSError as error:
+            narrate(f"{printable(path)}: cannot be opened: {error.strerror}")
+            self.exit = Exit.UNREADABLE
+            return Pasted([], {})
+        pasted = observe_text(data.decode("utf-8", "replace"))
+        if not pasted.observations:
+            narrate(f"{'standard input' if path == STDIN else printable(path)}: there is no hex in this text")
+            self.exit = Exit.UNREADABLE
+        return pasted
 
     def _live(self) -> Iterator[Packet]:
         name = self._interface or ""

@@ -13,6 +13,8 @@ class Transport(StrEnum):
 
     UDP = "udp"
     TCP = "tcp"
+    UNKNOWN = "unknown"
+    """Text that was pasted tells nothing of it."""
 
 
 class Direction(StrEnum):
@@ -23,12 +25,14 @@ class Direction(StrEnum):
 
 
 class Endpoint(NamedTuple):
-    """An IP address as text and a port."""
+    """An IP address as text and a port; port 0 where there is none to tell."""
 
     host: str
     port: int
 
     def __str__(self) -> str:
+        if not self.port:
+            return self.host
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 

@@ -232,3 +232,32 @@ def test_comments_of_the_capture_are_shown_and_stay_escaped() -> None:
         "a new set point, serial 1232"
     ]
     assert "comments" not in json.loads(run("decode", CAPTURES / "exchanges.pcap", "--json").lines[0])
+
+
+def test_pasted_hex_is_read_and_what_is_wrong_with_it_said() -> None:
+    done = run("decode", "--text", CAPTURES / "damaged-dumps.txt")
+    assert done.code == Exit.OK
+    assert done.err == "17 packets found in the text\n"
+    assert "probably 2 zero bytes lost: at offset 12 in the function id" in done.lines[5]
+    assert "47 bytes missing at the end" in done.lines[8]
+    assert "8E for 6E at offset 55" in done.lines[13]
+    text = (CAPTURES / "damaged-dumps.txt").read_bytes()
+    assert run("decode", "--text", "-", stdin=text).out == done.out
+
+
+@pytest.mark.parametrize("text", [b"no hex at all\n", b"", b"\xff\xfe\x00"])
+def test_a_text_without_hex_is_said(text: bytes) -> None:
+    done = run("decode", "--text", "-", stdin=text)
+    assert done.code == Exit.UNREADABLE
+    assert "there is no hex in this text" in done.err
+
+
+def test_one_source_at_a_time() -> None:
+    assert run("decode", RETRIES, "-i", "lo").code == Exit.USAGE
+    assert run("decode", "--text", "-", "-i", "lo").code == Exit.USAGE
+
+
+def test_an_unknown_interface_is_said() -> None:
+    done = run("decode", "-i", "nosuch0")
+    assert done.code == Exit.UNREADABLE
+    assert "there is no interface nosuch0" in done.err
