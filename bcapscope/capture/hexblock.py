@@ -1,0 +1,133 @@
+"""Rows of hex that belong together."""
+
+from __future__ import annotations
+
+from bcapscope.capture.hexline import Hex
+from bcapscope.traffic.observation import Direction
+
+_LARGEST_REPEAT = 64 * 1024
+"""Bytes that an asterisk may stand for."""
+
+_LARGEST_HOLE = 4096
+"""Bytes by which the offset of a row may be ahead and the row still belong to those before it."""
+
+_BASES = (16, 10, 8)
+
+
+class Block:
+    """Rows of hex with nothing between them.
+
+    Attributes:
+        caption: the words above.
+        said: who sent it, by these words.
+        captioned: the words are right above, with no other hex between.
+        offset: written before the first row; else empty.
+        indent: column of that offset.
+        anew: the offset says that this is the beginning.
+        alone: there is nothing else in any of its lines.
+        marked: written as only hex is.
+        paused: a blank line follows.
+        repeats: an asterisk follows, which stands for more rows like the last.
+        size: whole bytes.
+        notes: what is odd about it.
+    """
+
+    def __init__(self, caption: str, said: Direction | None, captioned: bool, first: Hex) -> None:
+        self.caption = caption
+        self.said = said
+        self.captioned = captioned
+        self.offset = first.offset
+        self.indent = first.indent if first.offset else -1
+        self.anew = bool(first.offset) and not first.offset.strip("0:")
+        self.alone = True
+        self.marked = False
+        self.paused = False
+        self.repeats = False
+        self.notes: list[str] = []
+        self._parts: list[str] = []
+        self._count = 0
+        self._skipped = 0
+        self._rows: list[tuple[int, int]] = []
+        self._bases: tuple[int, ...] = _BASES
+
+    @property
+    def digits(self) -> str:
+        """The digits of all rows."""
+        return "".join(self._parts)
+
+    @property
+    def size(self) -> int:
+        """How many bytes there are; half a byte at the end is left out."""
+        return self._count // 2
+
+    @property
+    def data(self) -> bytes:
+        """The bytes; half a byte at the end is left out."""
+        return bytes.fromhex(self.digits[: 2 * self.size])
+
+    def lines(self) -> list[tuple[int, int]]:
+        """Return offset and line number of each row."""
+        return [(place // 2, line) for place, line in self._rows]
+
+    def add(self, line: int, row: Hex) -> None:
+        """Put a row behind the others."""
+        self._rows.append((self._count, line))
+        self._append(row.digits)
+        self.alone = self.alone and row.alone
+        self.marked = self.marked or row.marked
+        self.paused = False
+
+    def extend(self, other: Block) -> None:
+        """Put all rows of another block behind these."""
+        self._rows += [(self._count + place, line) for place, line in other._rows]
+        self._append(other.digits)
+        self.notes += other.notes
+
+    def reach(self, offset: str, line: int) -> bool:
+        """Make the block end where `offset` says, if that is about where it ends; tell whether it is.
+
+        Characters to the right of the last row, taken for hex, are dropped; what an asterisk stands for is
+        put in. The offsets may be hexadecimal, decimal or octal.
+        """
+        size = self.size
+        places = [(base, self._place(offset, base)) for base in self._bases]
+        exact = tuple(base for base, place in places if place == size)
+        if exact:
+            self._bases = exact
+            return True
+        last = self._rows[-1][0] // 2
+        for _, place in places:
+            if place is None or place <= last:
+                continue
+            if place < size:
+                row = self._parts.pop()
+                self._count -= len(row)
+                self._append(row[: 2 * (place - last)])
+                return True
+            if self._fill(place - size, line):
+                return True
+        return False
+
+    def _place(self, offset: str, base: int) -> int | None:
+        """Return where in the block an offset is; None if it is none in that base."""
+        try:
+            return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
+        except ValueError:
+            return None
+
+    def _append(self, digits: str) -> None:
+        self._parts.append(digits)
+        self._count += len(digits)
+
+    def _fill(self, count: int, line: int) -> bool:
+        """Put in `count` bytes that are like the last row, or note that they are missing."""
+        if self.repeats and count <= _LARGEST_REPEAT:
+            row = self._parts[-1]
+            self._append((row * (2 * count // len(row) + 1))[: 2 * count])
+            self.repeats = False
+            return True
+        if count > _LARGEST_HOLE:
+            return False
+        self._skipped += count
+        self.notes.append(f"{count} bytes are missing in the text before line {line}")
+        return True
