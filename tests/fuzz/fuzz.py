@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192, "render": 1024}
+MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192, "render": 1024, "text": 4096}
 
 
 def main(argv: list[str]) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import VT, Variant
 from tests.capture import packets as p
+from tests.dumps import FORMS, window
 from tests.frames import ARGUMENTS, DAMAGED, FRAMES, HANDLE, nested
 
 CAPTURES = Path(__file__).parents[2] / "captures"
@@ -88,4 +89,19 @@ def render_seeds() -> list[bytes]:
     return [bytes((head,)) + data for data in (*frame_seeds(), hostile) for head in (0, 1, 2)]
 
 
-SEEDS = {"frame": frame_seeds, "stream": stream_seeds, "capture": capture_seeds, "render": render_seeds}
+def text_seeds() -> list[bytes]:
+    """Frames as they are pasted: every form of dump, captions, prose; the frames of the sample captures."""
+    request, damaged = FRAMES[2].data, FRAMES[2].data[:13] + FRAMES[2].data[14:]
+    texts = [form(request) for form in FORMS]
+    texts += [f"Send Packet\n{window(request)}\nReceive:\n{window(damaged)}\nas I said, 0x01 is SOH."]
+    samples = [path.read_text() for path in sorted(CAPTURES.glob("*.txt"))]
+    return [text.encode() for text in texts + samples]
+
+
+SEEDS = {
+    "frame": frame_seeds,
+    "stream": stream_seeds,
+    "capture": capture_seeds,
+    "render": render_seeds,
+    "text": text_seeds,
+}

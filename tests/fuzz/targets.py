@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 
 from bcapscope.capture.file import CaptureFile
+from bcapscope.capture.hextext import read_hex_text
 from bcapscope.capture.link import ETHERNET
 from bcapscope.capture.observer import Observer
 from bcapscope.capture.packet import Packet
@@ -163,6 +164,17 @@ def check_pieces(pieces: list[Piece], runs: list[list[bytes]]) -> None:
         if isinstance(piece.item, Frame):
             check_frame(piece.item, noted=piece.item.note is not None)
     assert pos == len(expected)
+
+
+def text(data: bytes) -> None:
+    """Read `data` as text in which frames were pasted."""
+    pasted = data.decode("utf-8", "replace")
+    line = 1
+    for packet in read_hex_text(pasted):
+        assert line <= packet.line <= 1 + pasted.count("\n") + pasted.count("\r")
+        line = packet.line
+        assert 0 < len(packet.data) <= len(pasted)
+        frame(packet.data)
 
 
 def capture(data: bytes) -> None:
