@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from itertools import chain, starmap
 
@@ -15,14 +15,14 @@ from bcapscope.cli.reading import Reading
 from bcapscope.render.hexdump import hexdump
 from bcapscope.render.line import LineRenderer
 from bcapscope.render.moment import Clock
-from bcapscope.render.palette import Palette
 from bcapscope.render.record import RecordRenderer
 from bcapscope.render.table import TableRenderer
 from bcapscope.render.tree import TreeRenderer
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import FRAME_GETTERS, Told
-from bcapscope.traffic.question import Questions
+from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.question import Question, Questions
 
 
 class Style(StrEnum):
@@ -83,10 +83,15 @@ def command(
         lines = chain([table.header()], (table.row(seen, question) for seen, question, _ in told))
     else:
         colors = palette(color)
-        lines = starmap(LineRenderer(Clock(clock), colors).line, told)
-        if style is Style.TREE or dump:
-            tree = TreeRenderer(colors, full, dump) if style is Style.TREE else None
-            lines = _with_details(told, LineRenderer(Clock(clock), colors), tree, colors)
+        line = LineRenderer(Clock(clock), colors, brief=text is not None)
+        if style is Style.TREE:
+            lines = _detailed(told, line, TreeRenderer(colors, full, dump).lines)
+        elif dump:
+            lines = _detailed(told, line, lambda seen, _: hexdump(seen.item.raw, palette=colors))
+        elif text is not None:
+            lines = _remarked(told, line)
+        else:
+            lines = starmap(line.line, told)
     reading.output.write_lines(lines, reading.pause)
     reading.summary()
     sys.exit(reading.exit)
@@ -103,12 +108,20 @@ def _told(reading: Reading, wanted: Filter | None) -> Iterator[Told]:
     return told if wanted is None else filter(wanted.bind(FRAME_GETTERS), told)
 
 
-def _with_details(
-    told: Iterable[Told], line: LineRenderer, tree: TreeRenderer | None, colors: Palette
+def _detailed(
+    told: Iterable[Told],
+    line: LineRenderer,
+    details: Callable[[Observation, Question | None], Iterable[str]],
 ) -> Iterator[str]:
     for seen, question, comments in told:
         yield line.line(seen, question, comments)
-        details = hexdump(seen.item.raw, palette=colors) if tree is None else tree.lines(seen, question)
-        for detail in details:
+        for detail in details(seen, question):
             yield f"       {detail}"
         yield ""
+
+
+def _remarked(told: Iterable[Told], line: LineRenderer) -> Iterator[str]:
+    for seen, question, comments in told:
+        yield line.line(seen, question)
+        for remark in line.remarks(seen, comments):
+            yield f"       {remark}"

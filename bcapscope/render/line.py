@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 
 from bcapscope.protocol.frame import Frame, Framing, Malformed
@@ -26,8 +27,10 @@ LONGEST_RAW = 48
 class LineRenderer:
     """Writes frames as lines, in the order in which they were seen."""
 
-    def __init__(self, clock: Clock = Clock.RELATIVE, palette: Palette = PLAIN) -> None:
+    def __init__(self, clock: Clock = Clock.RELATIVE, palette: Palette = PLAIN, brief: bool = False) -> None:
+        """Choose the looks; brief lines leave problems and comments to `remarks`."""
         self._palette = palette
+        self._brief = brief
         self._time = time_writer(clock)
         self._phrases: dict[tuple[Flow, Layout, Question | None], Phrase] = {}
 
@@ -39,7 +42,7 @@ class LineRenderer:
             question: what a request asks, or a reply answers where that was seen.
             comments: that the capture has on it.
         """
-        if comments:
+        if comments and not self._brief:
             remarks = "".join(f"  # {printable(comment)}" for comment in comments)
             return f"{self.line(seen, question)}{self._palette.dim}{remarks}{self._palette.reset}"
         number, time, _, flow, item, _ = seen
@@ -52,6 +55,14 @@ class LineRenderer:
         key = flow, found[0], question
         phrase = self._phrases.get(key) or self._remember(key, item)
         return phrase.fill(head, found[1])
+
+    def remarks(self, seen: Observation, comments: tuple[str, ...]) -> Iterator[str]:
+        """Write what stands at the end of a line that is not brief, a line each."""
+        color = self._palette
+        for comment in comments:
+            yield f"{color.dim}# {printable(comment)}{color.reset}"
+        for problem in seen.item.problems:
+            yield f"{color.problem}!! {printable(problem.reason)}{color.reset} (at {problem.offset})"
 
     def _remember(self, key: tuple[Flow, Layout, Question | None], frame: Frame) -> Phrase:
         if len(self._phrases) >= MOST_PHRASES:
@@ -93,15 +104,19 @@ class LineRenderer:
         builder = self._builder(flow, frame, question)
         if frame.framing is not Framing.PLAIN:
             builder.text(f" [{frame.framing.value}]")
-        if frame.problems:
-            reasons = "; ".join(f"{problem.reason} (at {problem.offset})" for problem in frame.problems)
+        if frame.problems and not self._brief:
+            reasons = "; ".join(
+                f"{printable(problem.reason)} (at {problem.offset})" for problem in frame.problems
+            )
             builder.text(f" {self._palette.problem}!! {reasons}{self._palette.reset}")
         return builder.done()
 
     def _malformed(self, seen: Observation, item: Malformed) -> str:
-        reasons = "; ".join(problem.reason for problem in item.problems)
+        reasons = "; ".join(printable(problem.reason) for problem in item.problems)
         shown = item.raw[:LONGEST_RAW].hex(" ")
         more = f" … {len(item.raw) - LONGEST_RAW} more bytes" if len(item.raw) > LONGEST_RAW else ""
         ends = self._ends(seen.flow).replace("%%", "%")
         head = f"{seen.number:>6} {self._time(seen.time)} {ends} {'-':>5} {'-':>5}"
+        if self._brief:
+            return f"{head}  {shown}{more}"
         return f"{head}  {self._palette.problem}!! {reasons}{self._palette.reset} {shown}{more}".rstrip()
