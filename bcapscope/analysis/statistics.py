@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bcapscope.analysis.distribution import Distribution, Histogram
+from bcapscope.protocol.hresult import is_failure
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 from bcapscope.traffic.question import Question
 from bcapscope.traffic.verdict import Outcome
 
@@ -26,6 +27,9 @@ GRACE_NS = 200_000_000_000
 
 OTHERS = Question(0, None)
 """Stands for all that was asked beyond `MOST_KINDS`; 0 is no function's id."""
+
+ELSEWHERE = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, "")
+"""Stands for all clients that came when twice `MOST_KINDS` pairs had figures of their own."""
 
 _TOGETHER = 512
 _MILLISECOND = 1_000_000
@@ -106,11 +110,11 @@ class Statistics:
 
 
 class _Tally:
-    """Counts calls of one kind."""
+    """Counts calls of one kind; smooth ones, nearly all, are counted many at once."""
 
     __slots__ = (
         "calls", "codes", "executing", "histogram", "late", "latencies",
-        "outcomes", "request_bytes", "retried", "retries", "waited",
+        "outcomes", "request_bytes", "retried", "retries", "smooth", "waited",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -119,28 +123,32 @@ class _Tally:
         self.outcomes: Counter[Outcome] = Counter()
         self.codes: Counter[int] = Counter()
         self.histogram = Histogram()
+        self.smooth: list[int] = []
         self.latencies: list[int] = []
 
     def take(self, call: Exchange) -> None:
+        request, reply = call.request, call.reply
+        self.request_bytes += len(request.item.raw)
+        if reply is None or is_failure(reply.item.code) or not call.is_plain:
+            self._take_troubled(call)
+            return
+        smooth = self.smooth
+        smooth.append(reply.time - request.time)
+        if len(smooth) >= _TOGETHER:
+            self.settle()
+
+    def _take_troubled(self, call: Exchange) -> None:
         self.calls += 1
-        latency = call.latency
-        self.request_bytes += len(call.request.item.raw)
-        if call.is_plain and latency is not None:
-            retries = 0
-        else:
-            retries = call.retries
-            self.retries += retries
-            self.retried += retries > 0
-            self.late += len(call.late_replies)
-            self.executing += len(call.notices)
-            self.request_bytes += sum(len(seen.item.raw) for seen in call.requests[1:])
-        outcome = call.outcome
-        self.outcomes[outcome] += 1
-        if outcome is Outcome.REFUSED:
+        self.retries += call.retries
+        self.retried += call.retries > 0
+        self.late += len(call.late_replies)
+        self.executing += len(call.notices)
+        self.request_bytes += sum(len(seen.item.raw) for seen in call.requests[1:])
+        self.outcomes[call.outcome] += 1
+        if call.outcome is Outcome.REFUSED:
             self._count_code(call.hresult)
-        if latency is not None:
-            self.waited += latency
-            self.latencies.append(latency)
+        if call.latency is not None:
+            self.latencies.append(call.latency)
             if len(self.latencies) >= _TOGETHER:
                 self.settle()
 
@@ -149,9 +157,13 @@ class _Tally:
             self.codes[code] += 1
 
     def settle(self) -> None:
-        """Move the latencies kept so far into the histogram."""
-        self.histogram.add(np.array(self.latencies, dtype=np.float64) / _MILLISECOND)
-        self.latencies = []
+        """Count the smooth calls kept so far, and move all latencies into the histogram."""
+        self.calls += len(self.smooth)
+        self.outcomes[Outcome.ANSWERED] += len(self.smooth)
+        latencies = self.smooth + self.latencies
+        self.waited += sum(latencies)
+        self.histogram.add(np.array(latencies, dtype=np.float64) / _MILLISECOND)
+        self.smooth, self.latencies = [], []
 
     def add(self, other: _Tally) -> None:
         """Take over what another tally counted, whose latencies are settled."""
@@ -188,16 +200,17 @@ class Summary:
 
     def __init__(self) -> None:
         self._tallies: dict[tuple[Conversation, Question], _Tally] = {}
+        self._conversation: Conversation | None = None
+        self._question: Question | None = None
+        self._tally: _Tally
         self._start: int | None = None
         self._end = 0
 
     def take(self, call: Exchange) -> None:
         """Count a call."""
-        key = call.conversation, call.question
-        tally = self._tallies.get(key)
-        if tally is None:
-            tally = self._begin(key)
-        tally.take(call)
+        if call.question is not self._question or call.conversation is not self._conversation:
+            self._turn_to(call)
+        self._tally.take(call)
         if self._start is None or call.request.time < self._start:
             self._start = call.request.time
         self._end = max(self._end, call.activity)
@@ -235,10 +248,14 @@ class Summary:
             tuple(sorted(by_kind, key=_time_taken)),
         )
 
-    def _begin(self, key: tuple[Conversation, Question]) -> _Tally:
-        if len(self._tallies) >= MOST_KINDS:
-            key = key[0], OTHERS
-        return self._tallies.setdefault(key, _Tally())
+    def _turn_to(self, call: Exchange) -> None:
+        key = self._conversation, self._question = call.conversation, call.question
+        tally = self._tallies.get(key)
+        if tally is None:
+            if len(self._tallies) >= MOST_KINDS:
+                key = call.conversation if len(self._tallies) < 2 * MOST_KINDS else ELSEWHERE, OTHERS
+            tally = self._tallies.setdefault(key, _Tally())
+        self._tally = tally
 
 
 def _time_taken(row: Row) -> tuple[float, int]:
@@ -246,26 +263,40 @@ def _time_taken(row: Row) -> tuple[float, int]:
 
 
 class Slices:
-    """Statistics of one slice of time after the other; a call belongs to the slice in which it started."""
+    """Statistics of one slice of time after the other; a call belongs to the slice in which it started.
+
+    Where time goes back by more than `GRACE_NS`, as between captures read in another order, all slices before
+    that are over; a slice may then come twice, each time with other calls.
+    """
 
     def __init__(self, nanoseconds: int) -> None:
         """Cut the time into slices of that length, the first one beginning with the first call."""
         self._length = nanoseconds
         self._origin: int | None = None
+        self._latest = 0
+        self._over = 0
         self._open: dict[int, Summary] = {}
 
     def take(self, call: Exchange) -> list[Statistics]:
         """Count a call; return the slices to which nothing can be added any more, in order."""
         time = call.request.time
         if self._origin is None:
-            self._origin = time
+            self._origin = self._latest = time
+        found = []
+        if time < self._latest - GRACE_NS:
+            found = self.close()
+            self._latest = time
+        self._latest = max(self._latest, time)
+        over = (self._latest - self._origin - GRACE_NS) // self._length
+        if over > self._over:
+            found = self._give_out([number for number in self._open if number < over])
+        self._over = over
         number = (time - self._origin) // self._length
         summary = self._open.get(number)
         if summary is None:
             summary = self._open[number] = Summary()
         summary.take(call)
-        over = (time - self._origin - GRACE_NS) // self._length
-        return self._give_out([number for number in self._open if number < over])
+        return found
 
     def close(self) -> list[Statistics]:
         """Return the slices that are left."""

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import TypeAlias
+
 import orjson
 
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.render.moment import epoch_text
 from bcapscope.render.record import json_text
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.convention import Convention
+from bcapscope.traffic.exchange import Exchange, FrameObservation
 from bcapscope.traffic.handles import Thing
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.question import Question
 from bcapscope.traffic.verdict import Outcome, Verdict
 
-MOST_TEXTS = 4096
-"""Beginnings and results that are kept ready made; when there are more, all are made again."""
+MOST_FORMS = 4096
+"""Forms of plain answered calls that are kept ready made; when there are more, all are made again."""
+
+_Kind: TypeAlias = "tuple[Conversation, Question, Thing | None, int, Convention]"
 
 _MILLISECOND = 1_000_000
 _OBJECT = (
-    b'{"call":%d,%b"object":%b,"started":%b,"requests":%b,"serials":%b,"retries":%d,"replies":%b,"late_replies":%b,'
-    b'"executing":%d,"duplicates":%b,"outcome":"%b",%b,"latency_ms":%b,"rtt_ms":%b,"convention":"%b",'
-    b'"verdict":"%b"}'
+    b'{"call":%b,%b"object":%b,"started":%b,"requests":%b,"serials":%b,"retries":%b,"replies":%b,'
+    b'"late_replies":%b,"executing":%b,"duplicates":%b,"outcome":"%b",%b,"latency_ms":%b,"rtt_ms":%b,'
+    b'"convention":"%b","verdict":"%b"}'
 )
 _OUTCOMES = {outcome: outcome.value.encode("ascii") for outcome in Outcome}
 _VERDICTS = {verdict: verdict.value.encode("ascii") for verdict in Verdict}
@@ -31,8 +37,7 @@ class CallRecordRenderer:
     """Writes calls as JSON objects."""
 
     def __init__(self) -> None:
-        self._heads: dict[tuple[Conversation, Question], bytes] = {}
-        self._results: dict[int | None, bytes] = {}
+        self._forms: dict[_Kind, bytes] = {}
 
     def record(self, call: Exchange, subject: Thing | None = None) -> bytes:
         """Write one object, without a line end; `object` is the name of `subject`, of which it was asked.
@@ -40,70 +45,93 @@ class CallRecordRenderer:
         `started` is in seconds since 1970, `latency_ms` runs from the first request to the accepted reply,
         `rtt_ms` from the request that it answers; lists hold frame numbers but for `serials`.
         """
-        key = call.conversation, call.question
-        head = self._heads.get(key) or self._remember(key)
-        result = self._results.get(call.hresult) or self._remember_result(call.hresult)
+        request, reply = call.request, call.reply
+        if reply is None or not call.is_plain:
+            return _troubled(call, subject)
+        kind = call.conversation, call.question, subject, reply.item.code, call.convention
+        form = self._forms.get(kind) or self._remember(kind, call)
         latency = _duration(call.latency)
-        reply = b"[]" if call.reply is None else b"[%d]" % call.reply.number
-        started = epoch_text(call.request.time).encode("ascii")
-        outcome, verdict = _OUTCOMES[call.outcome], _VERDICTS[call.verdict]
-        convention = call.convention.encode("ascii")
-        if call.is_plain:
-            request = call.request
-            requests, serials, rtt = b"[%d]" % request.number, b"[%d]" % request.item.serial, latency
-            retries, executing, late, duplicates = 0, 0, b"[]", b"[]"
-        else:
-            requests = orjson.dumps([seen.number for seen in call.requests])
-            serials, retries, executing = orjson.dumps(call.serials), call.retries, len(call.notices)
-            late = orjson.dumps([seen.number for seen in (*call.late_replies, *call.lost_replies)])
-            duplicates = orjson.dumps([seen.number for seen in call.duplicates])
-            rtt = _duration(call.rtt)
-        return _OBJECT % (
-            call.call,
-            head,
-            b"null" if subject is None else json_text(subject.label),
-            started,
-            requests,
-            serials,
-            retries,
-            reply,
-            late,
-            executing,
-            duplicates,
-            outcome,
-            result,
-            latency,
-            rtt,
-            convention,
-            verdict,
+        started = epoch_text(request.time).encode("ascii")
+        serial = request.item.serial
+        return form % (call.call, started, request.number, serial, reply.number, latency, latency)
+
+    def _remember(self, kind: _Kind, call: Exchange) -> bytes:
+        """Make the form of plain answered calls of one kind, with places for what is their own."""
+        if len(self._forms) >= MOST_FORMS:
+            self._forms.clear()
+        head, thing, result = _head(call), _object(kind[2]), _result(call)
+        self._forms[kind] = form = _OBJECT % (
+            b"%d",
+            head.replace(b"%", b"%%"),
+            thing.replace(b"%", b"%%"),
+            b"%b",
+            b"[%d]",
+            b"[%d]",
+            b"0",
+            b"[%d]",
+            b"[]",
+            b"0",
+            b"[]",
+            _OUTCOMES[call.outcome],
+            result.replace(b"%", b"%%"),
+            b"%b",
+            b"%b",
+            call.convention.encode("ascii"),
+            _VERDICTS[call.verdict],
         )
+        return form
 
-    def _remember(self, key: tuple[Conversation, Question]) -> bytes:
-        if len(self._heads) >= MOST_TEXTS:
-            self._heads.clear()
-        conversation, question = key
-        values = {
-            b"function": json_text(function_name(question.function_id)),
-            b"function_id": orjson.dumps(question.function_id),
-            b"command": json_text(question.command),
-            b"transport": json_text(conversation.transport),
-            b"client": json_text(str(conversation.client)),
-            b"server": json_text(str(conversation.server)),
-        }
-        text = b"".join(b'"%b":%b,' % item for item in values.items())
-        self._heads[key] = text
-        return text
 
-    def _remember_result(self, code: int | None) -> bytes:
-        if len(self._results) >= MOST_TEXTS:
-            self._results.clear()
-        if code is None:
-            text = b'"hresult":null,"hresult_name":null'
-        else:
-            meaning = (code, json_text(hresult_name(code)), json_text(describe(code).text))
-            text = b'"hresult":%d,"hresult_name":%b,"hresult_text":%b' % meaning
-        self._results[code] = text
-        return text
+def _troubled(call: Exchange, subject: Thing | None) -> bytes:
+    """Write a call to which anything may have happened."""
+    return _OBJECT % (
+        b"%d" % call.call,
+        _head(call),
+        _object(subject),
+        epoch_text(call.request.time).encode("ascii"),
+        _numbers(call.requests),
+        orjson.dumps(call.serials),
+        b"%d" % call.retries,
+        b"[]" if call.reply is None else b"[%d]" % call.reply.number,
+        _numbers((*call.late_replies, *call.lost_replies)),
+        b"%d" % len(call.notices),
+        _numbers(call.duplicates),
+        _OUTCOMES[call.outcome],
+        _result(call),
+        _duration(call.latency),
+        _duration(call.rtt),
+        call.convention.encode("ascii"),
+        _VERDICTS[call.verdict],
+    )
+
+
+def _head(call: Exchange) -> bytes:
+    conversation, question = call.conversation, call.question
+    values = {
+        b"function": json_text(function_name(question.function_id)),
+        b"function_id": orjson.dumps(question.function_id),
+        b"command": json_text(question.command),
+        b"transport": json_text(conversation.transport),
+        b"client": json_text(str(conversation.client)),
+        b"server": json_text(str(conversation.server)),
+    }
+    return b"".join(b'"%b":%b,' % item for item in values.items())
+
+
+def _object(subject: Thing | None) -> bytes:
+    return b"null" if subject is None else json_text(subject.label)
+
+
+def _result(call: Exchange) -> bytes:
+    code = call.hresult
+    if code is None:
+        return b'"hresult":null,"hresult_name":null'
+    meaning = (code, json_text(hresult_name(code)), json_text(describe(code).text))
+    return b'"hresult":%d,"hresult_name":%b,"hresult_text":%b' % meaning
+
+
+def _numbers(seen: Iterable[FrameObservation]) -> bytes:
+    return orjson.dumps([each.number for each in seen])
 
 
 def _duration(nanoseconds: int | None) -> bytes:

@@ -17,6 +17,8 @@ no answer have 4,000 open; when there are more, the older half of the busiest co
 SWEEP_NS = 50_000_000
 """Time of the traffic between two looks for calls that have settled: too short for people to notice."""
 
+_REQUEST = Direction.REQUEST
+
 
 class Tracker:
     """Pairs requests, retries, notices and replies, live or recorded, in memory that is bounded.
@@ -57,7 +59,7 @@ class Tracker:
         if flow.conversation is not self._conversation:
             self._turn_to(flow.conversation)
         if isinstance(item, Frame):
-            if flow.direction is Direction.REQUEST:
+            if flow.direction is _REQUEST:
                 if self._lane.request(observation, item, self._started + 1):  # type: ignore[arg-type]  # item is a frame
                     self._started += 1
                     if self._started - self._given_out > MOST_OPEN:
