@@ -11,7 +11,8 @@ _LARGEST_REPEAT = 64 * 1024
 _LARGEST_HOLE = 4096
 """Bytes by which the offset of a row may be ahead and the row still belong to those before it."""
 
-_BASES = (16, 10, 8)
+_BASES = {7: (16, 10, 8)}
+"""Number bases of offsets by how many digits they have: od prints seven, in any of these; others are hex."""
 
 
 class Block:
@@ -48,7 +49,7 @@ class Block:
         self._count = 0
         self._skipped = 0
         self._rows: list[tuple[int, int]] = []
-        self._bases: tuple[int, ...] = _BASES
+        self._bases: tuple[int, ...] = _BASES.get(len(first.offset), (16,))
 
     @property
     def digits(self) -> str:

@@ -85,25 +85,10 @@ def test_captions_give_direction_and_line(form: Form) -> None:
         assert word in lines[packet.line - 2 : packet.line] or word in lines[packet.line - 3]
 
 
-CAPTIONS = [
-    ("TX", REQUEST),
-    ("RX", RESPONSE),
-    ("TX(Client->Server):", REQUEST),
-    ("Packet TX(Client->Server) Retry #1", REQUEST),
-    ("Packet RX(Server->Client) #2", RESPONSE),
-    ("SendData", REQUEST),
-    ("- ReceiveData (highlighted in red):", RESPONSE),
-    ("Client \u2192server:", REQUEST),
-    ("Server \u21d2 PC", RESPONSE),
-    ("request to the controller", REQUEST),
-    ("\u9001\u4fe1\u30c7\u30fc\u30bf", REQUEST),
-    ("\u53d7\u4fe1:", RESPONSE),
-    ("TX/RX", None),
-    ("Figure 3", None),
-]
-
-
-@pytest.mark.parametrize(("caption", "direction"), CAPTIONS)
+@pytest.mark.parametrize(
+    ("caption", "direction"),
+    [("- SendData (in red):", REQUEST), ("Server \u21d2 PC", RESPONSE), ("TX/RX", None), ("Figure 3", None)],
+)
 def test_captions(caption: str, direction: Direction | None) -> None:
     packet = only(f"{caption}\n{window(MUTE)}")
     assert packet == HexPacket(MUTE, direction, False, caption.strip("- :"), 2, ())

@@ -1,0 +1,84 @@
+"""Rows that belong together, by their offsets."""
+
+import pytest
+
+from bcapscope.capture.hexblock import Block
+from bcapscope.capture.hexline import Hex
+
+ROW = "41" * 16
+
+
+def row(digits: str = ROW, offset: str = "") -> Hex:
+    return Hex(digits, offset, 2, True, bool(offset), True, True)
+
+
+def block(*rows: tuple[str, str]) -> Block:
+    """Make a block of rows: offset and digits."""
+    made = Block("caption", None, True, row(offset=rows[0][0]))
+    for line, (offset, digits) in enumerate(rows, 10):
+        made.add(line, row(digits, offset))
+    return made
+
+
+def test_rows_one_behind_the_other() -> None:
+    made = block(("", "01 52".replace(" ", "")), ("", "00"))
+    assert (made.data, made.size, made.lines()) == (b"\x01\x52\x00", 3, [(0, 10), (2, 11)])
+    assert (made.anew, made.marked, made.indent) == (False, False, -1)
+
+
+@pytest.mark.parametrize("offset", ["0010", "00000010:", "0000016", "0000020"])
+def test_the_next_offset_in_any_base(offset: str) -> None:
+    made = block(("0" * len(offset), ROW))
+    assert made.anew
+    assert made.reach(offset, 11)
+    assert made.notes == []
+
+
+def test_the_base_is_settled_by_the_first_that_fits() -> None:
+    made = block(("0000000", ROW))
+    assert made.reach("0000020", 11)
+    made.add(11, row(offset="0000020"))
+    assert made.reach("0000040", 12)
+    assert not made.reach("0000020", 12)
+
+
+@pytest.mark.parametrize("offset", ["0000", "0008", "000g", "5000"])
+def test_offsets_that_belong_elsewhere(offset: str) -> None:
+    made = block(("0000", ROW), ("0010", ROW))
+    assert not made.reach(offset, 12)
+    assert made.size == 32
+
+
+def test_a_block_that_begins_in_the_middle() -> None:
+    made = block(("0052", ROW))
+    assert not made.anew
+    assert made.reach("0062", 11)
+
+
+def test_characters_taken_for_hex_are_dropped() -> None:
+    made = block(("0000", ROW), ("0010", ROW + "abab"))
+    assert made.reach("0020", 12)
+    assert made.data == b"A" * 32
+
+
+def test_an_asterisk_stands_for_rows_like_the_last() -> None:
+    made = block(("0000", ROW))
+    made.repeats = True
+    assert made.reach("0040", 12)
+    assert made.data == b"A" * 64
+    assert not made.repeats
+
+
+def test_rows_that_are_missing_are_told_once() -> None:
+    made = block(("0000", ROW))
+    assert made.reach("0020", 11)
+    made.add(11, row(offset="0020"))
+    assert made.reach("0030", 12)
+    assert made.notes == ["16 bytes are missing in the text before line 11"]
+
+
+def test_two_blocks_put_together() -> None:
+    made, more = block(("", ROW)), block(("", "04"))
+    made.extend(more)
+    assert made.data == b"A" * 16 + b"\x04"
+    assert made.lines() == [(0, 10), (16, 10)]
