@@ -18,6 +18,7 @@ _COMMANDS = {
     "decode": "Read frames, one line each.",
     "calls": "Pair requests, retries and replies: a line a call.",
     "stats": "Figures by client and command: rates, latencies, retries, refusals.",
+    "extract": "Write the trajectories of slave mode to CSV or JSON.",
     "fields": "List the fields and the language of --filter.",
 }
 

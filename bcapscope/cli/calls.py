@@ -61,6 +61,7 @@ def command(
         lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.exchanges())
     else:
         renderer = CallRenderer(Clock(clock), palette(color))
+        reading.begin = renderer.begin
         lines = starmap(renderer.line, calls.all())
         if tree:
             lines = chain.from_iterable(starmap(renderer.tree, calls.all()))

@@ -84,6 +84,7 @@ def command(
     else:
         colors = palette(color)
         line = LineRenderer(Clock(clock), colors, brief=text is not None)
+        reading.begin = line.begin
         if style is Style.TREE:
             lines = _detailed(told, line, TreeRenderer(colors, full, dump).lines)
         elif dump:

@@ -16,5 +16,11 @@ class Exit(IntEnum):
     """A capture is damaged or breaks off; all before the damage was given out."""
     UNREADABLE = 4
     """Nothing could be read: no such file, no capture, no right to listen."""
+    NOTHING = 5
+    """The captures were read and hold nothing of what was asked for."""
+    UNWRITABLE = 6
+    """A file was not written: it exists already, there is no room, or no right to."""
+    NOT_INSTALLED = 7
+    """A library that only this command needs is not installed."""
     INTERRUPTED = 130
     """Ctrl-C while there was something to do; shells name a program so that SIGINT ended."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -34,6 +34,7 @@ class Reading:
     Attributes:
         exit: how reading went so far.
         output: where the command writes its data.
+        begin: is told the time of the first observation before it is given out.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Reading:
         if bool(paths) + bool(interface) + bool(text) != 1:
             raise click.UsageError("name a capture, - for standard input, or an interface with -i")
         self.exit = Exit.OK
+        self.begin: Callable[[int], object] = lambda time: None
         # What is live is to be seen at once; what lies in a file is to be read fast.
         self.output = Output(1) if interface else Output()
         self._paths = paths
@@ -72,7 +74,12 @@ class Reading:
         if self._pasted is not None:
             yield from self._pasted.observations
             return
-        yield from self._observer.observe(self._live() if self._interface else self._packets())
+        observations = self._observer.observe(self._live() if self._interface else self._packets())
+        for first in observations:
+            self.begin(first.time)
+            yield first
+            break
+        yield from observations
         self._progress.done()
 
     @property

@@ -29,6 +29,10 @@ class CallRenderer:
         self._time = time_writer(clock)
         self._palette = palette
 
+    def begin(self, time: int) -> None:
+        """Count relative times from `time`, not from the first line."""
+        self._time(time)
+
     def line(self, call: Exchange | Stray, subject: Thing | None = None) -> str:
         """Write one line: number, start, ends, function and command, how it ended and when, frames.
 

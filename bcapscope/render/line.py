@@ -34,6 +34,10 @@ class LineRenderer:
         self._time = time_writer(clock)
         self._phrases: dict[tuple[Flow, Layout, Question | None], Phrase] = {}
 
+    def begin(self, time: int) -> None:
+        """Count relative times from `time`, not from the first line."""
+        self._time(time)
+
     def line(self, seen: Observation, question: Question | None, comments: tuple[str, ...] = ()) -> str:
         """Write one line, without its end.
 

@@ -13,9 +13,9 @@ class Clock(StrEnum):
     """How the time of a line is told."""
 
     RELATIVE = "relative"
-    """Seconds since the first line."""
+    """Seconds since the first frame."""
     DELTA = "delta"
-    """Seconds since the line before."""
+    """Seconds since the line before; of the first line, since the first frame."""
     UTC = "utc"
     """Date and time of day, UTC."""
     EPOCH = "epoch"
@@ -23,7 +23,10 @@ class Clock(StrEnum):
 
 
 def time_writer(clock: Clock) -> Callable[[int], str]:
-    """Return a function that writes one moment after the other as `clock` says."""
+    """Return a function that writes one moment after the other as `clock` says.
+
+    Relative ones count from the first moment that it is given.
+    """
     if clock is Clock.UTC:
         return utc_text
     return epoch_text if clock is Clock.EPOCH else _elapsed(clock is Clock.DELTA)

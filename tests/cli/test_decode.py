@@ -75,7 +75,7 @@ def test_hex_goes_with_text_only() -> None:
 def test_a_filter_keeps_numbers_and_pairing() -> None:
     lines = run("decode", RETRIES, "-f", "kind == response and serial == 1235").lines
     assert len(lines) == 1
-    assert lines[0].startswith("     6 ")
+    assert lines[0].startswith("     6     0.007240 ")
     assert "Robot_Execute slvMove" in lines[0]
 
 
