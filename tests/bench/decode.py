@@ -151,8 +151,9 @@ def ratios(figures: dict[Job, Run], frames: int, long_frames: int) -> Iterator[s
     pairs += [(ARGUMENTS, LINES, frames), (HEADERS, LINES, frames)]
     for peer, ours, count in pairs:
         if (peer, count) in of and (ours, count) in of:
-            ratio = of[peer, count].seconds / of[ours, count].seconds
-            yield f"{ours}: {ratio:.2f} times as fast as {peer}, {count:,} frames"
+            theirs, mine = of[peer, count], of[ours, count]
+            ratio, busy = theirs.seconds / mine.seconds, theirs.processor / mine.processor
+            yield f"{ours}: {ratio:.2f} (by cpu {busy:.2f}) times as fast as {peer}, {count:,} frames"
     short, long = of.get((LINES, frames)), of.get((LINES, long_frames))
     if short and long:
         yield f"{LINES}: {short.megabytes:.1f} MB for {frames:,}, {long.megabytes:.1f} MB for {long_frames:,}"
