@@ -94,7 +94,7 @@ class Lane:
         prior = self._by_serial.get(serial)
         if prior is not None and self._belongs_to(prior, seen, frame):
             return False
-        if reserved not in (0, serial) and not self._is_tcp:
+        if reserved and reserved != serial and not self._is_tcp:
             origin = self._by_serial.get(reserved)
             if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
                 self._retry(origin, seen, frame)
@@ -119,7 +119,7 @@ class Lane:
         if exchange is None:
             call = self._past.get(serial) or self._past_before.get(serial)
             return Stray(seen, call)
-        if self._habits.replies is ReplyReserved.UNKNOWN and (frame.reserved or self._mark):
+        if (frame.reserved or self._mark) and self._habits.replies is ReplyReserved.UNKNOWN:
             self._learn_reply(exchange, frame)
         if (
             exchange.others
@@ -136,8 +136,11 @@ class Lane:
     def settle(self, now: int) -> Iterator[Exchange]:
         """Give out the calls for which nothing more is to be expected at time `now`."""
         waiting = self.waiting
-        while waiting and self._settles_at(waiting[0]) <= now:
-            waiting[0].silent = not waiting[0].gone_on
+        while waiting:
+            exchange = waiting[0]
+            if self._settles_at(exchange) > now:
+                break
+            exchange.silent = not exchange.gone_on
             yield self._finish(waiting.popleft())
 
     def force(self, count: int) -> Iterator[Exchange]:
@@ -307,7 +310,7 @@ class Lane:
         frame = exchange.request.item
         serial = frame.serial
         self._forget(serial, exchange)
-        if exchange.others or frame.reserved not in (0, serial):
+        if exchange.others or (frame.reserved and frame.reserved != serial):
             named = (frame.reserved,) if frame.reserved else ()
             for other in {*exchange.serials, *named} - {serial}:
                 self._forget(other, exchange)
