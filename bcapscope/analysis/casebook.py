@@ -1,0 +1,262 @@
+"""Incidents are collected here, tied to what they follow from, and told as findings."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+
+from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.rules.rule import Incident, Rule
+from bcapscope.analysis.speech import Speech, times
+
+MOST_KEPT = 32
+"""Incidents of one finding that are kept from the beginning, and as many from the end."""
+
+MOST_FINDINGS = 16
+"""Findings of one rule, where it tells several apart; what comes beyond joins the first."""
+
+MOST_CALLS = 4096
+"""Calls whose incidents can be found by their number."""
+
+MOST_FRAMES = 16
+"""Frames that a finding names."""
+
+_MOST_STEPS = 3
+"""Consequences that the sentence of a root tells one by one."""
+
+_OPENERS = frozenset(("the", "your", "client", "a", "at", "that", "after", "frame", "another"))
+"""Words of ours that a sentence may begin with; names from the wire stay as they are."""
+
+_RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
+
+
+class Case:
+    """All incidents that become one finding.
+
+    Attributes:
+        rule: of all.
+        count: how many there were.
+        chosen: the one that is told; set by `Casebook.findings`.
+    """
+
+    def __init__(self, rule: Rule) -> None:
+        self.rule = rule
+        self.count = 0
+        self._first: list[Incident] = []
+        self._last: deque[Incident] = deque(maxlen=MOST_KEPT)
+        self.chosen: Incident
+
+    def add(self, incident: Incident) -> None:
+        """Take one more."""
+        self.count += 1
+        (self._first if len(self._first) < MOST_KEPT else self._last).append(incident)
+
+    def __iter__(self) -> Iterator[Incident]:
+        """Yield those that are kept."""
+        yield from self._first
+        yield from self._last
+
+    @property
+    def first(self) -> Incident:
+        """The one that began first, of those kept."""
+        return min(self, key=lambda each: each.began)
+
+    @property
+    def last(self) -> Incident:
+        """The one that was over last, of those kept."""
+        return max(self, key=lambda each: each.time)
+
+
+class Casebook:
+    """Takes incidents in the order in which rules find them, which is not always that of their times."""
+
+    def __init__(self) -> None:
+        self._cases: dict[tuple[str, str], Case] = {}
+        self._by_rule: dict[str, list[Case]] = {}
+        self._by_call: dict[int, list[Incident]] = {}
+
+    def report(self, incident: Incident) -> None:
+        """Take an incident in."""
+        rule = incident.rule
+        case = self._cases.get((rule.id, incident.key))
+        if case is None:
+            case = self._open(rule, incident.key)
+        case.add(incident)
+        if incident.call:
+            self._by_call.setdefault(incident.call, []).append(incident)
+            if len(self._by_call) > MOST_CALLS:
+                del self._by_call[next(iter(self._by_call))]
+        if case.count <= MOST_KEPT:
+            self._link(incident)
+
+    def _open(self, rule: Rule, key: str) -> Case:
+        cases = self._by_rule.setdefault(rule.id, [])
+        if len(cases) >= MOST_FINDINGS:
+            return cases[0]
+        case = self._cases[rule.id, key] = Case(rule)
+        cases.append(case)
+        return case
+
+    def _link(self, incident: Incident) -> None:
+        """Look for what an incident follows from: the calls that it names, else what came last before it.
+
+        Called again when all is known: what was found last may have come before, and fits better.
+        """
+        known, incident.cause = incident.cause, None
+        named = [each for number in incident.because for each in self._by_call.get(number, ())]
+        causes = [each for each in named if _precedes(each, incident)]
+        if not causes:
+            found = list(self._candidates(incident)) + ([] if known is None else [known])
+            causes = [each for each in found if _precedes(each, incident)]
+        if causes:
+            incident.cause = max(causes, key=lambda each: (each.began, each.time))
+
+    def _candidates(self, incident: Incident) -> Iterator[Incident]:
+        earliest, host = incident.began - incident.rule.reach, incident.conversation.server.host
+        for rule_id in incident.rule.follows:
+            for case in self._by_rule.get(rule_id, ()):
+                for each in case:
+                    if each.time >= earliest and each.conversation.server.host == host:
+                        yield each
+
+    def findings(self, speech: Speech) -> tuple[Finding, ...]:
+        """Tell all cases, each root with its consequences behind it, the gravest and earliest root first."""
+        cases = list(self._cases.values())
+        for case in cases:
+            for incident in case:
+                self._link(incident)
+        self._choose(cases)
+        order = _Order(cases)
+        return tuple(
+            Finding(
+                rule=case.rule.id,
+                severity=case.rule.severity,
+                sentence=_sentence(case, order, speech),
+                frames=_frames(case),
+                consequence_of=order.parent(case),
+                advice=case.chosen.advice or case.rule.advice,
+                source=case.rule.source,
+            )
+            for case in order.cases
+        )
+
+    def _choose(self, cases: Iterable[Case]) -> None:
+        """Choose the incident to be told: the first that has consequences, else the first."""
+        followed = {id(incident.cause) for case in cases for incident in case if incident.cause is not None}
+        for case in cases:
+            case.chosen = min(case, key=lambda each: (id(each) not in followed, each.began, each.time))
+
+
+def _precedes(cause: Incident, effect: Incident) -> bool:
+    """Tell whether one can be the cause of the other."""
+    return cause is not effect and cause.began <= effect.time and not _leads_to(cause, effect)
+
+
+def _leads_to(start: Incident, goal: Incident) -> bool:
+    each: Incident | None = start
+    while each is not None:
+        if each is goal:
+            return True
+        each = each.cause
+    return False
+
+
+def _parents(cases: list[Case]) -> dict[int, Case]:
+    """Map each case to that of its chosen incident's cause, where this leads back to no case twice."""
+    home = {id(incident): case for case in cases for incident in case}
+    parents: dict[int, Case] = {}
+    for case in sorted(cases, key=lambda each: each.chosen.began):
+        cause = case.chosen.cause
+        parent = home.get(id(cause)) if cause is not None else None
+        above = parent
+        while above is not None and above is not case:
+            above = parents.get(id(above))
+        if parent is not None and above is None:
+            parents[id(case)] = parent
+    return parents
+
+
+class _Order:
+    """The cases in the order in which they are told, and which follow from which."""
+
+    def __init__(self, cases: list[Case]) -> None:
+        parents = _parents(cases)
+        self._children: dict[int, list[Case]] = {}
+        for case in sorted(cases, key=lambda each: (each.chosen.began, _RANK[each.rule.severity])):
+            parent = parents.get(id(case))
+            self._children.setdefault(0 if parent is None else id(parent), []).append(case)
+        roots = sorted(self._children.get(0, ()), key=self._gravity)
+        self.cases = [case for root in roots for case in self.family(root)]
+        self._numbers = {id(case): number for number, case in enumerate(self.cases, 1)}
+        self._parents = parents
+
+    def number(self, case: Case) -> int:
+        return self._numbers[id(case)]
+
+    def parent(self, case: Case) -> int | None:
+        """Return the number of what a case follows from."""
+        parent = self._parents.get(id(case))
+        return None if parent is None else self.number(parent)
+
+    def family(self, case: Case) -> Iterator[Case]:
+        """Yield a case and all that follows from it."""
+        yield case
+        for child in self._children.get(id(case), ()):
+            yield from self.family(child)
+
+    def line(self, case: Case) -> Iterator[Case]:
+        """Yield what followed first from a case, what followed first from that, and so on."""
+        while self._children.get(id(case)):
+            case = self._children[id(case)][0]
+            yield case
+
+    def _gravity(self, case: Case) -> int:
+        return min(_RANK[each.rule.severity] for each in self.family(case))
+
+    def explains_the_rest(self, case: Case) -> bool:
+        """Tell whether all that went wrong later follows from this case."""
+        family = {id(each) for each in self.family(case)}
+        return all(
+            id(each) in family or each.rule.severity is Severity.NOTE or each.last.time <= case.chosen.began
+            for each in self.cases
+        )
+
+
+def _sentence(case: Case, order: _Order, speech: Speech) -> str:
+    chosen = case.chosen
+    text = chosen.say(speech)
+    if case.count > 1:
+        ends = f"from {speech.at(case.first.began)} to {speech.at(case.last.time)}"
+        text += f" ({times(case.count)} in all, {ends})"
+    if order.parent(case) is None:
+        text += _story(case, order, speech)
+    first = text.split(" ", 1)[0]
+    return f"{text[:1].upper() if first in _OPENERS else text[:1]}{text[1:]}."
+
+
+def _story(root: Case, order: _Order, speech: Speech) -> str:
+    """Tell what came of a root: the first few steps, then in sum."""
+    text, time, told = "", root.chosen.time, 0
+    for case in order.line(root):
+        clause = None if case.chosen.then is None else case.chosen.then(speech, case.chosen.time - time)
+        if clause is None or told == _MOST_STEPS:
+            break
+        text, time, told = f"{text}; {clause}", case.chosen.time, told + 1
+    family = list(order.family(root))
+    if len(family) - 1 > told or any(case.count > 1 for case in family[1:]):
+        if order.explains_the_rest(root):
+            return f"{text}; everything after that is a consequence"
+        first, last = order.number(family[1]), order.number(family[-1])
+        text += f"; finding {first} follows" if first == last else f"; findings {first} to {last} follow"
+        text += " from it"
+    return text
+
+
+def _frames(case: Case) -> tuple[int, ...]:
+    """Return the frames of the incident that is told and the ends of the first and the last."""
+    frames = list(case.chosen.frames)
+    if len(frames) > MOST_FRAMES:
+        frames = [*frames[: MOST_FRAMES // 2], *frames[-MOST_FRAMES // 2 :]]
+    if case.count > 1:
+        frames += [*case.first.frames[:1], *case.last.frames[-1:]]
+    return tuple(sorted(set(frames)))

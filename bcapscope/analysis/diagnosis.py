@@ -1,0 +1,194 @@
+"""All rules in one pass over the traffic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.analysis.casebook import Casebook
+from bcapscope.analysis.client import Client, Clients
+from bcapscope.analysis.finding import Finding
+from bcapscope.analysis.rules import WATCHERS
+from bcapscope.analysis.rules.rule import Kind, overrides
+from bcapscope.analysis.rules.wire import LARGE
+from bcapscope.analysis.slave import SlaveWatcher
+from bcapscope.analysis.speech import Speech
+from bcapscope.analysis.stay import Stay
+from bcapscope.protocol.frame import Malformed
+from bcapscope.protocol.hresult import is_failure
+from bcapscope.traffic.exchange import Exchange, FrameObservation, Settled
+from bcapscope.traffic.handles import Handles
+from bcapscope.traffic.observation import Conversation, Flow, Observation
+from bcapscope.traffic.question import Question
+
+MOST_QUESTIONS = 4096
+"""Kinds of calls whose watchers are remembered; when more are met, all are forgotten and asked again."""
+
+MOST_FLOWS = 65536
+"""Flows that are known not to be new; when there are more, all are forgotten."""
+
+_See: TypeAlias = Callable[[Exchange, Client], None]
+
+
+class Seen(NamedTuple):
+    """How much a diagnosis saw.
+
+    Attributes:
+        frames: frames and malformed items.
+        calls: calls.
+        clients: conversations that asked at least once.
+        nanoseconds: from the first frame to the end.
+    """
+
+    frames: int
+    calls: int
+    clients: int
+    nanoseconds: int
+
+
+class Diagnosis:
+    """Looks for what went wrong; memory is bounded, whatever the traffic.
+
+    Every observation goes to `take_observation` and everything that a tracker makes of it to `take`.
+    """
+
+    def __init__(self) -> None:
+        self._book = Casebook()
+        self._clients = Clients(self._drop)
+        self._handles = Handles()
+        self._slave = SlaveWatcher()
+        watchers = [watcher(self._book.report, self._clients) for watcher in WATCHERS]
+        self._callers = overrides(watchers, "call")
+        self._odd = [each.odd for each in overrides(watchers, "odd")]
+        self._strays = [each.stray for each in overrides(watchers, "stray")]
+        self._stays = [each.stay for each in overrides(watchers, "stay")]
+        self._gone = [each.gone for each in overrides(watchers, "gone")]
+        self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
+        self._calls = self._ended = 0
+        self._seers: dict[tuple[Question, Kind], tuple[_See, ...]] = {}
+        self._flows: set[Flow] = set()
+        self._first: Observation | None = None
+        self._last: Observation | None = None
+        # The stay in slave mode of which the next set point is expected.
+        self._client: Client
+        self._conversation: Conversation | None = None
+        self._question: Question | None = None
+
+    def take_observation(self, seen: Observation) -> None:
+        """See the next frame, or the next bytes that are none, before what the tracker makes of it."""
+        item = seen.item
+        if seen.flow not in self._flows:
+            self._meet(seen)
+        self._last = seen
+        if item.__class__ is Malformed or len(item.raw) >= LARGE:
+            for look in self._odd:
+                look(seen)
+
+    def take(self, settled: Settled) -> None:
+        """See a call that has settled, or a reply that belongs to none."""
+        if isinstance(settled, Exchange):
+            if settled.question is self._question and settled.conversation is self._conversation:
+                reply, frame = settled.reply, settled.request.item
+                if (
+                    reply is not None
+                    and not reply.item.code
+                    and not settled.others
+                    and frame.reserved in (0, frame.serial)
+                ):
+                    self._client.take_point(settled)
+                    stays = self._slave.take(settled)
+                    if stays:
+                        self._tell(stays)
+                    return
+            self._take_call(settled)
+        else:
+            self._look_inside(settled.seen)
+            for judge in self._strays:
+                judge(settled)
+
+    def _take_call(self, call: Exchange) -> None:
+        client = self._clients.of(call)
+        client.thing = self._handles.follow(call)
+        for event in call.events:
+            self._look_inside(event.seen)
+        kind = _kind(call)
+        seers = self._seers.get((call.question, kind))
+        if seers is None:
+            seers = self._learn((call.question, kind))
+        for see in seers:
+            see(call, client)
+        self._tell(self._slave.take(call))
+        client.learn(call)
+        # Of set points, of which there may be millions, the first of a stay is looked at by all, and then
+        # only those that went wrong.
+        is_point = bool(client.points) and client.points[-1] is call
+        self._question = call.question if is_point else None
+        self._client, self._conversation = client, call.conversation
+
+    def _look_inside(self, seen: FrameObservation) -> None:
+        """Show a frame with problems; a large one was seen by now."""
+        if seen.item.problems and len(seen.item.raw) < LARGE:
+            for look in self._odd:
+                look(seen)
+
+    def _tell(self, stays: Sequence[Stay]) -> None:
+        for stay in stays:
+            for tell in self._stays:
+                tell(stay)
+
+    def finish(self, ended: int | None = None) -> tuple[Finding, ...]:
+        """Tell all that was found, the first cause first; nothing more is to be taken after that.
+
+        Args:
+            ended: when the traffic ended, nanoseconds since 1970; None for the time of the last frame.
+        """
+        self._ended = max(self._ended, ended or 0)
+        self._tell(self._slave.finish())
+        for client in self._clients:
+            self._goodbye(client)
+        start = self._first.time if self._first is not None else 0
+        return self._book.findings(Speech(start, self._clients.seen <= 1))
+
+    @property
+    def seen(self) -> Seen:
+        """How much was seen so far."""
+        first, last = self._first, self._last
+        if first is None or last is None:
+            return Seen(0, 0, 0, 0)
+        calls = self._calls + sum(client.calls for client in self._clients)
+        return Seen(last.number - first.number + 1, calls, self._clients.seen, self._end - first.time)
+
+    @property
+    def _end(self) -> int:
+        return max(self._ended, self._last.time if self._last is not None else 0)
+
+    def _meet(self, seen: Observation) -> None:
+        """See a flow for the first time."""
+        if self._first is None:
+            self._first = seen
+        if len(self._flows) >= MOST_FLOWS:
+            self._flows.clear()
+        self._flows.add(seen.flow)
+        for look in self._fresh:
+            look(seen)
+
+    def _learn(self, key: tuple[Question, Kind]) -> tuple[_See, ...]:
+        if len(self._seers) >= MOST_QUESTIONS:
+            self._seers.clear()
+        seers = self._seers[key] = tuple(each.call for each in self._callers if each.heeds(*key))
+        return seers
+
+    def _drop(self, client: Client) -> None:
+        self._calls += client.calls
+        self._goodbye(client)
+
+    def _goodbye(self, client: Client) -> None:
+        for tell in self._gone:
+            tell(client, self._end)
+
+
+def _kind(call: Exchange) -> Kind:
+    reply = call.reply
+    if reply is not None and is_failure(reply.item.code):
+        return Kind.REFUSED
+    return Kind.SMOOTH if reply is not None and call.is_plain else Kind.TROUBLED

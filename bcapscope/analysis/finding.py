@@ -1,0 +1,43 @@
+"""What a diagnosis says: one finding a rule, in words for people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Severity(StrEnum):
+    """How much a finding matters."""
+
+    ERROR = "error"
+    """Something did not happen that was asked for."""
+    WARNING = "warning"
+    """It went well, but it will not always."""
+    NOTE = "note"
+    """Worth knowing when reading the rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One cause, or one consequence.
+
+    Attributes:
+        rule: id of the rule that found it.
+        severity: of the rule.
+        sentence: one sentence in plain English. It may hold strings from the wire as they came, so it has to
+            be escaped before it is shown.
+        frames: numbers of the frames that prove it, in order; where it happened more than once, those of one
+            time and of the first and last.
+        consequence_of: number of the finding, counted from 1 in the order in which they were given out, that
+            this one follows from; None where no earlier cause was found.
+        advice: what to do, one sentence.
+        source: where the rule is from.
+    """
+
+    rule: str
+    severity: Severity
+    sentence: str
+    frames: tuple[int, ...]
+    consequence_of: int | None
+    advice: str
+    source: str
