@@ -18,7 +18,6 @@ controller that takes points as early as it can has no room for it. Slots by mod
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -34,6 +33,7 @@ UNKNOWN_SLOTS = 3
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
+_NEVER = 1 << 80
 _MOVING = {1: True, 0: False, -1: None}
 
 
@@ -65,18 +65,18 @@ class Arrivals(NamedTuple):
 
     Attributes:
         times: when each came, nanoseconds since an origin.
-        replies: when each was answered, likewise; no later than `times` where it was not.
+        entered: when each was in the buffer at the latest: when its reply came where replies wait for room.
         codes: HRESULT of each, 0 where it was not answered.
         frames: of the first request.
         reply_frames: 0 where there is none.
         moving: whether the one before was in motion, 1 or 0; -1 where that is not known.
     """
 
-    times: Sequence[int]
-    replies: Sequence[int]
-    codes: Sequence[int]
-    frames: Sequence[int]
-    reply_frames: Sequence[int]
+    times: NDArray[np.int64]
+    entered: NDArray[np.int64]
+    codes: NDArray[np.int64]
+    frames: NDArray[np.int64]
+    reply_frames: NDArray[np.int64]
     moving: NDArray[np.int64]
 
 
@@ -90,10 +90,10 @@ class BufferModel:
         self._full = rules.slots * _PERIOD
         # Points too many show only once they are more than the doubt of the phase, a point before and behind;
         # a point that replaces another is no matter of doubt.
-        self._most_excess = _PERIOD if rules.overwrites else 2 * _PERIOD
+        # Where replies wait for room, none is too many.
+        self._most_excess = _PERIOD if rules.overwrites else _NEVER if rules.paces else 2 * _PERIOD
         self._excess = 0  # what came beyond what the buffer holds, as time that it would last
         self._empty_at = 0  # when the controller will find nothing, as things stand
-        self._begun = False
         self._before = 0  # frame of the last set point of the rows before
         self._starved: list[Starved] = []
         self._starved_count = self._starved_moving = self._maybe_starved = 0
@@ -105,51 +105,66 @@ class BufferModel:
         self._refused_frames: list[int] = []
         self._full_frames: list[int] = []
 
-    def add(self, rows: Arrivals) -> list[int]:
-        """Take in set points.
+    def add(self, rows: Arrivals) -> NDArray[np.int64]:
+        """Take in set points, at least one.
 
         Returns:
             For each, nanoseconds from its coming until the buffer would have been empty, negative where it
             was; 0 for the very first.
         """
-        if not rows.times:
-            return []
+        if not self._before:
+            self._empty_at = int(rows.times[0])
+        slacks = self._add_at_once(rows)
+        if slacks is None:
+            slacks = np.array(self._add_one_by_one(rows), np.int64)
+        self._note(slacks, rows.frames)
+        return slacks
+
+    def _add_at_once(self, rows: Arrivals) -> NDArray[np.int64] | None:
+        """Take in set points of which none is late, refused or too many; do nothing where one is.
+
+        Each gives the buffer a period more, up to what it holds: a running minimum tells how long it lasts.
+        """
+        periods = np.arange(len(rows.times) + 1) * _PERIOD
+        latest = rows.entered + self._full
+        gained = np.minimum.accumulate(np.concatenate(((self._empty_at,), latest - periods[1:])))
+        empty_at = gained + periods
+        slacks = empty_at[:-1] - rows.times
+        excess = self._excess + int((gained[:-1] - gained[1:]).sum())
+        if rows.codes.any() or (slacks < 0).any() or excess > self._most_excess:
+            return None
+        self._empty_at = int(empty_at[-1])
+        self._excess = excess
+        return slacks
+
+    def _add_one_by_one(self, rows: Arrivals) -> list[int]:
         slacks: list[int] = []
-        keep, full, codes = slacks.append, self._full, rows.codes
-        replies = rows.replies if self._rules.paces else None
-        if not self._begun:
-            self._empty_at = rows.times[0]
+        keep, full = slacks.append, self._full
         empty_at = self._empty_at
-        for index, now in enumerate(rows.times):
+        codes, entered = rows.codes.tolist(), rows.entered.tolist()
+        for index, now in enumerate(rows.times.tolist()):
             slack = empty_at - now
             keep(slack)
-            if slack <= 0:
+            if slack < 0:
                 empty_at = self._starve(rows, index, empty_at)
             if codes[index]:
                 empty_at = self._heed(rows, index, empty_at)
                 continue
-            entered = now
-            if replies and slack > full - _PERIOD:  # it waits for room, and is in when its reply comes
-                entered = max(now, replies[index])
             empty_at += _PERIOD
-            over = empty_at - entered - full
+            over = empty_at - entered[index] - full
             if over > 0:
                 empty_at -= over
                 self._excess += over
-                if self._excess > self._most_excess and not replies:
-                    self._overflow(rows.frames[index])
+                if self._excess > self._most_excess:
+                    self._overflow(int(rows.frames[index]))
         self._empty_at = empty_at
-        self._note(slacks, rows.frames)
         return slacks
 
     def _starve(self, rows: Arrivals, index: int, empty_at: int) -> int:
         """Note that nothing was there at `empty_at`; return when nothing would be there next."""
-        late = rows.times[index] - empty_at
+        late = int(rows.times[index]) - empty_at
+        missing = (late - 1) // _PERIOD + 1
         self._excess = 0
-        if not self._begun:
-            self._begun = True
-            return empty_at
-        missing = late // _PERIOD + 1
         if missing == 1:
             self._maybe_starved += 1
         else:
@@ -157,20 +172,19 @@ class BufferModel:
             self._starved_count += 1
             self._starved_moving += moving is not False
             if len(self._starved) < MOST_LISTED:
-                after = rows.frames[index - 1] if index else self._before
-                late_ms = late / _NS_PER_MS
-                self._starved.append(
-                    Starved(self._origin + empty_at, after, rows.frames[index], missing, late_ms, moving)
-                )
+                after = int(rows.frames[index - 1]) if index else self._before
+                before, late_ms = int(rows.frames[index]), late / _NS_PER_MS
+                starved = Starved(self._origin + empty_at, after, before, missing, late_ms, moving)
+                self._starved.append(starved)
         return empty_at + missing * _PERIOD
 
     def _heed(self, rows: Arrivals, index: int, empty_at: int) -> int:
         """Take what the controller says about its buffer; return when it will be empty."""
-        code, reply = rows.codes[index], rows.reply_frames[index]
+        code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _list(self._full_frames, reply)
             self._excess = 0
-            return rows.times[index] + self._full
+            return int(rows.times[index]) + self._full
         if code == E_SLAVE_OVERFLOW:
             _list(self._refused_frames, reply)
             self._excess = 0
@@ -183,11 +197,11 @@ class BufferModel:
         self._overflow_count += 1
         _list(self._overflows, frame)
 
-    def _note(self, slacks: list[int], frames: Sequence[int]) -> None:
+    def _note(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
         """Keep the levels and the smallest slack, but for the first set point of all."""
         first = 0 if self._before else 1
-        found = np.array(slacks[first:], np.int64)
-        self._before = frames[-1]
+        found = slacks[first:]
+        self._before = int(frames[-1])
         if not len(found):
             return
         levels = np.clip((found + (_PERIOD - 1)) // _PERIOD, 0, self._rules.slots)
@@ -195,7 +209,7 @@ class BufferModel:
             self._levels[level] += count
         least = int(found.argmin())
         if self._smallest is None or int(found[least]) < self._smallest[0]:
-            self._smallest = int(found[least]), frames[first + least]
+            self._smallest = int(found[least]), int(frames[first + least])
 
     def facts(self) -> Buffer:
         """Tell what was predicted and reported so far."""

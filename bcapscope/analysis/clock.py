@@ -63,13 +63,18 @@ class ControllerClock:
         self._raw_last, self._ticks = int(raw[-1]), int(ticks[-1])
         self._last = float(own[-1]), float(seen[-1])
 
+    @property
+    def microseconds(self) -> bool:
+        """The stamps so far are in µs, not ms."""
+        return bool(self._microseconds)
+
     def facts(self) -> ClockFacts | None:
         """Tell what was found; None where there were no stamps."""
         if not self._count:
             return None
         return ClockFacts(
             stamps=self._count,
-            microseconds=bool(self._microseconds),
+            microseconds=self.microseconds,
             unit_known_by="slvRecvFormat" if self._unit_known else "the pace of the stamps",
             drift_ppm=self._drift(),
             jitter=self._jitter.distribution(),

@@ -14,7 +14,8 @@ from bcapscope.analysis.distribution import Floats
 from bcapscope.analysis.forms import Columns, Forms, Picked, Picker
 from bcapscope.analysis.generation import Clue
 from bcapscope.analysis.motion import MotionModel, Poses, Start
-from bcapscope.analysis.rows import Rows, rows_of
+from bcapscope.analysis.points import Heed, Points
+from bcapscope.analysis.rows import Row, Rows, row_of, rows_of
 from bcapscope.analysis.samples import Sampler
 from bcapscope.analysis.slices import Slicer
 from bcapscope.analysis.stay import (
@@ -31,7 +32,7 @@ from bcapscope.analysis.stay import (
 )
 from bcapscope.analysis.timing import TimingModel, set_point_fact
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.hresult import S_BUF_FULL, is_failure
+from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, is_failure
 from bcapscope.protocol.poses import Axis, Pose
 from bcapscope.protocol.setpoints import split_feedback, split_set_point
 from bcapscope.protocol.slaveformat import ReceiveFormat, SendFormat
@@ -40,8 +41,8 @@ from bcapscope.protocol.variant import Variant
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation, Transport
 
-BATCH = 2048
-"""Set points that are looked at together: enough for columns to pay, some 3 MB of frames at the most."""
+BATCH = 4096
+"""Set points that are looked at together: enough for columns to pay, some 2 MB of them."""
 
 MOST_CODES = 256
 """Different HRESULTs of refused set points that are counted apart; further ones count under 0."""
@@ -100,25 +101,35 @@ class Course:
         mode: value, and what told it.
         entry: what began it; None where that was not seen.
         entered: when, by the reply to that.
-        calls: set points that wait to be looked at; in order.
+        rows: set points that wait to be looked at, in order.
+        odd: of them, place and call of those that have more to tell than their row.
         setting: fixed when the first set points are looked at.
         after_end: set points refused as a consequence.
     """
 
     def __init__(
-        self, number: int, key: Key, entry: Call | None, mode: tuple[int | None, str], window: int | None
+        self,
+        number: int,
+        key: Key,
+        entry: Call | None,
+        mode: tuple[int | None, str],
+        *,
+        window: int | None = None,
+        heed: Heed | None = None,
     ) -> None:
         self.number = number
         self.key = key
         self.mode = mode
         self.entry = entry
         self.entered: int | None = None if entry is None else entry.replied or entry.time
-        self.calls: list[Exchange] = []
+        self.rows: list[Row] = []
+        self.odd: list[tuple[int, Exchange]] = []
         self.setting: Setting | None = None
         self.after_end = 0
         self._window = window
-        self._first: Exchange | None = None
-        self._last: Exchange | None = None
+        self._heed = heed
+        self._first: Row | None = None
+        self._last: Row | None = None
         self._figures: _Figures | None = None
 
     @property
@@ -132,28 +143,55 @@ class Course:
         return self.key[1]
 
     @property
-    def last(self) -> Exchange | None:
+    def last(self) -> Row | None:
         """The latest set point; None as long as there is none."""
-        return self.calls[-1] if self.calls else self._last
+        return self.rows[-1] if self.rows else self._last
+
+    def add(self, call: Exchange) -> None:
+        """Take in a set point of any kind."""
+        self.odd.append((len(self.rows), call))
+        self.rows.append(row_of(call))
 
     def began(self, ended: int) -> int:
         """Return when it began; where nothing tells, when it ended."""
         if self.entered is not None:
             return self.entered
-        return ended if self._first is None else self._first.request.time
+        first = self._first or (self.rows[0] if self.rows else None)
+        return ended if first is None else first.time
 
     def flush(self, setting: Setting) -> None:
         """Look at the set points that wait; `setting` counts where none were looked at before."""
-        if not self.calls:
+        if not self.rows:
             return
-        calls, self.calls = self.calls, []
+        kept, odd = self.rows, self.odd
+        self.rows, self.odd = [], []
         if self._figures is None:
-            self._first = calls[0]
+            self._first = kept[0]
             self.setting = setting
-            self._figures = _Figures(self.conversation.transport, setting, calls, self._window)
-        self._last = calls[-1]
+            self._figures = _Figures(self.conversation.transport, setting, kept, self._window)
+        self._last = kept[-1]
+        rows = rows_of(kept, odd, self._figures.origin)
         with np.errstate(all="ignore"):  # numbers from the wire may be infinite or too large to square
-            self._figures.add(calls)
+            commanded, returned = self._figures.add(rows)
+        if self._heed is not None:
+            self._heed(self._points(self._figures, rows, commanded, returned))
+
+    def _points(self, figures: _Figures, rows: Rows, commanded: Columns, returned: Columns) -> Points:
+        setting = self.setting
+        return Points(
+            stay=self.number,
+            conversation=self.conversation,
+            robot=_handle_value(self.handle),
+            mode=figures.mode,
+            send=None if setting is None else setting.send,
+            receive=None if setting is None else setting.receive,
+            grid_ms=float(figures.timing.grid.ms),
+            microseconds=figures.clock.microseconds,
+            axes=figures.axes,
+            rows=rows,
+            commanded=commanded,
+            returned=returned,
+        )
 
     def stay(self, exit_: Exit, setting: Setting, others: tuple[Call, ...]) -> Stay:
         """Tell all that is known; nothing is taken in afterwards."""
@@ -193,8 +231,8 @@ def _handle_value(argument: bytes) -> int | None:
     return int.from_bytes(argument[-4:], "little", signed=True) if known else None
 
 
-def _spot(call: Exchange | None) -> Spot | None:
-    return None if call is None else Spot(call.request.number, call.request.time)
+def _spot(row: Row | None) -> Spot | None:
+    return None if row is None else Spot(row.frame, row.time)
 
 
 def mode_of(setting: Setting, pose_type: PoseType | None) -> Mode:
@@ -216,38 +254,39 @@ class _Figures:
     """All models of a stay, fed together."""
 
     def __init__(
-        self, transport: Transport, setting: Setting, calls: Sequence[Exchange], window: int | None
+        self, transport: Transport, setting: Setting, rows: Sequence[Row], window: int | None
     ) -> None:
         self._setting = setting
-        self._origin = calls[0].request.time if calls else 0
-        pose = next(_poses_in(calls, setting), None)
+        self.origin = rows[0].time if rows else 0
+        pose = next(_poses_in(rows, setting), None)
         self._pose_type = pose.type if pose else _pose_type(setting)
-        axes: tuple[Axis, ...] = pose.axes if pose else ()
+        self.axes: tuple[Axis, ...] = pose.axes if pose else ()
         self.mode = mode_of(setting, self._pose_type)
         rules = BufferRules.of(self.mode.meaning, self.mode.guessed)
+        self._paces = rules.paces
         self.forbids_retries = rules.overwrites and transport is Transport.UDP
         self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
-        self.buffer = BufferModel(rules, self._origin)
+        self.buffer = BufferModel(rules, self.origin)
         self.clock = ControllerClock(None if setting.receive is None else setting.receive.microseconds)
-        self.motion = MotionModel(axes, self._pose_type, pose.guessed if pose else False)
-        self.sampler = Sampler(len(axes), self._origin)
+        self.motion = MotionModel(self.axes, self._pose_type, pose.guessed if pose else False)
+        self.sampler = Sampler(len(self.axes), self.origin)
         self.start = Start()
         self.refused_list: list[SetPointFact] = []
         self.forbidden_retries: list[int] = []
-        self._slicer = Slicer(window, self._origin) if window else None
-        self._axes = len(axes)
+        self._slicer = Slicer(window, self.origin) if window else None
+        self._axes = len(self.axes)
         self._begun = False
         self._commands = Forms(Picker(_PARAMETER, self._pick_command))
         self._results = Forms(Picker(_RESULT, self._pick_result))
-        self._before = np.full((2, len(axes)), np.nan)  # the last two poses commanded
+        self._before = np.full((2, len(self.axes)), np.nan)  # the last two poses commanded
         self._sent = self._accepted = self._unanswered = self._full = 0
         self._retries: Counter[int] = Counter()
         self._late = self._lost = 0
         self._refused: Counter[int] = Counter()
 
-    def add(self, calls: Sequence[Exchange]) -> None:
-        rows = rows_of(calls, self._origin)
-        commanded, returned = self._read(calls)
+    def add(self, rows: Rows) -> tuple[Columns, Columns]:
+        commanded = self._commands.read(rows.raws, self._axes)
+        returned = self._results.read(rows.results, self._axes)
         cycles = self.timing.add(rows)
         slacks = self._add_to_buffer(rows, commanded)
         self._count(rows, cycles)
@@ -259,6 +298,7 @@ class _Figures:
         self.sampler.add(rows.times, rows.frames, (cycles, latencies, slacks), poses)
         if self._slicer is not None:
             self._slicer.add(rows, cycles, slacks)
+        return commanded, returned
 
     def counts(self, after_end: int) -> Counts:
         retries = sum(times * count for times, count in self._retries.items())
@@ -270,7 +310,7 @@ class _Figures:
             buffer_full=self._full,
             after_end=after_end,
             retries=retries,
-            by_retries=dict(sorted(self._retries.items())),
+            by_retries={times: count for times, count in sorted(self._retries.items()) if count},
             retries_forbidden=retries if self.forbids_retries else 0,
             late_replies=self._late,
             lost_replies=self._lost,
@@ -280,12 +320,6 @@ class _Figures:
         if self._slicer is None:
             return (), 0
         return self._slicer.finish(), self._slicer.left_off
-
-    def _read(self, calls: Sequence[Exchange]) -> tuple[Columns, Columns]:
-        """Read poses and stamps of requests and replies."""
-        asked = [call.request.item.raw for call in calls]
-        answers = [b"" if call.reply is None else call.reply.item.raw for call in calls]
-        return self._commands.read(asked, self._axes), self._results.read(answers, self._axes)
 
     def _pick_command(self, parameter: Variant) -> Picked:
         send, receive = _formats(self._setting)
@@ -304,23 +338,18 @@ class _Figures:
         differ = (points[1:] != points[:-1]).any(axis=1)
         moving = np.where(known[1:] & known[:-1] & (self._axes > 0), differ, _UNKNOWN)[:-1]
         self._before = points[-2:]
+        entered = np.maximum(rows.arrivals, rows.replies) if self._paces else rows.arrivals
         slacks = self.buffer.add(
-            Arrivals(
-                times=rows.arrivals.tolist(),
-                replies=rows.replies.tolist(),
-                codes=rows.codes.tolist(),
-                frames=rows.frames.tolist(),
-                reply_frames=rows.reply_frames.tolist(),
-                moving=moving,
-            )
+            Arrivals(rows.arrivals, entered, rows.codes, rows.frames, rows.reply_frames, moving)
         )
-        found = np.array(slacks, np.float64) / 1e6
+        found = slacks / 1e6
         if not self._begun:
             found[0] = np.nan
         return found
 
     def _count(self, rows: Rows, cycles: Floats) -> None:
-        self._sent += len(rows.calls)
+        sent = len(rows.calls)
+        self._sent += sent
         unanswered = int(np.count_nonzero(~rows.answered))
         self._unanswered += unanswered
         refused = 0
@@ -333,10 +362,11 @@ class _Figures:
                     self.refused_list.append(set_point_fact(rows, row, cycles))
             elif code == S_BUF_FULL:
                 self._full += 1
-        self._accepted += len(rows.calls) - unanswered - refused
-        self._retries.update(rows.retries.tolist())
-        for row in rows.troubled:
-            self._count_trouble(rows.calls[row])
+        self._accepted += sent - unanswered - refused
+        self._retries[0] += sent - len(rows.odd)
+        for _, call in rows.odd:
+            self._retries[call.retries] += 1
+            self._count_trouble(call)
 
     def _count_trouble(self, call: Exchange) -> None:
         self._late += len(call.late_replies)
@@ -353,7 +383,7 @@ class _Figures:
         self.motion.add(
             Poses(
                 commanded=commanded.poses,
-                readable=commanded.posed & (self._axes > 0),
+                readable=commanded.posed & (self._axes > 0) & (rows.codes != E_SLAVE_OVERFLOW),
                 returned=returned.poses,
                 answered=accepted,
                 frames=rows.frames,
@@ -393,12 +423,12 @@ def _pose_type(setting: Setting) -> PoseType | None:
     return None if setting.value is None else mode_pose_type(setting.value)
 
 
-def _poses_in(calls: Sequence[Exchange], setting: Setting) -> Iterator[Pose]:
+def _poses_in(rows: Sequence[Row], setting: Setting) -> Iterator[Pose]:
     """Yield the poses of the first set points that have one of a known type."""
     send, receive = _formats(setting)
     pose_type = _pose_type(setting)
-    for call in calls[:16]:
-        parameter = parameter_of(call.request.item)
+    for row in rows[:16]:
+        parameter = parameter_of(Frame(row.raw))
         if parameter is not None:
             pose = split_set_point(parameter, pose_type, send, receive).pose
             if pose is not None and pose.type is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
-EXACT = 4096
+EXACT = 8192
 """So many values are kept as they are; from then on they are counted in bins."""
 
 _PER_OCTAVE = 128
@@ -42,7 +42,7 @@ class Distribution:
         mean: of them, exact.
         least: exact.
         most: exact.
-        p50: exact for up to 4096 values, else within 0.4%, as all percentiles.
+        p50: exact for up to 8192 values, else within 0.4%, as all percentiles.
         p90: likewise.
         p99: likewise.
         p999: likewise.
@@ -69,86 +69,116 @@ class Distribution:
 class Histogram:
     """Takes values, 0 or more, and tells how they are spread; what is negative or no number is left out."""
 
-    __slots__ = ("_counts", "_few", "count", "least", "most", "total")
+    __slots__ = ("_base", "_counts", "_few", "_held", "_least", "_most", "_total")
 
     def __init__(self) -> None:
-        self.count = 0
-        self.total = 0.0
-        self.least = math.inf
-        self.most = 0.0
-        self._few: list[Floats] = []
+        self._few: list[Floats] = []  # values that are not counted in bins yet
+        self._held = 0
         self._counts: NDArray[np.int64] | None = None
+        self._base = 0  # number of the bin that the first of the counts is for
+        self._total = 0.0
+        self._least, self._most = math.inf, 0.0
 
     def add(self, values: Floats) -> None:
-        """Take values in."""
+        """Take values in; they are not copied, so nobody must change them afterwards."""
         if not len(values):
             return
-        least, most = values.min(), values.max()
-        if not (least >= 0 and most < math.inf):  # NaN makes this false as well
-            self.add(values[(values >= 0) & (values < math.inf)])
-            return
-        self.count += len(values)
-        self.total += float(values.sum())
-        self.least, self.most = min(self.least, float(least)), max(self.most, float(most))
-        if self._counts is not None:
-            self._counts += np.bincount(_bin_numbers(values), minlength=_BINS)
-            return
         self._few.append(values)
-        if self.count > EXACT:
-            self._counts = np.bincount(_bin_numbers(np.concatenate(self._few)), minlength=_BINS)
-            self._few = []
-        elif len(self._few) > _MOST_PIECES:
-            self._few = [np.concatenate(self._few)]
+        self._held += len(values)
+        if self._held > EXACT or len(self._few) > _MOST_PIECES:
+            self._gather()
 
     def merge(self, other: Histogram) -> None:
         """Take in all that another histogram took."""
-        if other._counts is None:
-            for values in other._few:
-                self.add(values)
-            return
-        if self._counts is None:
-            few, self._few = self._few, []
-            self._counts = np.bincount(_bin_numbers(np.concatenate(few)) if few else [], minlength=_BINS)
-        self._counts = self._counts + other._counts
-        self.count += other.count
-        self.total += other.total
-        self.least, self.most = min(self.least, other.least), max(self.most, other.most)
+        if other._counts is not None:
+            self._count(other._base, other._counts)
+            self._total += other._total
+            self._least, self._most = min(self._least, other._least), max(self._most, other._most)
+        for values in other._few:
+            self.add(values)
 
     def distribution(self, bins: bool = False) -> Distribution | None:
         """Tell how the values so far are spread; None where there is none."""
-        if not self.count:
+        if self._counts is not None:
+            self._fold(self._held_values())
+            points = self._percentiles(self._counts)
+            drawn = _bins(self._base, self._counts) if bins else ()
+            return self._summary(int(self._counts.sum()), self._total, points, drawn)
+        values = np.sort(self._held_values())
+        if not len(values):
             return None
-        if self._counts is None:
-            values = np.sort(np.concatenate(self._few))
-            points = [float(values[_rank(share, len(values)) - 1]) for share in _SHARES]
-            counts = np.bincount(_bin_numbers(values)) if bins else None
-        else:
-            counts, points = self._counts, self._percentiles(self._counts)
-        drawn = _bins(counts) if bins and counts is not None else ()
-        mean = min(max(self.total / self.count, self.least), self.most)
+        self._least, self._most = float(values[0]), float(values[-1])
+        points = [float(values[_rank(share, len(values)) - 1]) for share in _SHARES]
+        drawn = _bins(*_counted(values)) if bins else ()
+        return self._summary(len(values), float(values.sum()), points, drawn)
+
+    def _summary(self, count: int, total: float, points: list[float], drawn: tuple[Bin, ...]) -> Distribution:
+        mean = min(max(total / count, self._least), self._most)
         p50, p90, p99, p999 = points
-        return Distribution(self.count, mean, self.least, self.most, p50, p90, p99, p999, drawn)
+        return Distribution(count, mean, self._least, self._most, p50, p90, p99, p999, drawn)
+
+    def _held_values(self) -> Floats:
+        values = np.concatenate(self._few) if self._few else np.empty(0)
+        self._few, self._held = [values], len(values)
+        valid = (values >= 0) & (values < math.inf)  # false for NaN
+        return values if valid.all() else values[valid]
+
+    def _gather(self) -> None:
+        values = self._held_values()
+        if len(values) > EXACT or self._counts is not None:
+            self._fold(values)
+        else:
+            self._few, self._held = [values], len(values)
+
+    def _fold(self, values: Floats) -> None:
+        """Count values in bins instead of keeping them."""
+        self._few, self._held = [], 0
+        if len(values):
+            self._total += float(values.sum())
+            self._least = min(self._least, float(values.min()))
+            self._most = max(self._most, float(values.max()))
+            self._count(*_counted(values))
+
+    def _count(self, base: int, counts: NDArray[np.int64]) -> None:
+        if self._counts is None:
+            self._base, self._counts = base, counts.copy()
+            return
+        first = min(base, self._base)
+        size = max(base + len(counts), self._base + len(self._counts)) - first
+        if size > len(self._counts):
+            wider = np.zeros(size, np.int64)
+            wider[self._base - first : self._base - first + len(self._counts)] = self._counts
+            self._base, self._counts = first, wider
+        self._counts[base - first : base - first + len(counts)] += counts
 
     def _percentiles(self, counts: NDArray[np.int64]) -> list[float]:
-        ranks = [_rank(share, self.count) for share in _SHARES]
-        found = np.searchsorted(np.cumsum(counts), ranks)
-        middles = [(_edge(number) + _edge(number + 1)) / 2 for number in found.tolist()]
-        return [min(max(middle, self.least), self.most) for middle in middles]
+        sums = np.cumsum(counts)
+        ranks = [_rank(share, int(sums[-1])) for share in _SHARES]
+        found = (np.searchsorted(sums, ranks) + self._base).tolist()
+        middles = [(_edge(number) + _edge(number + 1)) / 2 for number in found]
+        return [min(max(middle, self._least), self._most) for middle in middles]
 
 
 _SHARES = (500, 900, 990, 999)  # thousandths
 _MOST_PIECES = 64
+_MANTISSA_BITS = 52
+_BIN_SHIFT = _MANTISSA_BITS - _PER_OCTAVE.bit_length() + 1
+_FIRST_BIN = (_LOWEST + 1023) * _PER_OCTAVE
 
 
 def _rank(share: int, count: int) -> int:
     return -(-share * count // 1000)
 
 
-def _bin_numbers(values: Floats) -> NDArray[np.int64]:
-    mantissas, exponents = np.frexp(values)
-    parts = ((mantissas - 0.5) * (2 * _PER_OCTAVE)).astype(np.int64)
-    numbers = (exponents - (_LOWEST + 1)) * _PER_OCTAVE + parts
-    return np.clip(np.where(values > 0, numbers, 0), 0, _BINS - 1)
+def _counted(values: Floats) -> tuple[int, NDArray[np.int64]]:
+    """Count values in bins; return the number of the first bin and the counts from it on.
+
+    The upper bits of an IEEE 754 double, exponent and first bits of the mantissa, are the number of its bin.
+    """
+    bits = np.ascontiguousarray(values).view(np.int64)
+    numbers = np.clip((bits >> _BIN_SHIFT) - _FIRST_BIN, 0, _BINS - 1)
+    base = int(numbers.min())
+    return base, np.bincount(numbers - base)
 
 
 def _edge(number: int) -> float:
@@ -159,6 +189,6 @@ def _edge(number: int) -> float:
     return math.ldexp(1 + part / _PER_OCTAVE, octave + _LOWEST)
 
 
-def _bins(counts: NDArray[np.int64]) -> tuple[Bin, ...]:
+def _bins(base: int, counts: NDArray[np.int64]) -> tuple[Bin, ...]:
     filled = np.flatnonzero(counts).tolist()
-    return tuple(Bin(_edge(number), _edge(number + 1), int(counts[number])) for number in filled)
+    return tuple(Bin(_edge(base + each), _edge(base + each + 1), int(counts[each])) for each in filled)

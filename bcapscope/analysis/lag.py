@@ -11,7 +11,7 @@ from bcapscope.analysis.distribution import Bools, Floats
 MOST_CYCLES = 32
 """Larger lags are not looked for: at 8 ms that is a quarter of a second."""
 
-_ROWS_AT_ONCE = 512
+_ROWS_AT_ONCE = 256
 """Of each run of set points so many are compared: enough for an estimate at a fraction of the time."""
 
 _CLEAR = 4.0
@@ -34,12 +34,13 @@ class Lag:
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
         skipped = max(0, MOST_CYCLES - first)  # rows with too few set points before them
-        rows = np.arange(skipped, min(len(commanded), skipped + _ROWS_AT_ONCE))
-        rows = rows[answered[rows]]
-        if len(rows):
+        until = min(len(commanded), skipped + _ROWS_AT_ONCE)
+        if until > skipped:
+            came, missing = returned[skipped:until], ~answered[skipped:until]
             for cycles in range(MOST_CYCLES + 1):
-                off = returned[rows] - history[first + rows - cycles]
-                self._squares[cycles] += (off * off).sum(axis=0)
+                off = came - history[first + skipped - cycles : first + until - cycles]
+                off[missing] = 0.0
+                self._squares[cycles] += np.einsum("ij,ij->j", off, off)
         self._commanded = history[-MOST_CYCLES:]
 
     def of_axis(self, axis: int) -> float | None:

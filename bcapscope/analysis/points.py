@@ -22,6 +22,8 @@ class Points(NamedTuple):
         mode: as far as it was known at the first set point.
         send: accepted send format; None where none was seen.
         receive: likewise.
+        grid_ms: the period that the client should keep.
+        microseconds: unit of the controller's time stamps.
         axes: of the poses; () where no pose could be read.
         rows: the calls.
         commanded: poses of the requests, a row a call.
@@ -34,6 +36,8 @@ class Points(NamedTuple):
     mode: Mode
     send: Format | None
     receive: Format | None
+    grid_ms: float
+    microseconds: bool
     axes: tuple[Axis, ...]
     rows: Rows
     commanded: Columns

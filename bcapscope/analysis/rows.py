@@ -1,18 +1,53 @@
-"""Calls of one kind as columns, so that a million of them are not looked at one by one."""
+"""Set points as columns, so that a million of them are not looked at one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bcapscope.analysis.distribution import Bools, Floats
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.verdict import Outcome
 
 _FURTHEST = 1 << 61
 """Nanoseconds; 73 years, which no capture lasts. A damaged one may claim times further apart."""
+
+
+class Row(NamedTuple):
+    """What is kept of a set point until many are looked at together.
+
+    Attributes:
+        call: number of the call.
+        frame: of the first request.
+        time: of that.
+        raw: bytes of that.
+        reply_frame: of the accepted reply; 0 where there is none.
+        replied: time of that; equal to `time` where there is none.
+        result: bytes of that; empty where there is none.
+    """
+
+    call: int
+    frame: int
+    time: int
+    raw: bytes
+    reply_frame: int
+    replied: int
+    result: bytes
+
+
+def row_of(call: Exchange) -> Row:
+    """Take a call down to a row."""
+    request, reply = call.request, call.reply
+    asked = call.call, request.number, request.time, request.item.raw
+    return (
+        Row(*asked, 0, request.time, b"")
+        if reply is None
+        else Row(*asked, reply.number, reply.time, reply.item.raw)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +57,10 @@ class Rows:
     Times are nanoseconds since an origin that is given, frames numbers of observations.
 
     Attributes:
-        calls: the calls themselves.
+        origin: nanoseconds since 1970-01-01 UTC.
+        calls: numbers of the calls.
+        raws: bytes of the first requests.
+        results: bytes of the accepted replies; empty where there is none.
         times: of the first requests.
         arrivals: of the requests that were answered; of the first ones where none was.
         replies: of the accepted replies; equal to `times` where there is none.
@@ -32,64 +70,75 @@ class Rows:
         frames: of the first requests.
         reply_frames: 0 where there is none.
         retries: of each.
-        troubled: which of them were sent or answered more than once.
+        odd: place and call of those that have more to tell: not answered, not with S_OK, or sent or answered
+            more than once.
     """
 
-    calls: Sequence[Exchange]
+    origin: int
+    calls: Sequence[int]
+    raws: Sequence[bytes]
+    results: Sequence[bytes]
     times: NDArray[np.int64]
     arrivals: NDArray[np.int64]
     replies: NDArray[np.int64]
-    answered: NDArray[np.bool_]
-    open: NDArray[np.bool_]
+    answered: Bools
+    open: Bools
     codes: NDArray[np.int64]
     frames: NDArray[np.int64]
     reply_frames: NDArray[np.int64]
     retries: NDArray[np.int64]
-    troubled: Sequence[int]
+    odd: Sequence[tuple[int, Exchange]]
 
     @property
-    def latencies(self) -> NDArray[np.float64]:
+    def latencies(self) -> Floats:
         """Milliseconds from the first request to the reply; infinite where there is none."""
-        taken = (self.replies - self.times) / 1e6
-        return np.where(self.answered, taken, np.inf)
+        taken: Floats = (self.replies - self.times) / 1e6
+        taken[~self.answered] = np.inf
+        return taken
 
 
-def rows_of(calls: Sequence[Exchange], origin: int) -> Rows:
-    """Make columns of calls; `origin` is taken off all times."""
-    requests = [call.request for call in calls]
-    replies = [call.reply for call in calls]
-    times = _times([request.time for request in requests], origin)
-    answered = np.array([reply is not None for reply in replies], np.bool_)
-    received = _times([origin if reply is None else reply.time for reply in replies], origin)
-    rows = Rows(
+def rows_of(rows: Sequence[Row], odd: Sequence[tuple[int, Exchange]], origin: int) -> Rows:
+    """Make columns of rows, of which there is at least one.
+
+    Args:
+        rows: in the order in which they were sent.
+        odd: place and call of those that have more to tell.
+        origin: is taken off all times.
+    """
+    calls, frames, times, raws, reply_frames, replied, results = zip(*rows, strict=True)
+    sent = _times(times, origin)
+    reply_numbers = np.array(reply_frames, np.int64)
+    made = Rows(
+        origin=origin,
         calls=calls,
-        times=times,
-        arrivals=times.copy(),
-        replies=np.where(answered, received, times),
-        answered=answered,
-        open=np.zeros(len(calls), np.bool_),
-        codes=np.array([0 if reply is None else reply.item.code for reply in replies], np.int64),
-        frames=np.array([request.number for request in requests], np.int64),
-        reply_frames=np.array([0 if reply is None else reply.number for reply in replies], np.int64),
-        retries=np.zeros(len(calls), np.int64),
-        troubled=[index for index, call in enumerate(calls) if call.others or not call.origin_seen],
+        raws=raws,
+        results=results,
+        times=sent,
+        arrivals=sent.copy(),
+        replies=_times(replied, origin),
+        answered=reply_numbers > 0,
+        open=np.zeros(len(rows), np.bool_),
+        codes=np.zeros(len(rows), np.int64),
+        frames=np.array(frames, np.int64),
+        reply_frames=reply_numbers,
+        retries=np.zeros(len(rows), np.int64),
+        odd=odd,
     )
-    _add_troubled(rows, origin)
-    return rows
+    for index, call in odd:
+        _fill(made, index, call)
+    return made
 
 
-def _add_troubled(rows: Rows, origin: int) -> None:
-    """Fill in what only a few calls have: retries, and no reply."""
-    for index in rows.troubled:
-        call = rows.calls[index]
-        rows.retries[index] = call.retries
-        if call.reply is not None and call.rtt is not None:
-            rows.arrivals[index] = _times([call.reply.time - call.rtt], origin)[0]
-    for index in np.flatnonzero(~rows.answered).tolist():
-        rows.open[index] = rows.calls[index].outcome is Outcome.CAPTURE_ENDED
+def _fill(rows: Rows, index: int, call: Exchange) -> None:
+    rows.retries[index] = call.retries
+    if call.reply is None or call.rtt is None:
+        rows.open[index] = call.outcome is Outcome.CAPTURE_ENDED
+        return
+    rows.codes[index] = call.reply.item.code
+    rows.arrivals[index] = _times((call.reply.time - call.rtt,), rows.origin)[0]
 
 
-def _times(moments: list[int], origin: int) -> NDArray[np.int64]:
+def _times(moments: Sequence[int], origin: int) -> NDArray[np.int64]:
     try:
         return np.array(moments, np.int64) - origin
     except OverflowError:

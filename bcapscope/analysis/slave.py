@@ -9,12 +9,15 @@ from typing import NamedTuple
 from bcapscope.analysis.controller import Controller, fact_of, mode_asked
 from bcapscope.analysis.course import BATCH, Course, Key, Setting, parameter_of
 from bcapscope.analysis.generation import better, clue_of_call, clue_of_set_point
+from bcapscope.analysis.points import Heed
+from bcapscope.analysis.rows import Row
 from bcapscope.analysis.stay import MOST_LISTED, Exit, ExitReason, Stay
+from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, describe, is_failure
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.observation import Endpoint
+from bcapscope.traffic.observation import Conversation, Endpoint
 from bcapscope.traffic.question import Question
 
 OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
@@ -51,6 +54,10 @@ _LEAVES_MODE = 3  # errors of this level and above end slave mode
 _HANDLE, _HANDLE_VALUE = slice(15, 29), slice(25, 29)
 
 
+_new_row = tuple.__new__
+"""Takes half the time of Row(...), and this is done for every set point."""
+
+
 class _Ended(NamedTuple):
     """A stay that ended and is held back."""
 
@@ -65,9 +72,15 @@ class SlaveWatcher:
     Memory is bounded by the stays that go on at a time, each by its figures, not by how long they last.
     """
 
-    def __init__(self, window: int | None = None) -> None:
-        """Take the length of a slice of time in nanoseconds where figures by time are wanted."""
+    def __init__(self, window: int | None = None, heed: Heed | None = None) -> None:
+        """Begin.
+
+        Args:
+            window: length of a slice of time in nanoseconds, where figures by time are wanted.
+            heed: is given the set points as they are looked at, for who wants each of them.
+        """
         self._window = window
+        self._heed = heed
         self._controllers: dict[Endpoint, Controller] = {}
         self._courses: dict[Key, Course] = {}
         self._closing: dict[Course, Exit] = {}  # an error ended it, unless a set point is accepted after all
@@ -77,22 +90,15 @@ class SlaveWatcher:
         self._seen = 0
         # The stay of the last set point, so that the next one of it is known at a glance.
         self._course: Course | None = None
+        self._conversation: Conversation | None = None
         self._question: Question | None = None
         self._handle = b""
 
     def take(self, call: Exchange) -> Sequence[Stay]:
         """Take in a call that settled; return the stays of which no more is to be expected."""
-        course, reply = self._course, call.reply
-        if (
-            course is not None
-            and call.question is self._question
-            and call.conversation is course.conversation
-            and reply is not None
-            and not reply.item.code
-            and call.request.item.raw[_HANDLE_VALUE] == self._handle
-        ):
-            course.calls.append(call)
-            if len(course.calls) < BATCH:
+        course = self._course
+        if course is not None and self._keep(call, course.rows):
+            if len(course.rows) < BATCH:
                 return ()
             self._flush(course)
         elif call.question.function_id == _ROBOT_EXECUTE and _is_set_point(call.question):
@@ -101,6 +107,33 @@ class SlaveWatcher:
             self._other(call)
         self._seen = max(self._seen, call.activity)
         return self._release(self._seen - HELD_NS) if self._ended else ()
+
+    def _keep(self, call: Exchange, rows: list[Row]) -> bool:
+        """Add a set point of the latest stay to its rows, if it was sent once and answered with S_OK."""
+        reply = call.reply
+        if (
+            call.question is not self._question
+            or call.conversation is not self._conversation
+            or reply is None
+            or call.others
+        ):
+            return False
+        frame: int
+        time: int
+        reply_frame: int
+        replied: int
+        item: Frame
+        result: Frame
+        # observations are tuples, and taken apart so in less time than attribute by attribute
+        frame, time, _, _, item, _ = call.request  # type: ignore[misc]
+        reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]
+        raw = item.raw
+        if result.code or raw[_HANDLE_VALUE] != self._handle or len(raw) > LARGE:
+            return False
+        if item.reserved and not call.origin_seen:
+            return False
+        rows.append(_new_row(Row, (call.call, frame, time, raw, reply_frame, replied, result.raw)))
+        return True
 
     def finish(self) -> tuple[Stay, ...]:
         """Return the stays that were not given out yet; the traffic has ended."""
@@ -131,13 +164,13 @@ class SlaveWatcher:
                 course.after_end += 1
                 return
             del self._closing[course]
-        course.calls.append(call)
+        course.add(call)
         if failed:
             self._closing[course] = Exit(
                 ExitReason.ERROR, _end_of(call), _frames_of(call), code, fact_of(call)
             )
         self._look_at(None if failed else course, call)
-        if len(course.calls) >= BATCH or len(call.request.item.raw) > LARGE:
+        if len(course.rows) >= BATCH or len(call.request.item.raw) > LARGE:
             self._flush(course)
 
     def _is_outside(self, key: Key, call: Exchange, failed: bool) -> bool:
@@ -158,7 +191,9 @@ class SlaveWatcher:
         if course is None:
             self._started += 1
             tried = controller.take_tried()
-            course = Course(self._started, key, tried, controller.mode_told, self._window)
+            course = Course(
+                self._started, key, tried, controller.mode_told, window=self._window, heed=self._heed
+            )
         self._courses[key] = course
         self._over.pop(key, None)
         if len(self._courses) > MOST_STAYS:
@@ -181,6 +216,7 @@ class SlaveWatcher:
         """Expect the next set point to be one of `course`; large ones are always looked at one by one."""
         raw = call.request.item.raw
         self._course = course if len(raw) <= LARGE and call.request.item.body is raw else None
+        self._conversation = call.conversation
         self._question, self._handle = call.question, raw[_HANDLE_VALUE]
 
     # other calls
@@ -225,7 +261,8 @@ class SlaveWatcher:
         controller.mode_told = (None, "")
         if value != 0:
             self._started += 1
-            entered = Course(self._started, key, fact_of(call), (value, "slvChangeMode"), self._window)
+            mode = value, "slvChangeMode"
+            entered = Course(self._started, key, fact_of(call), mode, window=self._window, heed=self._heed)
             dropped = controller.wait(key, entered)
             if dropped is not None:
                 self._close(dropped, Exit(ExitReason.SILENT, _last_seen(dropped), (), None, None))
@@ -313,7 +350,7 @@ def _frames_of(call: Exchange) -> tuple[int, ...]:
 
 def _last_seen(course: Course) -> int:
     last = course.last
-    return course.entered or 0 if last is None else _end_of(last)
+    return course.entered or 0 if last is None else max(last.time, last.replied)
 
 
 def _explain(ended: _Ended, controller: Controller) -> Exit:
@@ -321,7 +358,7 @@ def _explain(ended: _Ended, controller: Controller) -> Exit:
     course, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
-    last = course.began(exit_.time) if course.last is None else course.last.request.time
+    last = course.began(exit_.time) if course.last is None else course.last.time
     found_off = exit_.reason is ExitReason.FOUND_OFF
     until = exit_.time if found_off else max(exit_.time, last) + SILENCE_NS
     changes = [call for call in controller.between(last, until) if _leaves(call, course)]

@@ -406,6 +406,8 @@ class Jump(NamedTuple):
 class Motion:
     """What the set points command and what came back.
 
+    Set points refused since the buffer was full are left out: the same point is sent again.
+
     Attributes:
         read: set points whose pose could be read.
         unread: set points whose pose could not, or is of another type.

@@ -205,13 +205,13 @@ class TimingModel:
 
 def set_point_fact(rows: Rows, row: int, cycles: Floats) -> SetPointFact:
     """Tell about one set point; `cycles` is the time before each in ms, NaN where there is none."""
-    call, cycle = rows.calls[row], float(cycles[row])
+    answered, cycle = bool(rows.answered[row]), float(cycles[row])
     return SetPointFact(
-        call=call.call,
-        request=call.request.number,
-        time=call.request.time,
-        reply=None if call.reply is None else call.reply.number,
-        hresult=call.hresult,
-        latency_ms=None if call.latency is None else call.latency / 1e6,
+        call=rows.calls[row],
+        request=int(rows.frames[row]),
+        time=rows.origin + int(rows.times[row]),
+        reply=int(rows.reply_frames[row]) if answered else None,
+        hresult=int(rows.codes[row]) if answered else None,
+        latency_ms=int(rows.replies[row] - rows.times[row]) / 1e6 if answered else None,
         cycle_ms=None if math.isnan(cycle) else cycle,
     )
