@@ -1,13 +1,41 @@
-"""The captures that ship with the project are what the script makes, nothing more and nothing less."""
+"""The captures that ship with the project: what the script makes, and what the index says of them."""
 
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from tests.samples.catalogue import files
+from bcapscope.capture.file import open_capture
+from bcapscope.capture.hextext import read_hex_text
+from bcapscope.capture.observer import Observer
+from bcapscope.protocol.frame import Frame, Malformed
+from bcapscope.traffic.observation import Direction, Observation, Transport
+from tests.samples.catalogue import SAMPLES, files
+from tests.samples.guide import DUMPS
 
 FOLDER = Path(__file__).parents[1] / "captures"
 MADE = files()
+CAPTURES = [sample.name for sample in SAMPLES if not sample.name.endswith(".txt")]
+DAMAGED = {"damaged-dumps.pcap", "malformed.pcapng", "tcp-gap.pcap"}
+
+
+def observe(name: str) -> tuple[list[Observation], Observer]:
+    """Read a sample."""
+    observer = Observer()
+    with open_capture(FOLDER / name) as capture:
+        return list(observer.observe(capture)), observer
+
+
+def frames(name: str) -> list[tuple[Direction, Frame]]:
+    """Return the frames of a sample that has nothing else."""
+    found = []
+    for seen in observe(name)[0]:
+        assert isinstance(seen.item, Frame)
+        found.append((seen.flow.direction, seen.item))
+    return found
 
 
 def test_nothing_else_is_there() -> None:
@@ -22,3 +50,102 @@ def test_bytes_are_those_of_the_script(name: str) -> None:
 @pytest.mark.parametrize("name", MADE)
 def test_is_small(name: str) -> None:
     assert len(MADE[name]) < 100_000
+
+
+@pytest.mark.parametrize("name", sorted(set(CAPTURES) - DAMAGED))
+def test_sound_samples_have_no_problem(name: str) -> None:
+    observations, observer = observe(name)
+    assert observations
+    assert [seen.item for seen in observations if seen.item.problems] == []
+    assert all(talk.side_known_by == "port 5007" for talk in observer.conversations)
+    times = [seen.time for seen in observations]
+    assert times == sorted(times)
+
+
+def test_the_session_is_whole() -> None:
+    session = frames("slave-session.pcapng")
+    commands = Counter(
+        frame.arguments[1].variant.value
+        for direction, frame in session
+        if direction is Direction.REQUEST and frame.code == 64
+    )
+    assert commands["slvMove"] == 240
+    assert commands["slvChangeMode"] == 2
+    answered = Counter(frame.code for direction, frame in session if direction is Direction.RESPONSE)
+    assert answered == {0: 257, 0x900: 4}
+    asked = [frame.serial for direction, frame in session if direction is Direction.REQUEST]
+    assert asked == list(range(1, 258))
+
+
+def test_set_points_come_every_8_ms_once_the_buffer_is_full() -> None:
+    replies = [
+        seen.time
+        for seen in observe("slave-session.pcapng")[0]
+        if seen.flow.direction is Direction.RESPONSE and len(seen.item.raw) == 106
+    ]
+    gaps = [(b - a) / 1e6 for a, b in pairwise(replies[3:])]
+    assert len(replies) == 240
+    assert all(7.9 < gap < 8.1 for gap in gaps)
+
+
+def test_the_retry_story() -> None:
+    story = [(direction, frame.serial, frame.reserved) for direction, frame in frames("retry-story.pcapng")]
+    ask, answer = Direction.REQUEST, Direction.RESPONSE
+    assert story == [
+        (ask, 1232, 0),
+        (ask, 1233, 1232),
+        (ask, 1234, 1232),
+        (ask, 1235, 1232),
+        (answer, 1233, 1232),
+        (answer, 1235, 1232),
+    ]
+
+
+def test_damaged_dumps_are_the_same_as_text_and_as_datagrams() -> None:
+    printed = [bytes.fromhex(dump.printed) for dump in DUMPS]
+    text = read_hex_text((FOLDER / "damaged-dumps.txt").read_text())
+    assert [packet.data for packet in text] == printed
+    assert [packet.direction is Direction.REQUEST for packet in text] == [dump.client for dump in DUMPS]
+    assert [frame.raw for _, frame in frames("damaged-dumps.pcap")] == printed
+
+
+def test_dumps_differ_from_the_frames_only_where_the_guide_is_damaged() -> None:
+    damaged = [index for index, dump in enumerate(DUMPS) if bytes.fromhex(dump.printed) != dump.frame]
+    assert damaged == [1, 2, *range(5, 13), 13, 15]
+
+
+def test_tcp_loses_nothing() -> None:
+    observations, observer = observe("tcp-segments.pcap")
+    assert len(observations) == 24
+    assert observer.counts.gaps == 0
+    answer = observations[11]
+    assert answer.time - answer.began == 3_090_000
+
+
+def test_a_gap_is_told_as_a_gap() -> None:
+    observations, _ = observe("tcp-gap.pcap")
+    holes = [seen.item.missing for seen in observations if isinstance(seen.item, Malformed)]
+    assert holes == [0, 198, 0]
+    whole = [seen.item.serial for seen in observations if isinstance(seen.item, Frame)]
+    assert {42, 43, 44, 45} == set(whole)
+
+
+def test_several_networks_in_one_capture() -> None:
+    observations, observer = observe("two-robots.pcapng")
+    assert len(observations) == 48
+    assert {str(talk.server) for talk in observer.conversations} == {"192.168.0.1:5007", "[fd00:1::1]:5007"}
+    observations, observer = observe("vlan-ipv6.pcap")
+    assert {seen.flow.conversation.transport for seen in observations} == {Transport.TCP}
+    assert observer.counts.not_bcap + observer.counts.not_ip == 3
+
+
+SOUND_BUT_STRANGE = ("function 200", "two frames", "not a number", "serial 0", "from a server")
+
+
+def test_each_malformed_datagram_has_a_problem_or_a_hostile_string() -> None:
+    observations, observer = observe("malformed.pcapng")
+    troubled = {seen.packet for seen in observations if seen.item.problems}
+    strings = set(range(1, 11))
+    for packet, (comment,) in observer.comments.items():
+        strange = comment.startswith(SOUND_BUT_STRANGE) or packet in strings
+        assert (packet in troubled) is not strange, comment
