@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from bcapscope.protocol.variant import ARRAY, MAX_NESTING, NUMBER_FORMATS, VT, Value, Variant, vt_name
+from bcapscope.protocol.variant import ARRAY, EMPTY, MAX_NESTING, NUMBER_FORMATS, VT, Value, Variant, vt_name
 
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
@@ -108,6 +108,7 @@ class ArgumentReader:
         variant = self._read_value(start, stop if bounded and self._lengths_rule else self.end)
         if self._lost and bounded and not self._lengths_rule:
             self._lengths_rule = True
+            variant = EMPTY  # lets go of what was read before it is read again
             self.problems = [problem for problem in self.problems if problem.offset < start]
             variant = self._read_value(start, stop)
         if self._lost:
