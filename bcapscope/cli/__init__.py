@@ -17,6 +17,7 @@ from bcapscope.cli.exits import Exit
 _COMMANDS = {
     "decode": "Read frames, one line each.",
     "calls": "Pair requests, retries and replies: a line a call.",
+    "diagnose": "Tell what went wrong, the first cause first.",
     "stats": "Figures by client and command: rates, latencies, retries, refusals.",
     "extract": "Write the trajectories of slave mode to CSV or JSON.",
     "fields": "List the fields and the language of --filter.",

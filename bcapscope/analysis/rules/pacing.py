@@ -207,9 +207,7 @@ def _pause_text(before: Exchange, after: Exchange, slack: int, speech: Speech) -
         return f"{text}; {name_of(before)} was never answered"
     waited, idle = reply.time - before.request.time, after.request.time - reply.time
     if idle > waited:
-        return (
-            f"{text}: it had the reply after {span(waited)} and then asked for nothing more for {span(idle)}"
-        )
+        return f"{text}: its reply was there after {span(waited)}, and the next was sent {span(idle)} later"
     return f"{text}: the reply took {span(waited)}"
 
 

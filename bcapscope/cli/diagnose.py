@@ -1,0 +1,59 @@
+"""``bcapscope diagnose``: what went wrong, the first cause first."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+
+import click
+
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.cli import options
+from bcapscope.cli.output import palette
+from bcapscope.cli.reading import Reading
+from bcapscope.render.findings import FindingsRenderer, finding_record
+from bcapscope.traffic.tracker import Tracker
+
+_PIPE_WIDTH = 100
+
+
+@click.command(short_help="Tell what went wrong, the first cause first.")
+@options.paths
+@options.ports
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a finding.")
+@options.color
+def command(*, paths: tuple[str, ...], ports: tuple[int, ...], as_json: bool, color: str) -> None:
+    """Look for what went wrong in captures, and tell the first cause first.
+
+    A finding has: number, severity, rule, one sentence, the frames that prove it, what to do, and where the
+    rule is from. Consequences stand under their cause. The rules are listed in the README.
+
+    Exit codes: 0 all was read, whether or not something was found; else as of decode.
+    """
+    reading = Reading(paths, ports)
+    diagnosis = diagnose(reading)
+    findings = diagnosis.finish()
+    if as_json:
+        records = (finding_record(number, finding) for number, finding in enumerate(findings, 1))
+        reading.output.write_lines(records, reading.pause)
+    else:
+        width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
+        renderer = FindingsRenderer(palette(color), width)
+        reading.output.write_lines(renderer.lines(findings, diagnosis.seen), reading.pause)
+    reading.summary()
+    sys.exit(reading.exit)
+
+
+def diagnose(reading: Reading) -> Diagnosis:
+    """Show a reading to all rules, to its end."""
+    diagnosis, tracker = Diagnosis(), Tracker()
+    look, take, observe = diagnosis.take_observation, diagnosis.take, tracker.observe
+    for count, seen in enumerate(reading.observations()):
+        look(seen)
+        for settled in observe(seen):
+            take(settled)
+        if not count & 0xFFF:
+            reading.pause()
+    for settled in tracker.close():
+        take(settled)
+    return diagnosis

@@ -1,0 +1,116 @@
+"""Findings for people and for programs, and the list of rules."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import orjson
+
+from bcapscope.analysis.diagnosis import Seen
+from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.rules import RULES
+from bcapscope.analysis.rules.rule import Rule
+from bcapscope.analysis.speech import counted, span
+from bcapscope.render.columns import display_width
+from bcapscope.render.escape import printable
+from bcapscope.render.palette import PLAIN, Palette
+
+NARROWEST, WIDEST = 40, 120
+"""Columns that text is wrapped to at least, where the terminal has fewer, and at most, where it is "
+"hard to read."""
+
+_STEP = 4
+_DEEPEST = 4
+
+
+class FindingsRenderer:
+    """Writes findings as text, each consequence indented under its cause."""
+
+    def __init__(self, palette: Palette = PLAIN, width: int = 100) -> None:
+        self._palette = palette
+        self._width = min(max(width, NARROWEST), WIDEST)
+
+    def lines(self, findings: Sequence[Finding], seen: Seen) -> Iterator[str]:
+        """Yield the lines of all findings, in the order given, and one that sums them up."""
+        depths: list[int] = []
+        for number, finding in enumerate(findings, 1):
+            cause = finding.consequence_of
+            depths.append(0 if cause is None else depths[cause - 1] + 1)
+            yield from self._finding(number, finding, " " * _STEP * min(depths[-1], _DEEPEST))
+            yield ""
+        yield self._sum(findings, seen)
+
+    def _finding(self, number: int, finding: Finding, indent: str) -> Iterator[str]:
+        color = self._palette
+        shade = color.problem if finding.severity is Severity.ERROR else color.name
+        follows = f", follows from {finding.consequence_of}" if finding.consequence_of is not None else ""
+        head = f"{color.number}{number}{color.reset} {shade}{finding.severity}{color.reset}"
+        yield f"{indent}{head} {finding.rule}{follows}"
+        inner = f"{indent}  "
+        yield from self._wrapped(finding.sentence, inner, color.name, "")
+        frames = " ".join(map(str, finding.frames))
+        yield from self._wrapped(
+            frames, inner, color.dim, "frame: " if len(finding.frames) == 1 else "frames: "
+        )
+        yield from self._wrapped(finding.advice, inner, color.good, "what to do: ")
+        yield from self._wrapped(finding.source, inner, color.dim, "source: ")
+
+    def _wrapped(self, text: str, indent: str, shade: str, caption: str) -> Iterator[str]:
+        if not text:
+            return
+        for line in _wrap(f"{caption}{printable(text)}", max(self._width - len(indent), NARROWEST // 2)):
+            yield f"{indent}{shade}{line}{self._palette.reset}"
+
+    def _sum(self, findings: Sequence[Finding], seen: Seen) -> str:
+        color = self._palette
+        if not seen.frames:
+            return "No b-CAP was seen."
+        counts = {severity: 0 for severity in Severity}
+        for finding in findings:
+            counts[finding.severity] += 1
+        told = [counted(count, severity.value) for severity, count in counts.items() if count]
+        size = (
+            f"{counted(seen.frames, 'frame')}, {counted(seen.calls, 'call')}, "
+            f"{counted(seen.clients, 'client')}, "
+            f"{span(seen.nanoseconds)}"
+        )
+        if counts[Severity.ERROR] or counts[Severity.WARNING]:
+            return f"{', '.join(told)} in {size}"
+        notes = f"; {told[0]}" if told else ""
+        return f"{color.good}No problem found{color.reset} in {size}{notes}"
+
+
+def _wrap(text: str, width: int) -> Iterator[str]:
+    """Break text at spaces into lines of at most `width` columns; longer words stay whole."""
+    line = ""
+    for word in text.split(" "):
+        if line and display_width(line) + 1 + display_width(word) > width:
+            yield line
+            line = word
+        else:
+            line = f"{line} {word}" if line else word
+    yield line
+
+
+def finding_record(number: int, finding: Finding) -> bytes:
+    """Write one finding as a JSON object; its strings are escaped as on a terminal."""
+    return orjson.dumps(
+        {
+            "finding": number,
+            "rule": finding.rule,
+            "severity": finding.severity.value,
+            "sentence": printable(finding.sentence),
+            "frames": list(finding.frames),
+            "consequence_of": finding.consequence_of,
+            "advice": printable(finding.advice),
+            "source": finding.source,
+        }
+    )
+
+
+def rule_table(rules: Iterable[Rule] = RULES) -> str:
+    """Write the list of rules as a Markdown table, the gravest first."""
+    rank = list(Severity)
+    ordered = sorted(rules, key=lambda rule: rank.index(rule.severity))
+    rows = [f"| `{rule.id}` | {rule.severity} | {rule.finds} | {rule.source} |" for rule in ordered]
+    return "\n".join(("| Rule | Severity | Finds | Source |", "|---|---|---|---|", *rows)) + "\n"
