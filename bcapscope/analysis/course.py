@@ -193,6 +193,7 @@ class Course:
             returned=returned,
         )
 
+    @np.errstate(all="ignore")  # as above
     def stay(self, exit_: Exit, setting: Setting, others: tuple[Call, ...]) -> Stay:
         """Tell all that is known; nothing is taken in afterwards."""
         self.flush(setting)

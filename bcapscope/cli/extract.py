@@ -1,0 +1,182 @@
+"""``bcapscope extract``: the trajectories of slave mode, one file a stay."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import click
+
+from bcapscope.analysis.trajectory import Piece, Step, Trajectories, Trajectory
+from bcapscope.cli import options
+from bcapscope.cli.calls import settle
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.files import NewFile, check_free, force
+from bcapscope.cli.output import narrate
+from bcapscope.cli.reading import Reading
+from bcapscope.render.call import counted
+from bcapscope.render.escape import printable
+from bcapscope.render.trajectory import CsvTrajectory, JsonTrajectory
+from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter
+from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.traffic.observation import Conversation
+
+Writer: TypeAlias = CsvTrajectory | JsonTrajectory
+
+_WRITERS: dict[str, Callable[[Trajectory], Writer]] = {".csv": CsvTrajectory, ".json": JsonTrajectory}
+
+
+@click.command(short_help="Write the trajectories of slave mode to CSV or JSON.")
+@options.paths
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Where to; the name ends in .csv or .json. Of several stays each gets its number in the name.",
+)
+@options.ports
+@click.option("--client", metavar="ADDRESS", help="Only what this client sent, by address, or address:port.")
+@options.filter_option(RecordKind.CALL)
+@force
+def command(
+    *,
+    paths: tuple[str, ...],
+    output: Path,
+    ports: tuple[int, ...],
+    client: str | None,
+    wanted: Filter | None,
+    force: bool,
+) -> None:
+    """Write the set points of slave mode (slvMove) with the poses that came back, one file a stay.
+
+    A set point is one line, however often it was sent, with the time of its first request. What the
+    controller refused is left out; what it was not seen to answer is not.
+
+    Of one stay the file is called FILE.csv; of several FILE-1.csv, FILE-2.csv and so on, by the number that
+    the stay has in the capture. What is there already is not overwritten.
+
+    Exit codes: 0 all was written; 2 the command line makes no sense; 3 a capture is damaged or breaks off,
+    all before the damage was written; 4 nothing could be read; 5 there are no set points to write; 6 a file
+    was not written.
+    """
+    if output.suffix.casefold() not in _WRITERS:
+        raise click.BadParameter("the name has to end in .csv or .json", param_hint="--output")
+    files = _Files(output, force)
+    reading = Reading(paths, ports)
+    test = None if wanted is None else wanted.bind(CALL_GETTERS)
+    trajectories = Trajectories(test, None if client is None else _chosen(client))
+    with files:
+        for trajectory, steps in _pieces(reading, trajectories):
+            files.add(trajectory, steps)
+            reading.pause()
+        written = files.keep()
+    reading.summary()
+    for line in written:
+        narrate(line)
+    _tell_left_out(trajectories, client, bool(written))
+    sys.exit(reading.exit if written or reading.exit else Exit.NOTHING)
+
+
+def _chosen(client: str) -> Callable[[Conversation], bool]:
+    return lambda conversation: client in (str(conversation.client), conversation.client.host)
+
+
+def _pieces(reading: Reading, trajectories: Trajectories) -> Iterator[Piece]:
+    for item in settle(reading.observations()):
+        if isinstance(item, Exchange):
+            yield from trajectories.take(item)
+    yield from trajectories.finish()
+
+
+def _tell_left_out(trajectories: Trajectories, client: str | None, some: bool) -> None:
+    by_whom = "" if client is None else f" by {printable(client)}"
+    if not trajectories.set_points:
+        narrate(f"no set points (slvMove){by_whom}, so there is no trajectory")
+        return
+    reasons = [f"{count} {reason}" for reason, count in trajectories.left_out.items()]
+    if reasons:
+        narrate(f"left out: {', '.join(reasons)}")
+    if not some:
+        count = counted(trajectories.set_points, "set point")
+        narrate(f"{count}{by_whom}, none of which is part of a trajectory")
+
+
+class _Output(NamedTuple):
+    """A file in the making."""
+
+    trajectory: Trajectory
+    file: NewFile
+    writer: Writer
+    tally: _Tally
+
+
+class _Tally:
+    """Counts what a file holds."""
+
+    def __init__(self) -> None:
+        self.points = self.unanswered = 0
+        self.last = 0
+
+    def add(self, steps: Sequence[Step]) -> None:
+        self.points += len(steps)
+        self.unanswered += sum(step.replied is None for step in steps)
+        self.last = steps[-1].time
+
+
+class _Files(ExitStack):
+    """The files of all stays; the name of the only one has no number, which is known at the end."""
+
+    def __init__(self, path: Path, overwrite: bool) -> None:
+        super().__init__()
+        self._path = path
+        self._overwrite = overwrite
+        self._outputs: dict[int, _Output] = {}
+        check_free(path, overwrite)
+
+    def add(self, trajectory: Trajectory, steps: Sequence[Step]) -> None:
+        """Write steps to the file of their trajectory."""
+        output = self._outputs.get(trajectory.stay) or self._open(trajectory)
+        output.file.write(output.writer.rows(steps))
+        output.tally.add(steps)
+
+    def keep(self) -> list[str]:
+        """Give the files their names; return a sentence on each."""
+        several = len(self._outputs) > 1
+        for number, output in self._outputs.items():
+            check_free(self._name(number if several else None), self._overwrite)
+            output.file.write(output.writer.tail())
+        told = []
+        for number, output in sorted(self._outputs.items()):
+            path = self._name(number if several else None)
+            output.file.keep(path, self._overwrite)
+            told.append(f"{printable(str(path))}: {_told(output)}")
+        return told
+
+    def _open(self, trajectory: Trajectory) -> _Output:
+        path = self._name(trajectory.stay)
+        writer = _WRITERS[path.suffix.casefold()](trajectory)
+        file = self.enter_context(NewFile(path))
+        file.write(writer.head())
+        output = self._outputs[trajectory.stay] = _Output(trajectory, file, writer, _Tally())
+        return output
+
+    def _name(self, number: int | None) -> Path:
+        return self._path if number is None else self._path.with_stem(f"{self._path.stem}-{number}")
+
+
+def _told(output: _Output) -> str:
+    trajectory, tally = output.trajectory, output.tally
+    mode, conversation = trajectory.mode, trajectory.conversation
+    ends = printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
+    seconds = (tally.last - trajectory.start) / 1e9
+    value = "mode not seen" if mode.value is None else f"mode 0x{mode.value:03X}"
+    missing = f", {tally.unanswered} without a reply" if tally.unanswered else ""
+    points = f"{counted(tally.points, 'set point')} in {seconds:.3f} s{missing}"
+    return f"{points}, {mode.pose_type} type, {value}, {ends}"

@@ -1,0 +1,100 @@
+"""Files that commands write besides stdout."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import click
+
+from bcapscope.cli.exits import Exit
+from bcapscope.render.escape import printable
+
+force = click.option("--force", is_flag=True, help="Overwrite what is there.")
+
+
+class FileRefused(click.ClickException):
+    """A file cannot be written."""
+
+    exit_code = Exit.UNWRITABLE
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{printable(str(path))}: {reason}")
+
+
+def check_free(path: Path, overwrite: bool) -> None:
+    """Make sure that a file may be written there.
+
+    Raises:
+        FileRefused: something is there already, or is no file.
+    """
+    if path.exists() and not path.is_file():
+        raise FileRefused(path, "no file, but something else is there")
+    if path.exists() and not overwrite:
+        raise FileRefused(path, "exists already; --force overwrites it")
+
+
+class NewFile:
+    """A file that gets its name when it is complete; until then it stands beside, under a name of its own.
+
+    What is not kept is removed, so that a command that fails leaves nothing half written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Begin a file that is to stand where `path` is.
+
+        Raises:
+            FileRefused: nothing can be written there.
+        """
+        self._path = path
+        self._part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            self._file = self._part.open("xb")
+        except OSError as error:
+            raise FileRefused(path, _reason(error)) from None
+
+    def write(self, data: bytes) -> None:
+        """Write some more.
+
+        Raises:
+            FileRefused: there is no more room.
+        """
+        try:
+            self._file.write(data)
+        except OSError as error:
+            raise FileRefused(self._path, _reason(error)) from None
+
+    def keep(self, path: Path | None = None, overwrite: bool = False) -> None:
+        """Give the file its name, or another one in the same directory; nothing is written afterwards.
+
+        Raises:
+            FileRefused: something is there already, or there is no more room.
+        """
+        path = self._path if path is None else path
+        check_free(path, overwrite)
+        try:
+            self._file.close()
+            self._part.replace(path)
+        except OSError as error:
+            raise FileRefused(path, _reason(error)) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.discard()
+
+    def discard(self) -> None:
+        """Remove the file unless it was kept."""
+        with suppress(OSError):  # there may be no room for what is still buffered
+            self._file.close()
+        self._part.unlink(missing_ok=True)
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
