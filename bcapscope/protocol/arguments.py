@@ -105,11 +105,12 @@ class ArgumentReader:
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
         bounded = claimed >= SMALLEST_ARGUMENT - 4 and stop <= self.end
+        known = len(self.problems)
         variant = self._read_value(start, stop if bounded and self._lengths_rule else self.end)
         if self._lost and bounded and not self._lengths_rule:
             self._lengths_rule = True
             variant = EMPTY  # lets go of what was read before it is read again
-            self.problems = [problem for problem in self.problems if problem.offset < start]
+            del self.problems[known:]
             variant = self._read_value(start, stop)
         if self._lost:
             self.pos = stop if bounded else self.end

@@ -66,6 +66,9 @@ def test_damaged_arguments_are_read_as_far_as_they_go(sample: Damaged) -> None:
     reader = read(sample.data, argc, 15, max(15, len(sample.data) - 1))
     found = values_of(tuple(argument.variant for argument in reader.arguments))
     assert repr(found) == repr(sample.values)
+    expected = [mark for mark in sample.problems if mark[1] not in ("length", "left-over", "eot")]
+    marks = sorted(reader.problems, key=lambda problem: problem.offset)
+    assert [(problem.offset, problem.code) for problem in marks] == expected
 
 
 def test_numbers_are_told_where_they_stand() -> None:

@@ -17,7 +17,19 @@ from bcapscope.protocol.stream import (
     Splitter,
 )
 from bcapscope.protocol.variant import VT, Variant
-from tests.frames import DAMAGED, DAMAGED_IDS, FRAME_IDS, FRAMES, Damaged, FramePair, nested
+from tests.frames import (
+    ARGUMENT_IDS,
+    ARGUMENTS,
+    DAMAGED,
+    DAMAGED_IDS,
+    FRAME_IDS,
+    FRAMES,
+    ArgumentPair,
+    Damaged,
+    FramePair,
+    nested,
+    plain_frame,
+)
 from tests.fuzz.targets import check_pieces, split
 from tests.strategies import cut, streams
 
@@ -137,6 +149,20 @@ def test_every_kind_of_frame_brings_a_stream_back_into_step(pair: FramePair) -> 
     assert raws(feed([pair.data[1:] + pair.data], in_step=False))[-1] == pair.data
 
 
+@pytest.mark.parametrize("pair", ARGUMENTS, ids=ARGUMENT_IDS)
+def test_every_kind_of_argument_brings_a_stream_back_into_step(pair: ArgumentPair) -> None:
+    frame = plain_frame(pair.data.hex())
+    assert raws(feed([b"?" + frame], in_step=False)) == [b"?", frame]
+
+
+def test_after_a_gap_only_a_sound_frame_counts() -> None:
+    (sample,) = (sample.data for sample in DAMAGED if sample.name == "argument length too large")
+    assert raws(feed([sample + sample + GOOD])) == [sample, sample, GOOD]
+    splitter = Splitter()
+    pieces = splitter.gap(1) + splitter.feed(sample + sample + GOOD)
+    assert raws(pieces) == [b"", sample + sample, GOOD]
+
+
 def test_bytes_outside_of_frames_say_why() -> None:
     pieces = feed([b"??" + GOOD + b"\x01\x02"])
     assert [(piece.start, piece.stop) for piece in pieces] == [(0, 2), (2, 2 + len(GOOD)), (84, 86)]
@@ -239,6 +265,10 @@ def test_the_limit_holds_however_the_stream_is_cut() -> None:
         assert feed(bytewise(data), limit=len(GOOD)) == pieces
         assert raws(pieces).count(GOOD) == data.count(GOOD)
         check_pieces(pieces, [[data]])
+    too_long = FRAMES[3].data
+    for front in (b"", b"?"):
+        for way in ([front + too_long + too_long + GOOD], [front, too_long, too_long, GOOD]):
+            assert raws(feed(way, limit=len(GOOD))) == [front + too_long + too_long, GOOD]
 
 
 def test_many_arguments_are_taken_in_step_only() -> None:
@@ -288,6 +318,9 @@ def test_a_damaged_eot_is_told_from_a_missing_one() -> None:
         assert raws(feed(bytewise(GOOD[:-1] + b"\x05" + rest)))[0] == GOOD[:-1] + b"\x05"
         assert sound(feed(bytewise(GOOD[:-1] + b"\x05" + rest))) == [GOOD] * (len(rest) // len(GOOD))
         assert sound(feed(bytewise(GOOD[:-1] + rest))) == [GOOD] * (len(rest) // len(GOOD))
+    splitter = Splitter()
+    assert splitter.feed(GOOD[:-1] + b"\x05") == []
+    assert raws(splitter.feed(GOOD[:1])) == [GOOD[:-1] + b"\x05"]
 
 
 @given(streams())
