@@ -101,7 +101,7 @@ class SlaveWatcher:
             if len(course.rows) < BATCH:
                 return ()
             self._flush(course)
-        elif call.question.function_id == _ROBOT_EXECUTE and _is_set_point(call.question):
+        elif is_set_point(call):
             self._set_point(call)
         else:
             self._other(call)
@@ -336,8 +336,10 @@ class SlaveWatcher:
         return controller
 
 
-def _is_set_point(question: Question) -> bool:
-    return question.command is not None and question.command.casefold() == "slvmove"
+def is_set_point(call: Exchange) -> bool:
+    """Tell whether a call is slvMove."""
+    function_id, command = call.question
+    return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
 
 
 def _end_of(call: Exchange) -> int:

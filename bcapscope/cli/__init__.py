@@ -18,7 +18,9 @@ _COMMANDS = {
     "decode": "Read frames, one line each.",
     "calls": "Pair requests, retries and replies: a line a call.",
     "diagnose": "Tell what went wrong, the first cause first.",
+    "slave": "Slave mode: cycle times, retries, the controller's buffer, clock and motion.",
     "stats": "Figures by client and command: rates, latencies, retries, refusals.",
+    "compare": "What differs between a good capture and a bad one.",
     "extract": "Write the trajectories of slave mode to CSV or JSON.",
     "fields": "List the fields and the language of --filter.",
 }

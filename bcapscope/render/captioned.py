@@ -1,0 +1,42 @@
+"""Lines that begin with a caption, and those that go on below it."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from bcapscope.render.palette import Palette
+
+CAPTION_WIDTH = 12
+TEXT_WIDTH = 82
+"""Columns for what stands behind a caption, where it can be broken."""
+
+_FRAMES_SHOWN = 8
+
+
+def captioned(caption: str, text: str, palette: Palette) -> str:
+    """Write a line with a caption."""
+    return f"  {palette.dim}{caption:<{CAPTION_WIDTH}}{palette.reset}{text}".rstrip()
+
+
+def more(text: str) -> str:
+    """Write a line that belongs to the caption above."""
+    return f"  {'':<{CAPTION_WIDTH}}{text}"
+
+
+def wrapped(text: str, color: str = "", reset: str = "") -> Iterator[str]:
+    """Write a text of any length below a caption, in lines that fit; `color` begins and `reset` ends each."""
+    return (more(f"{color}{line}{reset}") for line in textwrap.wrap(text, TEXT_WIDTH))
+
+
+def frames_text(frames: Sequence[int], count: int | None = None) -> str:
+    """Name frames; of `count` in all, tell how many more there are."""
+    shown = ", ".join(map(str, frames[:_FRAMES_SHOWN]))
+    left = (len(frames) if count is None else count) - min(len(frames), _FRAMES_SHOWN)
+    noun = "frame" if len(frames) == 1 and not left else "frames"
+    return f"{noun} {shown}" + (f" and {left} more" if left else "") if frames else ""
+
+
+def times_text(count: int) -> str:
+    """Say how often: once, 2 times."""
+    return "once" if count == 1 else f"{count} times"

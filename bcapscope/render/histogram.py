@@ -1,0 +1,61 @@
+"""Histograms drawn with characters."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+
+from bcapscope.analysis.distribution import Bin
+from bcapscope.render.palette import PLAIN, Palette
+
+BAR_WIDTH = 40
+
+_EIGHTHS = " ▏▎▍▌▋▊▉█"
+_AROUND = (0.5, 0.75, 0.875, 0.9375, 0.9875, 1.0125, 1.0625, 1.125, 1.25, 1.5, 2.0, 3.0)
+_FAR = tuple(2.0**power for power in range(2, 21))
+_STEPS = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5))
+
+
+def edges_around(period: float) -> tuple[float, ...]:
+    """Return edges for values that should be `period`: close together there, far apart far away."""
+    return tuple(period * factor for factor in (*_AROUND, *_FAR))
+
+
+def edges_by_decades() -> tuple[float, ...]:
+    """Return edges for values of any size: 1, 2, 5, 10, 20, 50 and so on."""
+    return _STEPS
+
+
+def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:
+    """Draw a row for each span between two edges, from the first that holds a value to the last.
+
+    A bin belongs to the row that its middle falls into. A row with few values among many shows a thin bar all
+    the same, so that nothing rare looks like nothing.
+    """
+    counts = [0] * (len(edges) + 1)
+    for each in bins:
+        counts[bisect_right(edges, (each.low + each.high) / 2)] += each.count
+    filled = [row for row, count in enumerate(counts) if count]
+    if not filled:
+        return
+    total, most = sum(counts), max(counts)
+    for row in range(filled[0], filled[-1] + 1):
+        count = counts[row]
+        share = f"{count / total:7.2%}" if count else ""
+        bar = f"{palette.number}{_bar(count / most)}{palette.reset}"
+        yield f"{_span(edges, row)}  {bar}{' ' * bool(count)}{count:>{len(str(most))}}  {share}".rstrip()
+
+
+def _bar(share: float) -> str:
+    eighths = round(share * BAR_WIDTH * 8)
+    if share and not eighths:
+        eighths = 1
+    whole, part = divmod(eighths, 8)
+    drawn = "█" * whole + (_EIGHTHS[part] if part else "")
+    return drawn.ljust(BAR_WIDTH)
+
+
+def _span(edges: Sequence[float], row: int) -> str:
+    low = "" if row == 0 else f"{edges[row - 1]:g}"
+    high = "" if row == len(edges) else f"{edges[row]:g}"
+    return f"{low:>8} – {high:<8}"

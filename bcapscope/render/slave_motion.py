@@ -1,0 +1,106 @@
+"""Where the set points of a stay lead, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from bcapscope.analysis.distribution import Distribution
+from bcapscope.analysis.stay import AxisMotion, Motion, Peak
+from bcapscope.render.captioned import captioned, frames_text, more, times_text
+from bcapscope.render.columns import columns
+from bcapscope.render.palette import Palette
+
+
+def motion_lines(motion: Motion, palette: Palette) -> Iterator[str]:
+    """Write steps, velocities and accelerations by axis, and how far off the returned pose is."""
+    guessed = ", their type guessed from the count of numbers" if motion.guessed else ""
+    yield captioned("motion", f"{motion.read} poses read{guessed}", palette)
+    if motion.unread:
+        yield more(f"{motion.unread} could not be read, or are of another type")
+    if motion.not_finite:
+        frames = frames_text(motion.not_finite_frames, motion.not_finite)
+        yield more(f"{palette.problem}{motion.not_finite} hold NaN or infinity{palette.reset}  {frames}")
+    yield from _axes([axis for axis in motion.axes if axis.name != "Fig"], palette)
+    yield from _oddities(motion, palette)
+
+
+_AXIS_HEADER = (
+    ("", "from", "to", "step", "at frame", "velocity", "", "acceleration", "", "off", "", "lag"),
+    ("", "", "", "max", "", "p99", "max", "p99", "max", "p99", "max", "cycles"),
+)
+
+
+def _axes(axes: Sequence[AxisMotion], palette: Palette) -> Iterator[str]:
+    moving = [axis for axis in axes if axis.least != axis.most]
+    if not moving:
+        if axes:
+            yield more("no axis moves")
+        return
+    rows = [*_AXIS_HEADER, *map(_axis, moving)]
+    first, second, *others = columns(rows, "<" + ">" * (len(_AXIS_HEADER[0]) - 1))
+    yield f"  {palette.dim}{first}{palette.reset}"
+    yield f"  {palette.dim}{second}{palette.reset}"
+    yield from (f"  {line}" for line in others)
+    still = [axis.name for axis in axes if axis.least == axis.most]
+    if still:
+        yield more(f"standing still: {' '.join(still)}")
+    yield more("units of the axis, a second, a second squared; off: commanded less returned")
+
+
+def _axis(axis: AxisMotion) -> tuple[str, ...]:
+    unit = f" {axis.unit}" if axis.unit else ""
+    step = axis.largest_step
+    return (
+        f"{axis.name}{unit}",
+        _short(axis.least),
+        _short(axis.most),
+        _peak(step),
+        "" if step is None else str(step.frame),
+        *_two(axis.velocity),
+        *_two(axis.acceleration),
+        *_two(axis.difference),
+        "" if axis.lag_cycles is None else f"{axis.lag_cycles:.1f}",
+    )
+
+
+def _peak(peak: Peak | None) -> str:
+    return "" if peak is None else _short(peak.value)
+
+
+def _two(found: Distribution | None) -> tuple[str, str]:
+    return ("", "") if found is None else (_short(found.p99), _short(found.most))
+
+
+def _short(value: float) -> str:
+    """Write a number with four digits, as many as a column of a table can take."""
+    if value and not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.1e}"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+
+
+def _oddities(motion: Motion, palette: Palette) -> Iterator[str]:
+    if motion.first_distance:
+        yield more(f"first point {_distance(motion)} from where the robot stood,")
+        yield more(f"by {motion.first_distance_known_by}")
+    if motion.repeated:
+        stops = f", {motion.stutters} of them between two that move" if motion.stutters else ""
+        frames = frames_text(motion.stutter_list, motion.stutters)
+        yield more(f"{motion.repeated} points equal to the one before{stops}  {frames}".rstrip())
+    if motion.jumps:
+        first = motion.jump_list[0]
+        text = (
+            f"{motion.jumps} steps far larger than those beside, the first {first.step:.4g} on {first.axis}"
+        )
+        frames = frames_text([jump.frame for jump in motion.jump_list], motion.jumps)
+        yield more(f"{palette.problem}{text}{palette.reset}  {frames}")
+    if motion.figure_changes:
+        yield more(f"Fig changes {times_text(motion.figure_changes)}")
+
+
+def _distance(motion: Motion) -> str:
+    farthest, axis = max(
+        zip(motion.first_distance, motion.axes, strict=False),
+        key=lambda pair: abs(pair[0]),
+        default=(0.0, None),
+    )
+    return f"{abs(farthest):.4g}" + ("" if axis is None else f" {axis.unit} on {axis.name}")

@@ -1,0 +1,97 @@
+"""When the set points of a stay were sent and answered, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from bcapscope.analysis.distribution import Distribution
+from bcapscope.analysis.stay import Slice, Stay, Timing
+from bcapscope.render.captioned import captioned, frames_text, more
+from bcapscope.render.columns import columns
+from bcapscope.render.histogram import edges_around, edges_by_decades, histogram
+from bcapscope.render.palette import Palette
+
+_SLICE_TIMES = ("cycle p50", "p99", "max", "latency p99", "max", "slack")
+
+
+def timing_lines(timing: Timing, palette: Palette) -> Iterator[str]:
+    """Write how the times are spread, with histograms of cycles and latencies."""
+    names = ("cycle", "jitter", "latency", "round trip")
+    found = (timing.cycle, timing.jitter, timing.latency, timing.rtt)
+    rows: list[tuple[str, ...]] = [("ms", "mean", "p50", "p90", "p99", "p99.9", "max")]
+    rows += [(name, *_points(each)) for name, each in zip(names, found, strict=True) if each is not None]
+    first, *others = columns(rows, "<>>>>>>")
+    yield f"  {palette.dim}{first}{palette.reset}"
+    yield from (f"  {line}" for line in others)
+    rate = "" if timing.rate_hz is None else f", {timing.rate_hz:.2f} set points a second"
+    yield captioned("grid", f"{timing.grid_ms:g} ms{rate}", palette)
+    yield more(timing.grid_known_by)
+    if timing.cycle is not None:
+        yield more(_on_grid(timing, timing.cycle))
+        if timing.gaps:
+            late = [fact.request for fact in timing.gap_list]
+            text = f"{timing.gaps} longer than {timing.slack_ms:g} ms, which the buffer can bridge"
+            yield more(f"{palette.problem}{text}{palette.reset}  {frames_text(late, timing.gaps)}")
+        yield captioned("cycles", "in ms", palette)
+        yield from _drawn(timing.cycle, edges_around(timing.grid_ms), palette)
+    if timing.latency is not None:
+        yield captioned("latencies", "in ms, from the first request to the accepted reply", palette)
+        yield from _drawn(timing.latency, edges_by_decades(), palette)
+
+
+def _drawn(distribution: Distribution, edges: Sequence[float], palette: Palette) -> Iterator[str]:
+    return (f"  {line}" for line in histogram(distribution.bins, edges, palette))
+
+
+def _on_grid(timing: Timing, cycle: Distribution) -> str:
+    told = [f"{timing.on_grid / cycle.count:.2%} of the cycles within {timing.grid_ms / 10:g} ms of it"]
+    told += [f"{timing.skipped} of {timing.grid_ms * 1.5:g} ms or more"] if timing.skipped else []
+    told += [f"{timing.backwards} out of order"] if timing.backwards else []
+    return ", ".join(told)
+
+
+def _points(found: Distribution) -> tuple[str, ...]:
+    values = found.mean, found.p50, found.p90, found.p99, found.p999, found.most
+    return tuple(f"{value:.3f}" for value in values)
+
+
+def deadline_lines(timing: Timing, palette: Palette) -> Iterator[str]:
+    """Write how many set points would have missed each recommended time-out."""
+    rows = [("time-outs", "later than one try", "than all tries")]
+    for deadline in timing.deadlines:
+        name = ("* " if deadline.applies else "  ") + deadline.name
+        rows.append((name, str(deadline.late), str(deadline.given_up)))
+    first, *others = columns(rows, "<>>")
+    yield f"  {palette.dim}{first}{palette.reset}"
+    yield from (f"  {line}" for line in others)
+    sources = dict.fromkeys(deadline.source for deadline in timing.deadlines if deadline.applies)
+    if sources:
+        yield more(f"* recommended for this mode by {'; '.join(sources)}")
+
+
+def slice_lines(stay: Stay, palette: Palette) -> Iterator[str]:
+    """Write the figures of each slice of time, times in ms."""
+    header = ("from s", "sent", "retries", "refused", *_SLICE_TIMES)
+    rows = [header, *(_slice(each, stay.slices[0].begin) for each in stay.slices)]
+    first, *others = columns(rows, ">" * len(header))
+    yield f"  {palette.dim}{first}{palette.reset}"
+    yield from (f"  {line}" for line in others)
+    if stay.slices_left_off:
+        yield f"  and {stay.slices_left_off} slices more"
+
+
+def _slice(each: Slice, begin: int) -> tuple[str, ...]:
+    cycle, latency = each.cycle, each.latency
+    return (
+        f"+{(each.begin - begin) / 1e9:g}",
+        str(each.sent),
+        str(each.retries or ""),
+        str(each.refused or ""),
+        *(("", "", "") if cycle is None else _three(cycle.p50, cycle.p99, cycle.most)),
+        *(("", "") if latency is None else _three(latency.p99, latency.most)),
+        "" if each.smallest_slack_ms is None else f"{each.smallest_slack_ms:.3f}",
+    )
+
+
+def _three(*values: float) -> tuple[str, ...]:
+    return tuple(f"{value:.3f}" for value in values)
