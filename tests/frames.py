@@ -344,6 +344,14 @@ DAMAGED: tuple[Damaged, ...] = (
         argc=2,
     ),
     _damaged(
+        "an array without a byte of its own",
+        f"06000000 1120 FFFFFFFF {_SEVEN}",
+        ((25, "data"),),
+        b"",
+        7,
+        argc=2,
+    ),
+    _damaged(
         "two arrays beyond their arguments",
         f"07000000 1120 40000000 61 07000000 1120 04000000 62 {_SEVEN}",
         ((26, "data"), (37, "data")),

@@ -173,7 +173,7 @@ class Splitter:
 
     def _find_step(self, final: bool) -> int:
         """Look for the next byte at which a frame begins beyond doubt; return the size of what is before."""
-        pos = self._scan if self._scan or not self._in_step else 1
+        pos = self._scan
         self._in_step = False
         while (pos := self._buffer.find(SOH, pos, LARGEST_GARBAGE)) >= 0:
             self._scan = pos

@@ -123,6 +123,12 @@ def test_every_level_of_compression_is_recognised(level: int) -> None:
     assert Content(packed(zlib.compress(INNER, level), len(INNER))).problems == ()
 
 
+def test_a_compressed_frame_may_have_no_argument() -> None:
+    inner = INNER[:4] + b"\0\0"
+    content = Content(packed(zlib.compress(inner), len(inner)))
+    assert (content.framing, content.code, content.problems) == (Framing.VERSION_1_ZLIB, 64, ())
+
+
 def test_a_wrong_unpacked_size_is_told() -> None:
     content = Content(packed(zlib.compress(INNER), 99))
     assert marks(content) == [(9, "unpacked")]

@@ -126,6 +126,13 @@ def test_bytes_behind_a_sound_frame_are_an_item_of_their_own() -> None:
     assert rest == Malformed(b"\xee\xee", (Problem(0, "soh", "first byte is EE, a frame begins with 01"),))
 
 
+def test_a_datagram_that_begins_otherwise_is_no_frame_whatever_follows() -> None:
+    raw = b"\x02" + FRAMES[0].data[1:] + FRAMES[0].data
+    (item,) = parse_datagram(raw)
+    assert isinstance(item, Malformed)
+    assert item.raw == raw
+
+
 def test_a_frame_whose_length_ends_on_no_eot_takes_the_whole_datagram() -> None:
     raw = FRAMES[0].data[:-1] + b"\x05" + FRAMES[0].data
     frame = only(parse_datagram(raw))

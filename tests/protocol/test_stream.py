@@ -237,7 +237,7 @@ def test_a_large_frame_is_waited_for_only_where_its_arguments_bear_it_out() -> N
     assert raws(feed([large[at : at + 1460] for at in range(0, len(large), 1460)])) == [large]
     longer = bytearray(large)
     longer[3] += 1
-    pieces = feed([bytes(longer) + GOOD])
+    pieces = Splitter().feed(bytes(longer) + GOOD)
     assert sound(pieces) == [GOOD]
     assert max(piece.stop - piece.start for piece in pieces) <= LARGEST_GARBAGE
 
@@ -311,6 +311,13 @@ def test_cutting_never_changes_the_result_between_gaps(data: st.DataObject, runs
     whole = split([[run] for run in runs], True, 16 * 1024 * 1024)
     check_pieces(whole, [[run] for run in runs])
     assert split([data.draw(cut(run)) for run in runs], True, 16 * 1024 * 1024) == whole
+
+
+def test_a_frame_inside_a_frame_is_none_of_the_stream() -> None:
+    outer = encode(1, 0, 64, [Variant.array(VT.UI1, GOOD)])
+    for data in (outer, outer[:-1] + b"\x05", outer[:-1] + b"\x05" + GOOD):
+        assert raws(feed([data]))[0] == data[: len(outer)]
+        assert feed(bytewise(data)) == feed([data])
 
 
 def test_a_damaged_eot_is_told_from_a_missing_one() -> None:
