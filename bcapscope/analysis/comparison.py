@@ -2,41 +2,80 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import zip_longest
+from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.statistics import Figures, Statistics
+from bcapscope.analysis.statistics import OTHERS, Figures, Statistics
+from bcapscope.analysis.stay import ExitReason, Stay
+from bcapscope.protocol.hresult import hresult_name
 from bcapscope.traffic.question import Question
+
+MOST_STAYS = 64
+"""Stays in slave mode of one capture that are compared, the first ones."""
+
+FEWEST = 8
+"""Fewer calls or cycles than that say nothing about how fast such calls are."""
 
 NOTABLE_RATIO = 1.5
 """A time or a rate that grew or shrank by less is what two runs of the same program differ by anyway."""
 
+NOTABLE_CYCLE = 1.1
+"""The same for the typical cycle of set points, which a client is meant to keep."""
+
+NOTABLE_MS = 0.2
+"""A difference in latency below that hurts nobody: the shortest time-out in use is 2 ms (DENSO Wave 2009)."""
+
 NOTABLE_SHARE = 0.002
 """Of all calls of a kind: a difference in how many were retried, refused or left unanswered."""
 
-FEWEST_CALLS = 8
-"""Fewer calls than that say nothing about how fast such calls are."""
+CHANCE = 3.0
+"""Standard deviations that two shares of what happens by chance, as losses do, must be apart."""
+
+Value: TypeAlias = "float | str | None"
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """What is compared of a capture.
+
+    Attributes:
+        statistics: of its calls; None where it has none.
+        stays: its stays in slave mode, in the order of their beginnings, `MOST_STAYS` at most.
+        findings: of its diagnosis.
+    """
+
+    statistics: Statistics | None
+    stays: tuple[Stay, ...]
+    findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One figure of one kind of call in both captures.
+    """One figure of one kind of call, of one stay in slave mode or of all calls, in both captures.
 
     Attributes:
-        question: the kind of call; None for all calls.
-        figure: what is compared, as the JSON of ``stats`` names it.
-        good: its value in the first capture; None where there is none.
+        subject: the kind of call, or the number of the stay in either capture; None for all calls.
+        figure: what is compared, as the JSON of ``stats`` names it where that has it.
+        good: its value in the first capture, a number or a word; None where there is none.
         bad: its value in the second.
-        notable: differs by more than chance would have it.
+        notable: differs by more than two good runs would.
     """
 
-    question: Question | None
+    subject: Question | int | None
     figure: str
-    good: float | None
-    bad: float | None
+    good: Value
+    bad: Value
     notable: bool
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times the value in the first capture the other one is; None where that says nothing."""
+        good, bad = self.good, self.bad
+        return bad / good if isinstance(good, float) and isinstance(bad, float) and good > 0 < bad else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,102 +95,228 @@ class RuleDifference:
     bad: tuple[Finding, ...]
 
 
+class Lone(NamedTuple):
+    """A kind of call that only one capture has.
+
+    Attributes:
+        question: the kind.
+        calls: how many there are.
+    """
+
+    question: Question
+    calls: int
+
+
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """All that differs.
 
     Attributes:
-        differences: of figures, notable ones first, then in the order of the time that the calls take.
+        differences: of figures, notable ones first; in either part those of stays in slave mode, then of all
+            calls, then of each kind of call in the order of the time that it takes.
         only_good: kinds of call that only the first capture has.
         only_bad: kinds of call that only the second has.
-        rules: of findings, most severe first.
+        stays: in slave mode, in the first and in the second capture.
+        rules: of findings; first what only the second capture has or has more of, in the order in which it
+            was diagnosed, the first cause first.
     """
 
     differences: tuple[Difference, ...]
-    only_good: tuple[Question, ...]
-    only_bad: tuple[Question, ...]
+    only_good: tuple[Lone, ...]
+    only_bad: tuple[Lone, ...]
+    stays: tuple[int, int]
     rules: tuple[RuleDifference, ...]
 
+    @property
+    def is_notable(self) -> bool:
+        """Whether anything differs by more than two good runs would, kinds of calls left aside."""
+        stays = self.stays[0] != self.stays[1]
+        rules = any(each.severity is not Severity.NOTE for each in self.rules)
+        return stays or rules or any(each.notable for each in self.differences)
 
-def compare(
-    good: Statistics, bad: Statistics, found_good: Iterable[Finding], found_bad: Iterable[Finding]
-) -> Comparison:
-    """Compare the figures and findings of two captures, all clients of each together."""
-    kinds_good, kinds_bad = _by_question(good), _by_question(bad)
-    pairs: list[tuple[Question | None, Figures, Figures]] = [(None, good.total.figures, bad.total.figures)]
-    pairs += [(kind, kinds_good[kind], figures) for kind, figures in kinds_bad.items() if kind in kinds_good]
-    differences = [each for question, one, two in pairs for each in _differences(question, one, two)]
+
+def compare(good: Account, bad: Account) -> Comparison:
+    """Compare the figures and findings of two captures, all clients of each together.
+
+    The first stay in slave mode of one is compared with the first of the other, and so on.
+    """
+    kinds_good, kinds_bad = _by_question(good.statistics), _by_question(bad.statistics)
+    differences = list(_stays(good, bad))
+    if good.statistics is not None and bad.statistics is not None and len({*kinds_good, *kinds_bad}) > 1:
+        differences += _calls(None, good.statistics.total.figures, bad.statistics.total.figures)
+    for question, figures in kinds_bad.items():
+        if question in kinds_good:
+            differences += _calls(question, kinds_good[question], figures)
     return Comparison(
         tuple(sorted(differences, key=lambda each: not each.notable)),
-        tuple(kind for kind in kinds_good if kind not in kinds_bad),
-        tuple(kind for kind in kinds_bad if kind not in kinds_good),
-        _rules(tuple(found_good), tuple(found_bad)),
+        tuple(_lone(kinds_good, kinds_bad)),
+        tuple(_lone(kinds_bad, kinds_good)),
+        (len(good.stays), len(bad.stays)),
+        tuple(_rules(good.findings, bad.findings)),
     )
 
 
-def _by_question(statistics: Statistics) -> dict[Question, Figures]:
-    return {row.question: row.figures for row in statistics.kinds if row.question is not None}
+def _by_question(statistics: Statistics | None) -> dict[Question, Figures]:
+    rows = () if statistics is None else statistics.kinds
+    return {row.question or OTHERS: row.figures for row in rows}
 
 
-def _differences(question: Question | None, good: Figures, bad: Figures) -> Iterable[Difference]:
-    enough = min(good.calls, bad.calls) >= FEWEST_CALLS
-    for name, read, judge in _FIGURES:
-        one, two = read(good), read(bad)
-        if one == two:
-            continue
-        yield Difference(question, name, one, two, judge(one, two, enough))
+def _lone(mine: dict[Question, Figures], other: dict[Question, Figures]) -> Iterator[Lone]:
+    for question, figures in mine.items():
+        if question not in other:
+            yield Lone(question, figures.calls)
 
 
-def _far_apart(good: float | None, bad: float | None, enough: bool) -> bool:
-    if good is None or bad is None or not enough:
+# judgement: each takes both values, and how many calls or cycles each of them rests on
+
+_Judge: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
+
+
+def _apart(ratio: float, least: float = 0.0) -> _Judge:
+    """Judge times and rates: notable if one is so many times the other, and by at least so much."""
+
+    def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
+        if not (isinstance(good, float) and isinstance(bad, float)) or min(counts) < FEWEST:
+            return False
+        low, high = sorted((good, bad))
+        return high > ratio * low and high - low > least
+
+    return judge
+
+
+def _share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
+    """Judge shares of what has a reason whenever it happens, such as refusals."""
+    return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
+
+
+def _chance(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
+    """Judge shares of what a network does by chance, such as losses."""
+    if not (isinstance(good, float) and isinstance(bad, float)) or not _share(good, bad, counts):
         return False
-    return max(good, bad) > NOTABLE_RATIO * min(good, bad)
+    one, two = counts
+    both = (good * one + bad * two) / (one + two)
+    return abs(good - bad) > CHANCE * math.sqrt(both * (1 - both) * (1 / one + 1 / two))
 
 
-def _other_share(good: float | None, bad: float | None, enough: bool) -> bool:
-    return abs((good or 0.0) - (bad or 0.0)) > NOTABLE_SHARE
+def _word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
+    """Judge words: that nothing was seen of one is no difference."""
+    unseen = (None, ExitReason.CAPTURE_ENDED.value)
+    return good not in unseen and bad not in unseen
 
 
-def _never(good: float | None, bad: float | None, enough: bool) -> bool:
+def _always(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
+    return True
+
+
+def _never(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
     return False
 
 
-def _part(read: Callable[[Figures], int]) -> Callable[[Figures], float]:
-    return lambda figures: read(figures) / figures.calls if figures.calls else 0.0
+# calls
 
 
-def _time(percentile: str) -> Callable[[Figures], float | None]:
+def _calls(question: Question | None, good: Figures, bad: Figures) -> Iterator[Difference]:
+    few = min(good.calls, bad.calls) < FEWEST
+    for figure, read, judge in _CALL_FIGURES:
+        if figure in (_SPEEDS if question is None else _PACES if few else ()):
+            continue
+        one, two = read(good), read(bad)
+        if one != two:
+            yield Difference(question, figure, one, two, judge(one, two, (good.calls, bad.calls)))
+
+
+def _of_calls(read: Callable[[Figures], int]) -> Callable[[Figures], Value]:
+    return lambda figures: read(figures) / figures.calls
+
+
+def _latency(percentile: str) -> Callable[[Figures], Value]:
     return lambda figures: None if figures.latency is None else float(getattr(figures.latency, percentile))
 
 
-_FIGURES: tuple[
-    tuple[str, Callable[[Figures], float | None], Callable[[float | None, float | None, bool], bool]], ...
-] = (
-    ("calls", lambda figures: figures.calls, _never),
-    ("calls_per_s", lambda figures: figures.rate, _far_apart),
-    ("line_time_share", lambda figures: figures.share, _far_apart),
-    ("latency_ms.p50", _time("p50"), _far_apart),
-    ("latency_ms.p99", _time("p99"), _far_apart),
-    ("latency_ms.max", _time("most"), _far_apart),
-    ("retried_share", _part(lambda figures: figures.retried), _other_share),
-    ("late_share", _part(lambda figures: figures.late), _other_share),
-    ("refused_share", _part(lambda figures: figures.refused), _other_share),
-    ("unanswered_share", _part(lambda figures: figures.unanswered), _other_share),
+_CALL_FIGURES: tuple[tuple[str, Callable[[Figures], Value], _Judge], ...] = (
+    ("calls", lambda figures: float(figures.calls), _never),
+    ("calls_per_s", lambda figures: figures.rate, _apart(NOTABLE_RATIO)),
+    ("line_time_share", lambda figures: figures.share, _never),  # follows from the two beside it
+    ("latency_ms.p50", _latency("p50"), _apart(NOTABLE_RATIO, NOTABLE_MS)),
+    ("latency_ms.p99", _latency("p99"), _apart(NOTABLE_RATIO, NOTABLE_MS)),
+    ("latency_ms.max", _latency("most"), _apart(2 * NOTABLE_RATIO, NOTABLE_MS)),
+    ("retried_share", _of_calls(lambda figures: figures.retried), _chance),
+    ("late_share", _of_calls(lambda figures: figures.late), _chance),
+    ("refused_share", _of_calls(lambda figures: figures.refused), _share),
+    ("unanswered_share", _of_calls(lambda figures: figures.unanswered), _share),
+)
+
+_SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
+"""Of different kinds of call together these tell which were asked, not how fast they are."""
+
+_PACES = ("calls_per_s", "line_time_share")
+"""Of a few calls these tell how long the capture is."""
+
+
+# stays in slave mode
+
+
+def _stays(good: Account, bad: Account) -> Iterator[Difference]:
+    for number, (first, second) in enumerate(zip_longest(good.stays, bad.stays), 1):
+        if first is None or second is None:
+            return
+        counts = (first.counts.sent, second.counts.sent)
+        for figure, read, judge in _STAY_FIGURES:
+            one, two = read(first), read(second)
+            if one != two:
+                yield Difference(number, figure, one, two, judge(one, two, counts))
+
+
+def _mode(stay: Stay) -> Value:
+    return None if stay.mode.value is None else f"0x{stay.mode.value:03X}"
+
+
+def _ending(stay: Stay) -> Value:
+    code = stay.exit.hresult
+    return stay.exit.reason.value + (f" ({hresult_name(code)})" if code else "")
+
+
+def _cycle(percentile: str) -> Callable[[Stay], Value]:
+    return lambda stay: None if stay.timing.cycle is None else float(getattr(stay.timing.cycle, percentile))
+
+
+def _of_points(read: Callable[[Stay], int]) -> Callable[[Stay], Value]:
+    return lambda stay: read(stay) / stay.counts.sent if stay.counts.sent else None
+
+
+def _late(stay: Stay) -> int:
+    return sum(deadline.late for deadline in stay.timing.deadlines if deadline.applies)
+
+
+_STAY_FIGURES: tuple[tuple[str, Callable[[Stay], Value], _Judge], ...] = (
+    ("mode", _mode, _word),
+    ("exit", _ending, _word),
+    ("set_points", lambda stay: float(stay.counts.sent), _never),
+    ("cycle_ms.p50", _cycle("p50"), _apart(NOTABLE_CYCLE)),
+    ("cycle_ms.p99", _cycle("p99"), _apart(NOTABLE_RATIO)),
+    ("cycle_ms.max", _cycle("most"), _apart(NOTABLE_RATIO)),
+    ("late_for_timeout_share", _of_points(_late), _chance),
+    ("gaps", lambda stay: float(stay.timing.gaps), _apart(NOTABLE_RATIO)),
+    ("predicted_underflows", lambda stay: float(stay.buffer.starved), _apart(NOTABLE_RATIO)),
+    ("reported_underflows", lambda stay: float(len(stay.buffer.reported_underflows)), _always),
+    ("reported_overflows", lambda stay: float(len(stay.buffer.reported_overflows)), _always),
+    ("retries_per_set_point", _of_points(lambda stay: stay.counts.retries), _apart(NOTABLE_RATIO, 0.005)),
+    ("unanswered_share", _of_points(lambda stay: stay.counts.unanswered), _share),
 )
 
 
-def _rules(good: tuple[Finding, ...], bad: tuple[Finding, ...]) -> tuple[RuleDifference, ...]:
-    counts_good, counts_bad = Counter(f.rule for f in good), Counter(f.rule for f in bad)
-    severities = {finding.rule: finding.severity for finding in (*good, *bad)}
+# findings
+
+
+def _rules(good: Iterable[Finding], bad: Iterable[Finding]) -> list[RuleDifference]:
+    by_rule: dict[str, tuple[list[Finding], list[Finding]]] = {}
+    for finding in bad:
+        by_rule.setdefault(finding.rule, ([], []))[1].append(finding)
+    for finding in good:
+        by_rule.setdefault(finding.rule, ([], []))[0].append(finding)
     found = [
-        RuleDifference(
-            rule,
-            severity,
-            tuple(finding for finding in good if finding.rule == rule),
-            tuple(finding for finding in bad if finding.rule == rule),
-        )
-        for rule, severity in severities.items()
-        if counts_good[rule] != counts_bad[rule]
+        RuleDifference(rule, (first or second)[0].severity, tuple(first), tuple(second))
+        for rule, (first, second) in by_rule.items()
+        if len(first) != len(second)
     ]
-    order = list(Severity)
-    return tuple(sorted(found, key=lambda each: order.index(each.severity)))
+    return sorted(found, key=lambda each: len(each.bad) < len(each.good))

@@ -52,7 +52,12 @@ class Diagnosis:
     Every observation goes to `take_observation` and everything that a tracker makes of it to `take`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, heed: Callable[[Stay], None] | None = None) -> None:
+        """Begin.
+
+        Args:
+            heed: is given each stay in slave mode, for who wants these facts as well.
+        """
         self._book = Casebook()
         self._clients = Clients(self._drop)
         self._handles = Handles()
@@ -61,7 +66,9 @@ class Diagnosis:
         self._callers = overrides(watchers, "call")
         self._odd = [each.odd for each in overrides(watchers, "odd")]
         self._strays = [each.stray for each in overrides(watchers, "stray")]
-        self._stays = [each.stay for each in overrides(watchers, "stay")]
+        self._stays: list[Callable[[Stay], None]] = [each.stay for each in overrides(watchers, "stay")]
+        if heed is not None:
+            self._stays.append(heed)
         self._gone = [each.gone for each in overrides(watchers, "gone")]
         self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
         self._calls = self._ended = 0

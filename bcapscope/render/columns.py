@@ -28,3 +28,15 @@ def columns(rows: Sequence[Sequence[str]], right: str) -> Iterator[str]:
             space = " " * (width - display_width(cell))
             cells.append(space + cell if side == ">" else cell + space)
         yield "  ".join(cells).rstrip()
+
+
+def wrapped(text: str, width: int) -> Iterator[str]:
+    """Break text at spaces into lines of at most `width` columns; longer words stay whole."""
+    line = ""
+    for word in text.split(" "):
+        if line and display_width(line) + 1 + display_width(word) > width:
+            yield line
+            line = word
+        else:
+            line = f"{line} {word}" if line else word
+    yield line

@@ -11,7 +11,7 @@ from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.rules import RULES
 from bcapscope.analysis.rules.rule import Rule
 from bcapscope.analysis.speech import counted, span
-from bcapscope.render.columns import display_width
+from bcapscope.render.columns import wrapped
 from bcapscope.render.escape import printable
 from bcapscope.render.palette import PLAIN, Palette
 
@@ -58,7 +58,7 @@ class FindingsRenderer:
     def _wrapped(self, text: str, indent: str, shade: str, caption: str) -> Iterator[str]:
         if not text:
             return
-        for line in _wrap(f"{caption}{printable(text)}", max(self._width - len(indent), NARROWEST // 2)):
+        for line in wrapped(f"{caption}{printable(text)}", max(self._width - len(indent), NARROWEST // 2)):
             yield f"{indent}{shade}{line}{self._palette.reset}"
 
     def _sum(self, findings: Sequence[Finding], seen: Seen) -> str:
@@ -78,18 +78,6 @@ class FindingsRenderer:
             return f"{', '.join(told)} in {size}"
         notes = f"; {told[0]}" if told else ""
         return f"{color.good}No problem found{color.reset} in {size}{notes}"
-
-
-def _wrap(text: str, width: int) -> Iterator[str]:
-    """Break text at spaces into lines of at most `width` columns; longer words stay whole."""
-    line = ""
-    for word in text.split(" "):
-        if line and display_width(line) + 1 + display_width(word) > width:
-            yield line
-            line = word
-        else:
-            line = f"{line} {word}" if line else word
-    yield line
 
 
 def finding_record(number: int, finding: Finding) -> bytes:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import orjson
 
 from bcapscope.analysis.distribution import Distribution
-from bcapscope.analysis.statistics import OTHERS, Figures, Row, Statistics
+from bcapscope.analysis.statistics import ELSEWHERE, OTHERS, Figures, Row, Statistics
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.render.columns import columns
@@ -43,8 +43,9 @@ def statistics_lines(statistics: Statistics, palette: Palette = PLAIN) -> Iterat
     seconds = (statistics.end - statistics.start) / 1e9
     yield f"{palette.name}{utc_text(statistics.start)}, {seconds:.3f} s{palette.reset}"
     yield ""
-    rows: list[tuple[str, Figures]] = [("all clients", statistics.total.figures)]
-    rows += [(_client_text(row), row.figures) for row in statistics.clients[:MOST_ROWS]]
+    rows = [(_client_text(row), row.figures) for row in statistics.clients]
+    if len(rows) > 1:
+        rows.insert(0, (_client_text(statistics.total), statistics.total.figures))
     yield from _table("client", rows, palette)
     for client in statistics.clients[:MOST_ROWS]:
         own = [row for row in statistics.commands if row.conversation is client.conversation]
@@ -60,6 +61,8 @@ def _client_text(row: Row) -> str:
     conversation = row.conversation
     if conversation is None:
         return "all clients"
+    if conversation is ELSEWHERE:
+        return "(other clients)"
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 

@@ -1,0 +1,79 @@
+"""``bcapscope compare``: what differs between two captures."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from bcapscope.analysis.comparison import MOST_STAYS, Account, compare
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.statistics import Summary
+from bcapscope.analysis.stay import Stay
+from bcapscope.cli import options
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.reading import Reading
+from bcapscope.render.comparison import comparison_lines, comparison_record
+from bcapscope.render.escape import printable
+from bcapscope.traffic.exchange import Exchange, Settled
+from bcapscope.traffic.tracker import Tracker
+
+_path = click.Path(allow_dash=True)
+
+
+@click.command(short_help="What differs between a good capture and a bad one.")
+@click.argument("good", type=_path)
+@click.argument("bad", type=_path)
+@options.ports
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@options.color
+def command(*, good: str, bad: str, ports: tuple[int, ...], as_json: bool, color: str) -> None:
+    """Tell what differs between two captures, in the figures of stats and slave and the findings of diagnose.
+
+    What two good runs would not differ by stands first. Calls of the same function and command are compared
+    with each other, all clients together; stays in slave mode in the order in which they began.
+
+    Exit codes: as of decode, whichever capture was worse; 4 if either could not be read.
+    """
+    if good == bad == "-":
+        raise click.UsageError("standard input can be only one of the two")
+    readings = [Reading([path], ports) for path in (good, bad)]
+    accounts = [_account(reading) for reading in readings]
+    for path, reading in zip((good, bad), readings, strict=True):
+        narrate(f"{printable(path)}:")
+        reading.summary()
+    code = max(reading.exit for reading in readings)
+    if code < Exit.UNREADABLE:
+        named = (good, accounts[0]), (bad, accounts[1])
+        found = compare(*accounts)
+        output, pause = readings[1].output, readings[1].pause
+        if as_json:
+            output.write_lines([comparison_record(found, *named)], pause)
+        else:
+            output.write_lines(comparison_lines(found, *named, palette(color)), pause)
+    sys.exit(code)
+
+
+def _account(reading: Reading) -> Account:
+    """Read a capture to its end, once."""
+    stays: list[Stay] = []
+    diagnosis, summary, tracker = Diagnosis(stays.append), Summary(), Tracker()
+
+    def take(settled: Settled) -> None:
+        diagnosis.take(settled)
+        if isinstance(settled, Exchange):
+            summary.take(settled)
+        del stays[MOST_STAYS:]
+
+    for count, seen in enumerate(reading.observations()):
+        diagnosis.take_observation(seen)
+        for settled in tracker.observe(seen):
+            take(settled)
+        if not count & 0xFFF:
+            reading.pause()
+    for settled in tracker.close():
+        take(settled)
+    findings = diagnosis.finish()
+    first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]
+    return Account(summary.statistics(), tuple(first), findings)

@@ -1,0 +1,218 @@
+"""Differences between two captures, for people and for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import orjson
+
+from bcapscope.analysis.comparison import Account, Comparison, Difference, Lone, RuleDifference, Value
+from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.statistics import OTHERS
+from bcapscope.protocol.functions import function_name
+from bcapscope.render.call import counted
+from bcapscope.render.columns import columns, wrapped
+from bcapscope.render.escape import printable
+from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.render.record import json_text
+from bcapscope.render.statistics import question_text
+from bcapscope.traffic.question import Question
+
+MOST_ROWS = 40
+"""Rows of a table for people; JSON has all."""
+
+_WIDTH = 96
+_WORDS = {
+    "calls": "calls",
+    "calls_per_s": "calls",
+    "line_time_share": "line time",
+    "retried_share": "retried",
+    "late_share": "late replies",
+    "refused_share": "refused",
+    "unanswered_share": "unanswered",
+    "exit": "ended by",
+    "set_points": "set points",
+    "late_for_timeout_share": "late for the time-out",
+    "gaps": "gaps longer than the buffer lasts",
+    "predicted_underflows": "underflows by the model",
+    "reported_underflows": "underflows reported",
+    "reported_overflows": "overflows reported",
+    "retries_per_set_point": "retries per set point",
+}
+
+
+def comparison_lines(
+    comparison: Comparison, good: tuple[str, Account], bad: tuple[str, Account], palette: Palette = PLAIN
+) -> Iterator[str]:
+    """Write what differs, notable things first.
+
+    Args:
+        comparison: of the two.
+        good: name and account of the first capture.
+        bad: those of the second.
+        palette: colours.
+    """
+    heads = [(side, printable(name), _size(account)) for side, (name, account) in _sides(good, bad)]
+    yield from columns(heads, "<<<")
+    if not comparison.is_notable:
+        yield from ("", f"{palette.good}nothing notable differs{palette.reset}")
+    yield from _part("notable", _notable(comparison), palette)
+    yield from _part("findings", _rules(comparison.rules, palette), palette)
+    yield from _part(f"asked only in {printable(good[0])}", _lone(comparison.only_good), palette)
+    yield from _part(f"asked only in {printable(bad[0])}", _lone(comparison.only_bad), palette)
+    others = [each for each in comparison.differences if not each.notable]
+    yield from _part("other differences", _rows(others), palette)
+
+
+def _sides(
+    good: tuple[str, Account], bad: tuple[str, Account]
+) -> tuple[tuple[str, tuple[str, Account]], tuple[str, tuple[str, Account]]]:
+    return ("good", good), ("bad", bad)
+
+
+def _size(account: Account) -> str:
+    statistics = account.statistics
+    if statistics is None:
+        return "no calls"
+    seconds = (statistics.end - statistics.start) / 1e9
+    counts = {severity: 0 for severity in Severity}
+    for finding in account.findings:
+        counts[finding.severity] += 1
+    found = [counted(count, severity.value) for severity, count in counts.items() if count]
+    return f"{counted(statistics.total.figures.calls, 'call')} in {seconds:.3f} s; " + (
+        ", ".join(found) or "nothing found"
+    )
+
+
+def _part(caption: str, lines: Iterable[str], palette: Palette) -> Iterator[str]:
+    """Write a caption and what stands under it; nothing where nothing would."""
+    lines = list(lines)
+    if lines:
+        yield from ("", f"{palette.name}{caption}{palette.reset}")
+        yield from (f"  {line}" for line in lines)
+
+
+def _table(rows: Sequence[tuple[str, ...]], sides: str) -> Iterator[str]:
+    yield from columns(rows[:MOST_ROWS], sides)
+    if len(rows) > MOST_ROWS:
+        yield f"… and {len(rows) - MOST_ROWS} more"
+
+
+def _notable(comparison: Comparison) -> Iterator[str]:
+    first, second = comparison.stays
+    if first != second:
+        yield f"stays in slave mode: {first} → {second}"
+    yield from _rows([each for each in comparison.differences if each.notable])
+
+
+def _rows(differences: Sequence[Difference]) -> Iterator[str]:
+    rows = []
+    for each in differences:
+        good, bad = _value(each.figure, each.good), _value(each.figure, each.bad)
+        if good != bad:
+            rows.append((_subject(each.subject), _figure(each.figure), good, "→", bad, _ratio(each)))
+    return _table(rows, "<<><<<")
+
+
+def _ratio(each: Difference) -> str:
+    ratio = each.ratio
+    if ratio is None:
+        return ""
+    return f"× {ratio:.3g}" if ratio >= 1 else f"÷ {1 / ratio:.3g}"
+
+
+def _subject(subject: Question | int | None) -> str:
+    if subject is None:
+        return "all calls"
+    return f"slave mode, stay {subject}" if isinstance(subject, int) else question_text(subject)
+
+
+def _figure(figure: str) -> str:
+    """Name a figure for people: `latency p99` for `latency_ms.p99`."""
+    return _WORDS.get(figure) or figure.replace("_ms.", " ")
+
+
+def _value(figure: str, value: Value) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, str):
+        return value
+    if figure.endswith("_share"):
+        return f"{value:.2%}"
+    if "_ms." in figure:
+        return f"{value:.3f} ms"
+    if figure.endswith("_per_s"):
+        return f"{value:.1f}/s"
+    return f"{value:.3f}" if figure == "retries_per_set_point" else f"{value:.0f}"
+
+
+def _rules(rules: Sequence[RuleDifference], palette: Palette) -> Iterator[str]:
+    for each in rules:
+        shade = palette.problem if each.severity is Severity.ERROR else palette.name
+        counts = f"{len(each.good)} → {len(each.bad)}"
+        told = (each.bad if len(each.bad) > len(each.good) else each.good)[0]
+        yield f"{counts}  {shade}{each.severity}{palette.reset} {each.rule}"
+        yield from (f"       {line}" for line in wrapped(printable(told.sentence), _WIDTH))
+
+
+def _lone(lone: Sequence[Lone]) -> Iterator[str]:
+    return _table([(str(each.calls), question_text(each.question)) for each in lone], "><")
+
+
+def comparison_record(comparison: Comparison, good: tuple[str, Account], bad: tuple[str, Account]) -> bytes:
+    """Write what differs as one JSON object, without a line end.
+
+    Figures are named as in the JSON of ``stats`` where that has them; shares are of 1, times in milliseconds.
+    """
+    sides = b",".join(b'"%b":%b' % (side.encode("ascii"), _side(*named)) for side, named in _sides(good, bad))
+    parts = (
+        orjson.dumps(comparison.is_notable),
+        sides,
+        b",".join(map(_difference_record, comparison.differences)),
+        b",".join(map(_lone_record, comparison.only_good)),
+        b",".join(map(_lone_record, comparison.only_bad)),
+        b",".join(map(_rule_record, comparison.rules)),
+    )
+    form = b'{"notable":%b,%b,"differences":[%b],"only_good":[%b],"only_bad":[%b],"findings":[%b]}'
+    return form % parts
+
+
+def _side(name: str, account: Account) -> bytes:
+    statistics = account.statistics
+    calls = 0 if statistics is None else statistics.total.figures.calls
+    seconds = 0.0 if statistics is None else (statistics.end - statistics.start) / 1e9
+    counts = (calls, orjson.dumps(seconds), len(account.stays), len(account.findings))
+    return b'{"name":%b,"calls":%d,"seconds":%b,"stays":%d,"findings":%d}' % (json_text(name), *counts)
+
+
+def _difference_record(each: Difference) -> bytes:
+    subject = each.subject
+    stay = subject if isinstance(subject, int) else None
+    question = None if isinstance(subject, int) else subject
+    values = {"good": each.good, "bad": each.bad, "ratio": each.ratio, "notable": each.notable}
+    figure = {"stay": stay, "figure": each.figure, **values}
+    return b"{%b,%b" % (_question(question), orjson.dumps(figure)[1:])
+
+
+def _question(question: Question | None) -> bytes:
+    if question is None:
+        return b'"function":null,"command":null'
+    name = "others" if question is OTHERS else function_name(question.function_id)
+    return b'"function":%b,"command":%b' % (json_text(name), json_text(question.command))
+
+
+def _lone_record(lone: Lone) -> bytes:
+    return b'{%b,"calls":%d}' % (_question(lone.question), lone.calls)
+
+
+def _rule_record(each: RuleDifference) -> bytes:
+    head = (json_text(each.rule), json_text(each.severity.value), len(each.good), len(each.bad))
+    return b'{"rule":%b,"severity":%b,"good":%d,"bad":%d,"good_sentences":[%b],"bad_sentences":[%b]}' % (
+        *head,
+        _sentences(each.good),
+        _sentences(each.bad),
+    )
+
+
+def _sentences(findings: Iterable[Finding]) -> bytes:
+    return b",".join(json_text(printable(finding.sentence)) for finding in findings)
