@@ -1,0 +1,233 @@
+"""The server's side of retries: tell a new call from one that was asked before, so that none runs twice.
+
+A client that gets no reply in time sends its request again with a new serial; reserved says which packet is
+meant (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). Only the reply to the
+newest serial counts for the client, so an answer that was kept is sent again under the serial of the retry.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from enum import Enum, Flag
+from typing import NamedTuple
+
+from bcapscope.protocol.convention import Convention, ReplyReserved
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.hresult import S_EXECUTING, S_OK
+from bcapscope.protocol.variant import Variant
+
+REMEMBERED = 32
+"""Answers kept for each client. One is enough for a network that keeps packets in order, as one call is asked
+at a time; the others are for packets that arrive late. A UDP answer has 503 bytes at most."""
+
+_RING = 0xFFFF
+"""Serials count 1..65535 and begin again at 1."""
+
+_MOST_TRIES = 16
+"""Twice of what any client sends for one call, the one that tries without end left out."""
+
+
+class Defect(Flag):
+    """What DENSO's C server gets wrong (orin_bcap C/src/bCAPServer/bcap_server.c), imitated on demand."""
+
+    NONE = 0
+    FORGETS_FIRST = 1
+    """Only the last answer is kept, under the serial of the packet that got through, and contents are not
+    compared. Where the first packet is lost, the second retry names a serial that was never seen and is
+    executed again; a client that starts anew with the serial answered last gets the old answer."""
+    SERIAL_ZERO = 2
+    """A new client whose first packet has serial 0 is answered S_OK, and nothing is executed."""
+
+
+class Verdict(Enum):
+    """What a request is."""
+
+    NEW = "new"
+    """To be executed; then `Responder.answer`."""
+    REPEAT = "repeat"
+    """Executed before; the kept answer is to be sent again."""
+    RUNNING = "running"
+    """The call that is being executed, asked again: its answer will carry the serial of this packet."""
+    BUSY = "busy"
+    """Another call while one is being executed; `Responder.reply` refuses it, if it is to be refused."""
+
+
+class Decision(NamedTuple):
+    """What to do about a request.
+
+    Attributes:
+        verdict: what it is.
+        reply: the frame to send now; None unless the verdict is `REPEAT`.
+    """
+
+    verdict: Verdict
+    reply: bytes | None = None
+
+
+class _Call:
+    """One call and all packets that are known to have asked for it."""
+
+    __slots__ = ("answer", "content", "first", "newest", "reserved", "serials")
+
+    def __init__(self, frame: Frame, content: bytes) -> None:
+        self.content = content
+        self.first = frame.serial
+        self.newest = frame.serial
+        self.reserved = frame.reserved
+        self.serials = {frame.serial, frame.reserved or frame.serial}
+        self.answer: tuple[int, tuple[Variant, ...]] | None = None
+
+    def asked_by(self, frame: Frame) -> None:
+        """Take `frame` for one more packet of this call."""
+        self.serials |= {frame.serial, frame.reserved or frame.serial}
+        if (frame.serial - self.newest) % _RING < _RING // 2:
+            self.newest = frame.serial
+            self.reserved = frame.reserved
+
+    def named_by(self, frame: Frame) -> bool:
+        """Whether a packet has a known serial of this call, or names one."""
+        # The old client's serials may pass through 0 while it retries, and the next try then names 0.
+        after_zero = frame.serial == 1 and frame.reserved == 0 and 0 in self.serials
+        return after_zero or not self.serials.isdisjoint((frame.serial, frame.reserved or frame.serial))
+
+    def overtook(self, frame: Frame) -> bool:
+        """Whether a packet's serial is a little before the newest of this call."""
+        behind: int = (self.newest - frame.serial) % _RING
+        return behind < _MOST_TRIES
+
+
+class Responder:
+    """Decides for one client (on UDP one address and port, on TCP one connection) what each request is.
+
+    It never executes anything itself: `receive` says what a request is, and `answer` ends the call that
+    `receive` called new. Requests of a client are executed strictly one after another.
+
+    The first packet has reserved 0 or its own serial. Any other value names a packet of the same call, the
+    first or the one before. A packet that names one of a remembered call and has the same contents (function
+    and arguments) belongs to it, and what it names and its own serial are learnt as further names of the
+    call. A known serial with other contents is a client that has started anew.
+
+    One case cannot be decided by the bytes: a client of the old C library (`Convention.CHAIN`) names the try
+    before, and where that try was lost its retry looks like the retry of a new, equal call. Until the client
+    is known to have another convention it is held to be a retry, since an answer that is old does less harm
+    than a motion that is made twice.
+    """
+
+    def __init__(
+        self,
+        *,
+        retries: bool = True,
+        replies: ReplyReserved = ReplyReserved.ZERO,
+        convention: Convention = Convention.UNKNOWN,
+        remembered: int = REMEMBERED,
+        defects: Defect = Defect.NONE,
+    ) -> None:
+        """Begin with a client of which nothing is known.
+
+        Args:
+            retries: whether requests may come again: True on UDP; on TCP every request is a new one.
+            replies: what replies carry in reserved; `UNKNOWN` is the same as `ZERO`.
+            convention: of the client, where that is known beforehand; else it is learnt.
+            remembered: answers that are kept.
+            defects: of DENSO's C server that are to be imitated.
+        """
+        self.convention = convention
+        self._retries = retries
+        self._echo = replies is ReplyReserved.ECHOED
+        self._defects = defects
+        self._calls: deque[_Call] = deque(maxlen=1 if Defect.FORGETS_FIRST in defects else remembered)
+        self._running: _Call | None = None
+        self._heard = False
+
+    @property
+    def running(self) -> bool:
+        """Whether a call is being executed."""
+        return self._running is not None
+
+    def receive(self, frame: Frame) -> Decision:
+        """Say what a request is. After `NEW` the call is running until `answer`."""
+        heard, self._heard = self._heard, True
+        content = frame.raw[9:]
+        call = self._find(frame, content) if self._retries else None
+        if call is None:
+            if self._running is not None:
+                return Decision(Verdict.BUSY)
+            if not heard and self._retries and frame.serial == 0 and Defect.SERIAL_ZERO in self._defects:
+                return Decision(Verdict.REPEAT, self.reply(frame, S_OK))
+            self._running = _Call(frame, content)
+            return Decision(Verdict.NEW)
+        if call is self._running:
+            call.asked_by(frame)
+            return Decision(Verdict.RUNNING)
+        call.asked_by(frame)
+        assert call.answer is not None
+        return Decision(Verdict.REPEAT, self.reply(frame, *call.answer))
+
+    def answer(self, code: int, arguments: Sequence[Variant] = ()) -> bytes:
+        """End the running call: keep its answer and make the frame to send, for the newest of its packets.
+
+        Args:
+            code: HRESULT.
+            arguments: of the reply.
+
+        Raises:
+            LocalProtocolError: the arguments cannot be packed; the call is still running.
+        """
+        call = self._running
+        assert call is not None, "no call is being executed"
+        raw = encode(call.newest, call.reserved if self._echo else 0, code, arguments)
+        call.answer = code, tuple(arguments)
+        self._running = None
+        if self._retries:
+            self._calls.appendleft(call)
+        return raw
+
+    def notice(self) -> bytes:
+        """Make the frame that tells the client of the running call to wait on: S_EXECUTING, no arguments."""
+        call = self._running
+        assert call is not None, "no call is being executed"
+        return encode(call.newest, call.reserved if self._echo else 0, S_EXECUTING)
+
+    def reply(self, frame: Frame, code: int, arguments: Sequence[Variant] = ()) -> bytes:
+        """Make a reply to `frame` that is not kept, such as the refusal of what came while busy."""
+        return encode(frame.serial, frame.reserved if self._echo else 0, code, arguments)
+
+    def forget(self) -> None:
+        """Forget the client: what comes next comes from a new one. The running call gets no answer."""
+        self._calls.clear()
+        self._running = None
+        self._heard = False
+
+    def _find(self, frame: Frame, content: bytes) -> _Call | None:
+        calls = [self._running, *self._calls] if self._running else list(self._calls)
+        if Defect.FORGETS_FIRST in self._defects:
+            link = frame.reserved or frame.serial
+            return next((call for call in calls if call.first == link), None)
+        self._learn(frame)
+        equal = [call for call in calls if call.content == content]
+        for call in equal:
+            if call.named_by(frame):
+                return call
+        if any(frame.serial in call.serials for call in calls):
+            self._calls.clear()
+            return None
+        return self._chained(frame, calls, equal)
+
+    def _chained(self, frame: Frame, calls: list[_Call], equal: list[_Call]) -> _Call | None:
+        """Find the call of a chain of which the packets between were lost or come later."""
+        if self.convention not in (Convention.UNKNOWN, Convention.CHAIN) or not equal:
+            return None
+        is_retry = frame.reserved not in (0, frame.serial)
+        if is_retry and equal[0] is calls[0]:
+            return equal[0]
+        return next((call for call in equal if call.overtook(frame)), None)
+
+    def _learn(self, frame: Frame) -> None:
+        """Learn the convention from a packet: only in a chain does each retry name the try before it."""
+        if self.convention is not Convention.UNKNOWN or frame.reserved == 0:
+            return
+        if frame.reserved == frame.serial:
+            self.convention = Convention.OWN
+        elif (frame.serial - frame.reserved) % _RING > 1:
+            self.convention = Convention.SEED

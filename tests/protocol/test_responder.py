@@ -1,0 +1,221 @@
+"""Playbooks of requests that come once, again, late or not at all, and what the responder makes of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.errors import LocalProtocolError
+from bcapscope.protocol.convention import Convention, ReplyReserved
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.hresult import E_BUSY, S_EXECUTING, S_OK
+from bcapscope.protocol.responder import Defect, Responder, Verdict
+from bcapscope.protocol.variant import VT, Variant
+
+NEW, REPEAT, RUNNING, BUSY = Verdict.NEW, Verdict.REPEAT, Verdict.RUNNING, Verdict.BUSY
+
+
+def _request(serial: int, reserved: int, what: int = 0) -> Frame:
+    return Frame(encode(serial, reserved, 64, (Variant(VT.I4, what),)))
+
+
+def _play(responder: Responder, *packets: tuple[int, int, int]) -> str:
+    """Send packets (serial, reserved, contents), answer each new call at once, spell the verdicts."""
+    verdicts = []
+    for packet in packets:
+        verdict = responder.receive(_request(*packet)).verdict
+        verdicts.append(verdict.name)
+        if verdict is NEW:
+            responder.answer(S_OK)
+    return " ".join(verdicts)
+
+
+@pytest.mark.parametrize(
+    ("packets", "verdicts"),
+    [
+        ([(1, 0, 0), (2, 0, 1), (3, 0, 2)], "NEW NEW NEW"),
+        ([(1, 0, 0), (2, 0, 0), (3, 0, 0)], "NEW NEW NEW"),
+        ([(1, 0, 0), (1, 0, 0)], "NEW REPEAT"),
+        ([(5, 0, 0), (6, 5, 0), (7, 5, 0)], "NEW REPEAT REPEAT"),
+        ([(6, 5, 0), (7, 5, 0)], "NEW REPEAT"),
+        ([(7, 5, 0), (6, 5, 0), (5, 0, 0)], "NEW REPEAT REPEAT"),
+        ([(5, 5, 0), (6, 5, 0), (7, 5, 0)], "NEW REPEAT REPEAT"),
+        ([(6, 5, 0), (5, 5, 0)], "NEW REPEAT"),
+        ([(5, 0, 0), (6, 5, 0), (7, 6, 0)], "NEW REPEAT REPEAT"),
+        ([(5, 0, 0), (7, 6, 0), (8, 7, 0)], "NEW REPEAT REPEAT"),
+        ([(7, 6, 0), (5, 0, 0), (6, 5, 0)], "NEW REPEAT REPEAT"),
+        ([(5, 0, 0), (7, 6, 1)], "NEW NEW"),
+        ([(65535, 0, 0), (1, 65535, 0), (2, 65535, 0)], "NEW REPEAT REPEAT"),
+        ([(65535, 0, 0), (0, 65535, 0), (1, 0, 0)], "NEW REPEAT REPEAT"),
+        ([(0, 0, 0), (1, 0, 1), (2, 0, 0)], "NEW NEW NEW"),
+        ([(5, 0, 0), (6, 0, 1), (5, 0, 0), (7, 6, 1)], "NEW NEW REPEAT REPEAT"),
+        ([(1, 0, 0), (2, 0, 1), (1, 0, 2), (2, 0, 1)], "NEW NEW NEW NEW"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else str(value),
+)
+def test_playbook(packets: list[tuple[int, int, int]], verdicts: str) -> None:
+    assert _play(Responder(), *packets) == verdicts
+
+
+def test_retry_of_a_lost_call_is_new_once_the_client_is_known() -> None:
+    """An equal call whose first packet was lost: only a chain would make it a retry."""
+    ambiguous = [(5, 0, 0), (7, 6, 0)]
+    assert _play(Responder(), *ambiguous) == "NEW REPEAT"
+    assert _play(Responder(convention=Convention.SEED), *ambiguous) == "NEW NEW"
+    assert _play(Responder(), (1, 0, 0), (2, 1, 0), (3, 1, 0), *ambiguous) == "NEW REPEAT REPEAT NEW NEW"
+    assert _play(Responder(), (1, 1, 0), *ambiguous) == "NEW NEW NEW"
+
+
+def test_the_kept_answer_goes_out_under_the_serial_of_the_retry() -> None:
+    responder = Responder()
+    value = Variant(VT.R8, 1.5)
+    responder.receive(_request(5, 0))
+    assert responder.answer(S_OK, (value,)) == encode(5, 0, S_OK, (value,))
+    assert responder.receive(_request(6, 5)).reply == encode(6, 0, S_OK, (value,))
+
+
+def test_reserved_is_echoed_where_it_is_to_be() -> None:
+    responder = Responder(replies=ReplyReserved.ECHOED)
+    responder.receive(_request(5, 0))
+    assert responder.answer(S_OK) == encode(5, 0, S_OK)
+    assert responder.receive(_request(6, 5)).reply == encode(6, 5, S_OK)
+    assert responder.receive(_request(7, 5)).reply == encode(7, 5, S_OK)
+
+
+def test_answer_and_notice_go_to_the_newest_packet() -> None:
+    responder = Responder(replies=ReplyReserved.ECHOED)
+    assert responder.receive(_request(5, 0)).verdict is NEW
+    assert responder.notice() == encode(5, 0, S_EXECUTING)
+    assert responder.receive(_request(7, 5)) == (RUNNING, None)
+    assert responder.receive(_request(6, 5)) == (RUNNING, None)
+    assert responder.running
+    assert responder.notice() == encode(7, 5, S_EXECUTING)
+    assert responder.answer(S_OK) == encode(7, 5, S_OK)
+    assert not responder.running
+
+
+def test_another_call_meanwhile_is_refused_and_not_remembered() -> None:
+    responder = Responder()
+    responder.receive(_request(5, 0))
+    other = _request(6, 0, 1)
+    assert responder.receive(other) == (BUSY, None)
+    assert responder.reply(other, E_BUSY) == encode(6, 0, E_BUSY)
+    responder.answer(S_OK)
+    assert responder.receive(other).verdict is NEW
+
+
+def test_what_cannot_be_packed_leaves_the_call_running() -> None:
+    responder = Responder()
+    responder.receive(_request(5, 0))
+    with pytest.raises(LocalProtocolError):
+        responder.answer(S_OK, (Variant(VT.I2, 70000),))
+    assert responder.running
+    responder.answer(S_OK)
+
+
+def test_on_tcp_everything_is_new() -> None:
+    assert _play(Responder(retries=False), (5, 0, 0), (5, 0, 0), (6, 5, 0)) == "NEW NEW NEW"
+
+
+def test_old_answers_are_forgotten() -> None:
+    responder = Responder(remembered=2)
+    assert _play(responder, (1, 0, 1), (2, 0, 2), (3, 0, 3), (2, 0, 2)) == "NEW NEW NEW REPEAT"
+    assert _play(responder, (1, 0, 1)) == "NEW"
+
+
+def test_a_forgotten_client_is_a_new_one() -> None:
+    responder = Responder()
+    responder.receive(_request(5, 0))
+    responder.forget()
+    assert _play(responder, (5, 0, 0)) == "NEW"
+    responder.forget()
+    assert _play(responder, (5, 0, 0)) == "NEW"
+
+
+def test_the_c_server_executes_the_second_retry_of_a_lost_first_packet() -> None:
+    lost_first = [(6, 5, 0), (7, 5, 0)]
+    assert _play(Responder(defects=Defect.FORGETS_FIRST), *lost_first) == "NEW NEW"
+    chain = [(6, 5, 0), (7, 6, 0)]
+    assert _play(Responder(defects=Defect.FORGETS_FIRST), *chain) == "NEW REPEAT"
+    none_lost = [(5, 0, 0), (6, 5, 0), (7, 5, 0), (5, 0, 0)]
+    assert _play(Responder(defects=Defect.FORGETS_FIRST), *none_lost) == "NEW REPEAT REPEAT REPEAT"
+
+
+def test_the_c_server_gives_the_old_answer_to_a_client_that_starts_anew() -> None:
+    assert _play(Responder(defects=Defect.FORGETS_FIRST), (1, 0, 0), (1, 0, 1)) == "NEW REPEAT"
+    assert _play(Responder(), (1, 0, 0), (1, 0, 1)) == "NEW NEW"
+
+
+def test_the_c_server_answers_serial_zero_without_executing() -> None:
+    responder = Responder(defects=Defect.SERIAL_ZERO)
+    assert responder.receive(_request(0, 0)) == (REPEAT, encode(0, 0, S_OK))
+    assert _play(responder, (0, 0, 0)) == "NEW"
+    assert _play(Responder(), (0, 0, 0)) == "NEW"
+    assert _play(Responder(retries=False, defects=Defect.SERIAL_ZERO), (0, 0, 0)) == "NEW"
+
+
+_CONVENTIONS = [Convention.SEED, Convention.OWN, Convention.CHAIN]
+
+
+def _tries(convention: Convention, first: int, count: int) -> list[tuple[int, int]]:
+    """Return serial and reserved of each try of one call."""
+    serials = [(first + i - 1) % 65535 + 1 for i in range(count)]
+    if convention is Convention.CHAIN:
+        return [(first, 0), *((serial, before) for before, serial in pairwise(serials))]
+    own = first if convention is Convention.OWN else 0
+    return [(first, own), *((serial, first) for serial in serials[1:])]
+
+
+@st.composite
+def _packets(draw: st.DrawFn) -> tuple[Convention, list[tuple[int, int, int, int]]]:
+    """Draw what arrives of some calls: (serial, reserved, contents, number of the call).
+
+    Each packet may be lost, come twice, or come up to six packets late.
+    """
+    convention = draw(st.sampled_from(_CONVENTIONS))
+    serial = draw(st.sampled_from([1, 500, 65520]))
+    arriving: list[tuple[float, tuple[int, int, int, int]]] = []
+    sent = 0
+    for call in range(draw(st.integers(1, 12))):
+        count = draw(st.integers(1, 8))
+        contents = draw(st.integers(0, 1))
+        for own, reserved in _tries(convention, serial, count):
+            for late in draw(st.lists(st.floats(0, 6), max_size=2)):
+                arriving.append((sent + late, (own, reserved, contents, call)))
+            sent += 1
+        serial = (serial + count - 1) % 65535 + 1
+    return convention, [packet for _, packet in sorted(arriving)]
+
+
+@given(_packets(), st.booleans())
+def test_no_call_is_executed_twice(
+    traffic: tuple[Convention, list[tuple[int, int, int, int]]], known: bool
+) -> None:
+    convention, packets = traffic
+    responder = Responder(convention=convention if known else Convention.UNKNOWN)
+    executed: Counter[int] = Counter()
+    for serial, reserved, contents, call in packets:
+        if responder.receive(_request(serial, reserved, contents)).verdict is NEW:
+            executed[call] += 1
+            responder.answer(S_OK)
+    assert all(times == 1 for times in executed.values())
+
+
+@given(_packets())
+def test_what_is_known_not_to_be_a_chain_is_executed_if_anything_of_it_came(
+    traffic: tuple[Convention, list[tuple[int, int, int, int]]],
+) -> None:
+    convention, packets = traffic
+    if convention is Convention.CHAIN:
+        return
+    responder = Responder(convention=convention)
+    executed = set()
+    for serial, reserved, contents, call in packets:
+        if responder.receive(_request(serial, reserved, contents)).verdict is NEW:
+            executed.add(call)
+            responder.answer(S_OK)
+    assert executed == {call for *_, call in packets}
