@@ -24,7 +24,7 @@ MOST_FRAMES = 16
 _MOST_STEPS = 3
 """Consequences that the sentence of a root tells one by one."""
 
-_OPENERS = frozenset(("the", "your", "client", "a", "at", "that", "after", "frame", "another"))
+_OPENERS = frozenset(("the", "your", "client", "a", "at", "that", "after", "frame", "another", "slave"))
 """Words of ours that a sentence may begin with; names from the wire stay as they are."""
 
 _RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
@@ -109,7 +109,8 @@ class Casebook:
             found = list(self._candidates(incident)) + ([] if known is None else [known])
             causes = [each for each in found if _precedes(each, incident)]
         if causes:
-            incident.cause = max(causes, key=lambda each: (each.began, each.time))
+            likely = incident.rule.follows
+            incident.cause = max(causes, key=lambda each: (each.began, -_place(each.rule.id, likely)))
 
     def _candidates(self, incident: Incident) -> Iterator[Incident]:
         earliest, host = incident.began - incident.rule.reach, incident.conversation.server.host
@@ -145,6 +146,10 @@ class Casebook:
         followed = {id(incident.cause) for case in cases for incident in case if incident.cause is not None}
         for case in cases:
             case.chosen = min(case, key=lambda each: (id(each) not in followed, each.began, each.time))
+
+
+def _place(rule_id: str, likely: tuple[str, ...]) -> int:
+    return likely.index(rule_id) if rule_id in likely else len(likely)
 
 
 def _precedes(cause: Incident, effect: Incident) -> bool:
@@ -217,7 +222,9 @@ class _Order:
         """Tell whether all that went wrong later follows from this case."""
         family = {id(each) for each in self.family(case)}
         return all(
-            id(each) in family or each.rule.severity is Severity.NOTE or each.last.time <= case.chosen.began
+            id(each) in family
+            or each.rule.severity is Severity.NOTE
+            or max(incident.began for incident in each) <= case.chosen.time
             for each in self.cases
         )
 

@@ -81,7 +81,7 @@ OTHER = Rule(
     "any other refusal, by its code",
     "See what the code says, and the controller's error log for the same moment.",
     f"{_ERRORS}; orin_bcap C/include/dn_common.h",
-    (*_FIRST_ERRORS, "motor-switching-off", "malformed-request", "unclean-quit"),
+    ("malformed-request",),
 )
 
 _ACTIVE_CODES = (0x81501025, 0x81201701, 0x81201749, 0x82501009, 0x21D3, 0x800021D3)
@@ -141,7 +141,7 @@ class Errors(Watcher):
             who = speech.client(client.conversation)
             return (
                 f"after the error of {called(failure)} {who} made {counted(count, 'more call')} that "
-                f"change or move something, from {called(first)} on, and never called ClearError"
+                f"can change or move something, from {called(first)} on, and never called ClearError"
             )
 
         self.tell(WENT_ON, first, say, before=failure, because=(failure.call,))

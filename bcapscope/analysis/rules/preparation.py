@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client import Client, Clients, argument, command_of
+from bcapscope.analysis.client import ID, Client, Clients, argument, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import MS, SECOND, Kind, Rule, Watcher
@@ -208,13 +208,17 @@ class Preparation(Watcher):
 
 
 def _moves(call: Exchange) -> bool:
+    """Tell whether a call moves the robot's arm."""
+    function_id, command = call.question
+    if function_id in _MOTION_FUNCTIONS:
+        return True
     frame = call.request.item
-    if call.question.command is None and call.question.function_id not in _MOTION_FUNCTIONS:
+    if function_id != ID["Robot_Execute"] or command is None:
         return False
     return request_effect(frame.code, [each.variant for each in frame.arguments]) is Effect.MOVES
 
 
-_MOTION_FUNCTIONS = frozenset((68, 69, 72, 73))
+_MOTION_FUNCTIONS = frozenset(ID[f"Robot_{verb}"] for verb in ("Move", "Drive", "GoHome", "Rotate"))
 
 
 def _asks_for_mode(call: Exchange) -> bool:

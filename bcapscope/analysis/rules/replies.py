@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from bcapscope.analysis.client import Client
+from bcapscope.analysis.client import Client, Clients
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.rule import MS, SECOND, Incident, Rule, Watcher
+from bcapscope.analysis.rules.rule import MS, SECOND, Incident, Report, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, counted, name_of, span, times
 from bcapscope.traffic.exchange import Exchange, FrameObservation, Stray
+from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.verdict import Verdict
 
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
@@ -114,6 +115,7 @@ TO_NOTHING = Rule(
 )
 
 _QUIET = 20 * MS
+_MOST_ASKING = 65536
 
 
 class Replies(Watcher):
@@ -131,6 +133,16 @@ class Replies(Watcher):
         VERY_LATE,
         TO_NOTHING,
     )
+
+    def __init__(self, report: Report, clients: Clients) -> None:
+        super().__init__(report, clients)
+        self._asking: set[Conversation] = set()
+
+    def fresh(self, seen: Observation) -> None:
+        if seen.flow.direction is Direction.REQUEST:
+            if len(self._asking) >= _MOST_ASKING:
+                self._asking.clear()
+            self._asking.add(seen.flow.conversation)
 
     def call(self, call: Exchange, client: Client) -> None:
         verdict = call.verdict
@@ -155,7 +167,7 @@ class Replies(Watcher):
                 VERY_LATE,
                 f"another reply to call {stray.call} (serial {serial}) came when the call was over",
             )
-        elif self.clients.find(conversation) is None:
+        elif conversation not in self._asking:
             return  # the capture began after the request
         else:
             rule, text = TO_NOTHING, f"a reply with serial {serial} came, and no request with it was seen"

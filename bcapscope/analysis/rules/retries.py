@@ -153,8 +153,8 @@ class Retries(Watcher):
                 MIXED,
                 call,
                 lambda speech: (
-                    f"{speech.client(call.conversation)} used the reserved field as '{before}' and from "
-                    f"{called(call)} on as '{now}'"
+                    f"{speech.client(call.conversation)} used the reserved field as '{before}' first "
+                    f"and as '{now}' later, about {called(call)}"
                 ),
             )
 

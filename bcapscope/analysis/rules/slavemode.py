@@ -9,6 +9,7 @@ from bcapscope.analysis.rules.rule import MS, SECOND, Incident, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, name_of, shown
 from bcapscope.analysis.stay import Call, ExitReason, Stay
 from bcapscope.protocol.commands import command
+from bcapscope.protocol.effects import Effect, function_effect
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.slavemode import mode_value
@@ -124,8 +125,8 @@ class SlaveMode(Watcher):
             call
             for call in stay.other_calls
             if call.client != stay.conversation.client
-            and last.time - _SUSPECT_WITHIN <= call.time <= exit_.time
-            and not _is_allowed(call)
+            and last.time - _SUSPECT_WITHIN <= call.time < exit_.time
+            and not _is_harmless(call)
         ]
 
         def say(speech: Speech) -> str:
@@ -153,12 +154,12 @@ def _named(call: Call) -> str:
     return function_name(call.function_id) if call.command is None else shown(call.command)
 
 
-def _is_allowed(call: Call) -> bool:
-    """Tell whether a call is known to be allowed in slave mode, or only reads."""
+def _is_harmless(call: Call) -> bool:
+    """Tell whether a call only reads, or is known to be allowed in slave mode."""
     if call.command is None:
-        return "_Get" in function_name(call.function_id)
+        return function_effect(call.function_id) < Effect.CHANGES
     known = command(call.function_id, call.command)
-    return known is not None and known.in_slave_mode is True
+    return known is not None and (known.effect < Effect.CHANGES or known.in_slave_mode is True)
 
 
 def _outside(call: Exchange, client: Client, clients: Clients) -> Why | None:

@@ -1,0 +1,86 @@
+"""Errors of the controller: not cleared, cleared unread, and all that no other rule tells."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.variant import EMPTY
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import CONTROLLER, Play, Story, good
+from tests.samples.calls import i4, i4s, text
+
+_UNDERFLOW, _ACTIVE = 0x84201482, 0x81501025
+
+
+def _after_error(*commands: str, code: int = 0) -> Play:
+    """A stay that ends with an error, then what the client does about it; the last call ends with `code`."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        client.enter(40)
+        at = client.move(50, 10)
+        client.point(at + 64, 0.5, _UNDERFLOW)
+        at += 80
+        for number, command in enumerate(commands, 1):
+            ends = code if number == len(commands) else 0
+            if command in ("ClearError", "GetCurErrorCount"):
+                client.call(
+                    at, "Controller_Execute", CONTROLLER, text(command), EMPTY, result=i4(1), code=ends
+                )
+            else:
+                client.execute(at, command, i4s(1, 0), code=ends)
+            at += 10
+        client.close(at)
+
+    return play
+
+
+def _refuses(code: int) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.execute(30, "ExtSpeed", i4(50), code=code)
+        client.close(40)
+
+    return play
+
+
+SCENES = (
+    Scene(
+        "error-not-cleared",
+        _after_error("Motor", code=_ACTIVE),
+        (35, 36, 37, 38),
+        ("Motor 19 of your client", "0x81501025", "the error of slvMove 18 at 0.194 s was not cleared"),
+        _after_error("GetCurErrorCount", "ClearError", "Motor"),
+        "underflow",
+    ),
+    Scene(
+        "went-on-after-error",
+        _after_error("Motor", "TakeArm"),
+        (35, 36, 37, 38),
+        (
+            "After the error of slvMove 18 your client made 2 more calls that can change or move something",
+            "from Motor 19 on",
+            "never called ClearError",
+        ),
+        _after_error("ClearError", "Motor"),
+        "underflow",
+    ),
+    Scene(
+        "cleared-unread",
+        _after_error("ClearError"),
+        (35, 36, 37, 38),
+        ("called ClearError at 0.210 s without having read the errors behind 0x84201482 of slvMove 18",),
+        _after_error("GetCurErrorCount", "ClearError"),
+        "underflow",
+    ),
+    Scene(
+        "controller-timeout",
+        _refuses(0x80000900),
+        (9, 10),
+        ("ExtSpeed 5", "E_TIMEOUT 0x80000900"),
+        _refuses(0),
+    ),
+    Scene("robot-busy", _refuses(0x80010004), (9, 10), ("ExtSpeed 5", "robot is busy"), _refuses(0)),
+    Scene("controller-error", _refuses(0x84999999), (9, 10), ("ExtSpeed 5", "0x84999999", "level 4"), good),
+)

@@ -1,0 +1,34 @@
+"""Reading value by value."""
+
+from __future__ import annotations
+
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import CONTROLLER, Play, Story
+from tests.samples.calls import i4, text
+
+
+def _reads(times: int) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.call(50, "Controller_GetVariable", CONTROLLER, text("IO128"), text(""), result=i4(10))
+        for number in range(times):
+            client.call(60 + 2 * number, "Variable_GetValue", i4(10), result=i4(1), takes=1.7)
+        client.call(70 + 2 * times, "Variable_Release", i4(10))
+        client.close(80 + 2 * times)
+
+    return play
+
+
+SCENES = (
+    Scene(
+        "polling",
+        _reads(300),
+        (11, 609),
+        (
+            "300 of 309 calls of your client read one variable, most of all 'IO128' (300), 1.7 ms each",
+            "85% of its time",
+        ),
+        _reads(20),
+    ),
+)

@@ -1,0 +1,199 @@
+"""What must be done before the robot moves."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.variant import EMPTY
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import CONTROLLER, HOME, ROBOT, Play, Story, good
+from tests.samples.calls import i2, i4, i4s, mixed, r4s, r8s, text
+
+_RC7_POSE = r4s(*HOME)
+
+
+def _rc7(starts: bool, code: int, fails_between: bool = False) -> Play:
+    """A session on an RC7 up to slvChangeMode, which ends with `code`."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open(option="", provider="")
+        client.control(20, "PutAutoMode", i2(2))
+        if starts:
+            client.call(25, "Controller_GetTask", CONTROLLER, text("RobSlave"), text(""), result=i4(3))
+            client.call(30, "Task_Start", i4(3), i4(1), text(""))
+        if fails_between:
+            client.execute(35, "slvChangeMode", i2(2))
+            client.execute(40, "slvMove", _RC7_POSE, EMPTY, code=0x6413)
+            client.control(45, "ClearError")
+        client.execute(50, "slvChangeMode", i2(2), code=code)
+        client.execute(55, "slvChangeMode", i2(0))
+        client.close(60)
+
+    return play
+
+
+def _moves_to_first(passing: str, code: int = 0, takes: float = 1.0) -> Play:
+    """A Robot_Move and then slvChangeMode."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        pose = mixed(r8s(*HOME), text("J"), text(passing)) if passing else text("J(0,10,80,0,90,0)")
+        client.call(40, "Robot_Move", ROBOT, i4(1), pose, text(""))
+        client.execute(45, "slvChangeMode", i4(0x202), code=code, takes=takes)
+        client.execute(900, "slvChangeMode", i4(0))
+        client.close(910)
+
+    return play
+
+
+def _motor(code: int, first: str = "") -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        if first:
+            client.execute(25, first, i4s(0, 0))
+        client.execute(30, "Motor", i4s(1, 0), code=code)
+        client.close(40)
+
+    return play
+
+
+def _arm(other_takes_it: bool) -> Play:
+    def play(story: Story) -> None:
+        other = story.client(50002)
+        other.open()
+        other.execute(20, "TakeArm" if other_takes_it else "CurJnt", i4s(0, 0))
+        other.execute(30, "CurJnt", result=r8s(*HOME))
+        client = story.client()
+        client.open(200)
+        client.execute(300, "slvChangeMode", i4(0x202), code=0x83501024)
+        client.close(310)
+        other.close(400)
+
+    return play
+
+
+def _moves_without_motor(code: int, switches_on: bool = True) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.execute(20, "TakeArm", i4s(0, 0))
+        if switches_on:
+            client.execute(25, "Motor", i4s(1, 0))
+            client.execute(30, "Motor", i4s(0, 0))
+        client.execute(40, "slvChangeMode", i4(0x202), code=code)
+        client.execute(50, "slvChangeMode", i4(0))
+        client.close(60)
+
+    return play
+
+
+def _type_unread(story: Story) -> None:
+    client = story.client()
+    client.call(0, "Service_Start", text(",WDT=400"))
+    client.call(5, "Robot_Move", ROBOT, i4(1), text("@E P1"), text(""))
+
+
+SCENES = (
+    Scene(
+        "robslave-not-running",
+        _rc7(starts=False, code=0x80004005),
+        (11, 12),
+        ("slvChangeMode 6 of your client", "no Task_Start of RobSlave was seen"),
+        _rc7(starts=True, code=0),
+    ),
+    Scene(
+        "robslave-not-running",
+        _rc7(starts=True, code=0x80004005, fails_between=True),
+        (17, 18, 21, 22),
+        ("RobSlave was started by Task_Start 7", "the error of slvMove 9 stopped it", "not started again"),
+        _rc7(starts=True, code=0x80004005),
+        "controller-error",
+    ),
+    Scene(
+        "no-at-e",
+        _moves_to_first("@P", 0x600B, 500),
+        (13, 14, 15, 16),
+        (
+            "Robot_Move 7, passes with @P, and slvChangeMode waited 500 ms",
+            "slvChangeMode was refused",
+            "0x0000600B",
+        ),
+        _moves_to_first("@E"),
+    ),
+    Scene(
+        "no-at-e",
+        _moves_to_first("", 0, 300),
+        (13, 14, 15, 16),
+        ("Robot_Move 7, has no @E",),
+        _moves_to_first("@P"),
+    ),
+    Scene(
+        "robot-still-moving",
+        _moves_to_first("@P", 0x8150100D, 500),
+        (13, 14, 15, 16),
+        ("slvChangeMode 8 of your client", "Robot_Move 7 had been sent 5.0 ms before"),
+        _moves_to_first("@P", 0, 400),
+        "no-at-e",
+    ),
+    Scene(
+        "arm-not-taken",
+        _arm(False),
+        (21, 22),
+        ("0x83501024", "this client had not called TakeArm"),
+        _arm(True),
+    ),
+    Scene(
+        "arm-taken-by-other",
+        _arm(True),
+        (9, 10, 21, 22),
+        ("client 192.168.0.10:50002 (UDP) took the arm at 0.020 s and has not given it back",),
+        _arm(False),
+    ),
+    Scene(
+        "motor-off",
+        _moves_without_motor(0x81501003),
+        (13, 14, 15, 16),
+        ("0x81501003", "Motor 7 had switched it off at 0.030 s"),
+        good,
+    ),
+    Scene(
+        "motor-off",
+        _moves_without_motor(0x81501003, switches_on=False),
+        (11, 12),
+        ("this client had not called Motor",),
+        good,
+    ),
+    Scene(
+        "motor-switching-off",
+        _motor(0x8350106E, "Motor"),
+        (11, 12),
+        ("Motor 6", "0x8350106E"),
+        _motor(0, "Motor"),
+    ),
+    Scene(
+        "emergency-stop",
+        _motor(0x8150101A),
+        (9, 10),
+        ("Motor 5", "0x8150101A", "emergency stop is on"),
+        _motor(0),
+    ),
+    Scene(
+        "not-in-automatic-mode", _motor(0x81501017), (9, 10), ("0x81501017", "automatic mode only"), _motor(0)
+    ),
+    Scene(
+        "no-executable-token", _motor(0x83501028), (9, 10), ("0x83501028", "must be Ethernet's"), _motor(0)
+    ),
+    Scene("no-licence", _motor(0x83500126), (9, 10), ("0x83500126", "licence not registered"), _motor(0)),
+    Scene(
+        "manual-reset-missing",
+        _motor(0x83500372),
+        (9, 10),
+        ("0x83500372", "ManualResetPreparation missing"),
+        _motor(0),
+    ),
+    Scene(
+        "type-not-checked", _type_unread, (3, 4), ("Robot_Move without having read the robot's type",), good
+    ),
+)

@@ -1,0 +1,209 @@
+"""Replies that came too late, twice or never."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.variant import VT, Variant
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import HOME, ROBOT, Story, Talker, good
+from tests.samples.calls import i4, r8s, text
+
+_POSE = r8s(*HOME)
+_MOVE = (ROBOT, text("slvMove"), _POSE)
+
+
+def _in_slave_mode(story: Story) -> Talker:
+    client = story.client()
+    client.open()
+    client.ready()
+    client.enter(40)
+    client.move(50, 4)
+    return client
+
+
+def _late(story: Story) -> None:
+    client = _in_slave_mode(story)
+    first = client.ask(82, "Robot_Execute", *_MOVE)
+    again = client.ask(84, "Robot_Execute", *_MOVE, reserved=first)
+    client.answer(85, first, _POSE)
+    client.answer(86, again, _POSE, reserved=first)
+    client.move(90, 4)
+
+
+def _gave_up(story: Story) -> None:
+    """The reply of the survey: it came after 19 ms, and the client had gone on at 16 ms."""
+    client = _in_slave_mode(story)
+    first = client.ask(82, "Robot_Execute", *_MOVE, serial=4711)
+    second = client.ask(98, "Robot_Execute", ROBOT, text("slvMove"), r8s(0.1, *HOME[1:]))
+    client.answer(101, first, _POSE)
+    client.answer(102, second, _POSE)
+    client.move(106, 4)
+
+
+def _in_time(story: Story) -> None:
+    client = _in_slave_mode(story)
+    first = client.ask(82, "Robot_Execute", *_MOVE)
+    client.answer(97, first, _POSE)
+    client.move(98, 4)
+
+
+def _unanswered(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4(1))
+    client.ask(1050, "Robot_Execute", ROBOT, text("Motor"), i4(1), reserved=first)
+    client.execute(2050, "CurJnt", result=_POSE)
+
+
+def _capture_ends_first(story: Story) -> None:
+    client = story.client()
+    client.open()
+    client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4(1))
+
+
+def _stopped(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", *_MOVE)
+    for number in range(1, 5):
+        client.ask(50 + 16 * number, "Robot_Execute", *_MOVE, reserved=first)
+    story.client(50002).call(900, "Service_Start", text(",WDT=400"))
+
+
+def _still_trying(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", *_MOVE)
+    client.ask(66, "Robot_Execute", *_MOVE, reserved=first)
+
+
+def _silent(story: Story) -> None:
+    client = story.client()
+    first = client.ask(0, "Service_Start", text(""))
+    for number in range(1, 4):
+        client.ask(1000 * number, "Service_Start", text(""), reserved=first)
+
+
+def _twice(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", ROBOT, text("GetLogCount"), i4(0))
+    again = client.ask(1050, "Robot_Execute", ROBOT, text("GetLogCount"), i4(0), reserved=first)
+    client.answer(1051, first, i4(17))
+    client.answer(1052, again, i4(18))
+    client.close(1100)
+
+
+def _stored_answer(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", ROBOT, text("GetLogCount"), i4(0))
+    again = client.ask(1050, "Robot_Execute", ROBOT, text("GetLogCount"), i4(0), reserved=first)
+    client.answer(1051, first, i4(17))
+    client.answer(1052, again, i4(17))
+    client.close(1100)
+
+
+def _reply_lost(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4(1))
+    client.answer(52, first)
+    again = client.ask(1050, "Robot_Execute", ROBOT, text("Motor"), i4(1), reserved=first)
+    client.answer(1051, again, reserved=first)
+    client.close(1100)
+
+
+def _retried(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4(1))
+    again = client.ask(1050, "Robot_Execute", ROBOT, text("Motor"), i4(1), reserved=first)
+    client.answer(1051, again, reserved=first)
+    client.close(1100)
+
+
+def _very_late(story: Story) -> None:
+    client = story.client()
+    client.open()
+    asked = client.ask(50, "Robot_Execute", ROBOT, text("CurJnt"), Variant(VT.EMPTY, None))
+    for number in range(40):
+        client.execute(100 + 100 * number, "CurJnt", result=_POSE)
+    client.answer(4300, asked, _POSE)
+    client.close(4400)
+
+
+def _to_nothing(story: Story) -> None:
+    client = story.client()
+    client.open()
+    client.answer(50, 700, i4(1))
+    client.close(60)
+
+
+def _begins_with_reply(story: Story) -> None:
+    client = story.client()
+    client.answer(0, 700, i4(1))
+    client.open(10)
+    client.close(60)
+
+
+SCENES = (
+    Scene(
+        "late-reply",
+        _late,
+        (23, 24, 25, 26),
+        (
+            "The reply to slvMove 12 came 3.0 ms after it was sent",
+            "your client had given up at 2.0 ms",
+            "1 retry",
+        ),
+        _in_time,
+    ),
+    Scene(
+        "client-gave-up",
+        _gave_up,
+        (23, 25),
+        ("The reply to slvMove 4711 came 19 ms after it was sent, your client had given up at 16 ms",),
+        _late,
+    ),
+    Scene(
+        "no-reply",
+        _unanswered,
+        (9, 10),
+        ("At 0.050 s Motor 5 was sent twice and never answered", "went on after 2 s", "cannot be told"),
+        _capture_ends_first,
+    ),
+    Scene(
+        "client-stopped",
+        _stopped,
+        (9, 10, 11, 12, 13),
+        ("sent slvMove 5 5 times in 64 ms without any reply", "787 ms that the capture goes on", "80000900"),
+        _still_trying,
+    ),
+    Scene(
+        "controller-silent",
+        _silent,
+        (1, 4),
+        ("192.168.0.1:5007 never answered your client", "1 call in 4 tries"),
+        _capture_ends_first,
+    ),
+    Scene(
+        "executed-twice",
+        _twice,
+        (9, 10, 11, 12),
+        ("GetLogCount 5", "different results"),
+        _stored_answer,
+        "late-reply",
+    ),
+    Scene(
+        "reply-lost", _reply_lost, (9, 10, 11, 12), ("Motor 5 was here after 2.0 ms", "asked again"), _retried
+    ),
+    Scene(
+        "retried",
+        _retried,
+        (9, 10, 11),
+        ("Motor 5 of your client was sent twice", "1 s after the first try"),
+        good,
+    ),
+    Scene("very-late-reply", _very_late, (90,), ("Another reply to call 5 (serial 5)",), _late),
+    Scene("reply-to-nothing", _to_nothing, (9,), ("serial 700",), _begins_with_reply),
+)

@@ -1,0 +1,206 @@
+"""Beginning and end of a session, and calls that take long."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.variant import EMPTY
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import CONTROLLER, ROBOT, Play, Story, good
+from tests.samples.calls import i4, i4s, text
+
+_INVALID, _NAME_USED, _BUSY, _EXECUTING = 0x80070057, 0x80000205, 0x809100AA, 0x900
+
+
+def _begins_with(function: str, code: int) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        if function == "Controller_GetRobot":
+            client.call(0, function, CONTROLLER, text("Arm"), text(""), code=code)
+        else:
+            client.call(0, function, text(""), code=code)
+
+    return play
+
+
+def _connects(provider: str, code: int, name: str = "") -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.call(0, "Service_Start", text(""))
+        names = map(text, (name, provider, "localhost", ""))
+        client.call(5, "Controller_Connect", *names, code=code, result=None if code else CONTROLLER)
+
+    return play
+
+
+def _connects_twice(code: int) -> Play:
+    def play(story: Story) -> None:
+        names = tuple(map(text, ("cell", "CaoProv.DENSO.VRC", "localhost", "")))
+        for port, at in ((50001, 0), (50002, 3000)):
+            client = story.client(port)
+            client.call(at, "Service_Start", text(",WDT=400"))
+            result = None if code and at else CONTROLLER
+            client.call(at + 5, "Controller_Connect", *names, code=code if at else 0, result=result)
+        story.client(50003).call(20000, "Service_Start", text(""))
+
+    return play
+
+
+def _vanishes(others_until: float, closes: bool = False) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        if closes:
+            client.close(40)
+        other = story.client(50002, host="192.168.0.11")
+        other.open(100)
+        other.close(others_until)
+
+    return play
+
+
+def _restarts_without_closing(story: Story) -> None:
+    client = story.client()
+    client.open()
+    client.open(500)
+    client.close(540)
+
+
+def _releases_in_slave_mode(leaves: bool) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        client.enter(40)
+        end = client.move(50, 20)
+        if leaves:
+            client.execute(end, "slvChangeMode", i4(0))
+        client.close(end + 5)
+
+    return play
+
+
+def _dies_in_slave_mode(story: Story) -> None:
+    client = story.client()
+    client.open()
+    client.ready()
+    client.enter(40)
+    client.move(50, 20)
+    other = story.client(50002, host="192.168.0.11")
+    other.open(12000)
+    other.close(12100)
+
+
+def _executing(answered: bool, option: str = ",WDT=400") -> Play:
+    def play(story: Story) -> None:
+        client = story.client(tcp=True)
+        client.open(option=option)
+        serial = client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4s(1, 0))
+        for number in range(1, 6):
+            client.answer(50 + 400 * number, serial, code=_EXECUTING)
+        if answered:
+            client.answer(2100, serial, EMPTY)
+        busy = client.ask(2200, "Robot_Execute", ROBOT, text("CurJnt"), EMPTY)
+        client.answer(2201, busy, code=0 if answered else _BUSY)
+        client.close(2300)
+
+    return play
+
+
+def _long_call(option: str) -> Play:
+    """A Motor that takes 3 s, and a client that asks again after 1 s each."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open(option=option)
+        first = client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4s(1, 0))
+        last = first
+        for number in range(1, 3):
+            last = client.ask(
+                50 + 1000 * number, "Robot_Execute", ROBOT, text("Motor"), i4s(1, 0), reserved=first
+            )
+        client.answer(3050, last, EMPTY)
+        client.close(3100)
+
+    return play
+
+
+def _option(option: str, code: int) -> Play:
+    return lambda story: story.client().call(0, "Service_Start", text(option), code=code)
+
+
+SCENES = (
+    Scene(
+        "service-not-started",
+        _begins_with("Controller_GetRobot", 0x8000FFFF),
+        (1, 2),
+        ("Controller_GetRobot 1 of your client", "should be Service_Start"),
+        _begins_with("Service_Start", 0x8000FFFF),
+    ),
+    Scene(
+        "provider-refused",
+        _connects("CaoProv.DENSO.RC8", _INVALID),
+        (3, 4),
+        ("0x80070057", "provider 'CaoProv.DENSO.RC8', machine 'localhost'"),
+        _connects("CaoProv.DENSO.VRC", 0),
+    ),
+    Scene(
+        "name-in-use",
+        _connects_twice(_NAME_USED),
+        (3, 4, 7, 8),
+        ("client 192.168.0.10:50001 (UDP) connected as 'cell' at 0.005 s and did not disconnect",),
+        _connects_twice(0),
+        "unclean-quit",
+    ),
+    Scene(
+        "unclean-quit",
+        _vanishes(12000),
+        (7,),
+        ("Client 192.168.0.10:50001 (UDP) said nothing after 0.016 s", "while others went on for 12 s"),
+        _vanishes(12000, closes=True),
+    ),
+    Scene(
+        "unclean-quit", _restarts_without_closing, (7, 9), ("began a new session at 0.500 s",), _vanishes(200)
+    ),
+    Scene(
+        "quit-in-slave-mode",
+        _releases_in_slave_mode(leaves=False),
+        (55, 56),
+        ("Your client called Robot_Release at 0.216 s while slave mode 0x202 was on",),
+        _releases_in_slave_mode(leaves=True),
+    ),
+    Scene(
+        "quit-in-slave-mode",
+        _dies_in_slave_mode,
+        (53,),
+        ("sent no more set points after 0.203 s and left slave mode 0x202 on",),
+        good,
+    ),
+    Scene(
+        "busy",
+        _executing(answered=False),
+        (9, 10, 11, 12, 13, 14, 15, 16),
+        ("CurJnt 6 of your client", "Motor 5, sent 2.15 s before, was still running"),
+        _executing(answered=True),
+        "executing-forever",
+    ),
+    Scene(
+        "executing-forever",
+        _executing(answered=False),
+        (9, 10, 11, 12, 13, 14),
+        ("Motor 5 of your client was never answered", "S_EXECUTING 5 times, the last time 2 s after"),
+        _executing(answered=True),
+    ),
+    Scene(
+        "long-call-without-wdt",
+        _long_call(""),
+        (1, 2, 9, 10, 11, 12),
+        ("Motor took the controller 3 s", "sent Motor 5 3 times meanwhile", "no WDT"),
+        _long_call(",WDT=400"),
+    ),
+    Scene(
+        "wdt-too-small",
+        _option(",WDT=40", _INVALID),
+        (1, 2),
+        ("its option asks for WDT=40, and 80 ms is the least",),
+        _option(",WDT=400", _INVALID),
+    ),
+)

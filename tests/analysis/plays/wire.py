@@ -1,0 +1,126 @@
+"""What is wrong with the bytes, and with the capture itself."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.variant import EMPTY
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import ROBOT, Play, Story, good
+from tests.samples.calls import MS, START, i4, reply, request, text
+from tests.samples.files import Packet
+from tests.samples.tcp import Connection
+
+
+def _long_text(length: int, answered: bool = True) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ask(50, "Robot_Execute", ROBOT, text("x" * length), EMPTY)
+        if answered:
+            client.answer(51, client.serial)
+        client.close(60)
+
+    return play
+
+
+def _sends(data: bytes, tcp: bool = False) -> Play:
+    def play(story: Story) -> None:
+        client = story.client(tcp=tcp)
+        client.open()
+        client.network.up(START + 50 * MS, data)
+
+    return play
+
+
+def _answers(data: bytes) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ask(50, "Service_Stop")
+        client.network.down(START + 51 * MS, data)
+
+    return play
+
+
+_SOUND = request(9, 0, "Robot_Execute", ROBOT, text("Motor"), i4(1))
+_SHORT = _SOUND[:1] + (len(_SOUND) - 2).to_bytes(4, "little") + _SOUND[5:]
+
+
+def _gap(story: Story) -> None:
+    client = story.client(tcp=True)
+    client.open()
+    assert isinstance(client.network, Connection)
+    client.network.down_unseen(40)
+    client.execute(50, "CurJnt", result=text("y" * 40))
+    client.close(60)
+
+
+def _begins_in_the_middle(story: Story) -> None:
+    client = story.client(tcp=True)
+    client.network.down(START, reply(1, 0, text("y" * 40))[20:])
+    client.open(10)
+
+
+def _cut(story: Story) -> None:
+    good(story)
+    packet = story.talkers[0].network.packets[-1]
+    story.talkers[0].network.packets[-1] = Packet(packet.time, packet.data[:50], length=len(packet.data))
+
+
+def _ports(client_says: bytes) -> Play:
+    """Two ends of which neither has the port of a controller, and that say the same to each other."""
+
+    def play(story: Story) -> None:
+        client = story.client(server_port=6000)
+        client.network.up(START, client_says)
+        client.network.down(START + MS, client_says)
+
+    return play
+
+
+def _twice_seen(story: Story) -> None:
+    client = story.client()
+    client.open()
+    client.ask(50, "Service_Stop")
+    client.network.up(START + 50 * MS + 20_000, request(client.serial, 0, "Service_Stop"))
+    client.answer(51, client.serial)
+
+
+_UNKNOWN = request(9, 0, "Service_Start")
+
+SCENES = (
+    Scene(
+        "oversize-datagram",
+        _long_text(240, answered=False),
+        (9,),
+        ("A UDP frame of 534 bytes", "b-CAP allows 503", "at 0.050 s"),
+        _long_text(150),
+    ),
+    Scene("near-datagram-limit", _long_text(220), (9,), ("494 bytes", "503 is the most"), _long_text(150)),
+    Scene(
+        "malformed-request",
+        _sends(_SHORT),
+        (9,),
+        ("Frame 9 from 192.168.0.10:50001 is malformed", "can stop the official server"),
+        _sends(_SOUND),
+    ),
+    Scene(
+        "malformed-reply",
+        _answers(reply(5, 0)[:-1] + b"\x05"),
+        (10,),
+        ("last byte is 05",),
+        _answers(reply(5, 0)),
+    ),
+    Scene("capture-gap", _gap, (10,), ("lacks 40 bytes of what 192.168.0.1:5007 sent",), good),
+    Scene("capture-gap", _begins_in_the_middle, (2,), ("only a part of what 192.168.0.1:5007 sent",), good),
+    Scene("capture-cut", _cut, (142,), ("the capture kept 8 of the datagram's 16 bytes",), good),
+    Scene(
+        "server-guessed",
+        _ports(_UNKNOWN),
+        (1,),
+        ("192.168.0.1:6000 is the server", "only a guess"),
+        _ports(_SOUND),
+    ),
+    Scene(
+        "duplicate-frames", _twice_seen, (9, 10, 11), ("A copy of a frame of Service_Stop 5", "1 copy"), good
+    ),
+)

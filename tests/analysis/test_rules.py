@@ -1,0 +1,91 @@
+"""Every rule fires on its capture, names the frames that prove it, and is silent where nothing is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules import RULES
+from bcapscope.analysis.rules.rule import Rule
+from tests.analysis.plays import SCENES
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import diagnose_bytes, good, stage
+from tests.samples import guide, slave, tcp, trouble
+
+_NAMES = [f"{scene.rule}-{number}" for number, scene in enumerate(SCENES)]
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=_NAMES)
+def test_a_rule_fires_and_says_why(scene: Scene) -> None:
+    found = stage(scene.fires)
+    (finding,) = found.of(scene.rule)
+    assert finding.frames == scene.frames
+    for words in scene.words:
+        assert words in finding.sentence
+    cause = found.findings[finding.consequence_of - 1].rule if finding.consequence_of else ""
+    assert cause == scene.cause
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=_NAMES)
+def test_a_rule_stays_silent_where_there_is_no_need(scene: Scene) -> None:
+    assert stage(scene.calm).of(scene.rule) == []
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=_NAMES)
+def test_findings_are_sentences_about_frames_that_there_are(scene: Scene) -> None:
+    findings, seen = stage(scene.fires)
+    for number, finding in enumerate(findings, 1):
+        assert finding.sentence.endswith(".")
+        assert not finding.sentence[0].isspace()
+        assert finding.advice.endswith(".")
+        assert finding.source
+        assert finding.frames
+        assert list(finding.frames) == sorted(set(finding.frames))
+        assert finding.frames[0] >= 1
+        assert finding.frames[-1] <= seen.frames
+        assert finding.consequence_of is None or 1 <= finding.consequence_of < number
+
+
+def test_each_rule_has_a_scene() -> None:
+    assert {scene.rule for scene in SCENES} == {rule.id for rule in RULES}
+
+
+def test_there_are_many_rules_each_with_a_name_of_its_own() -> None:
+    assert len(RULES) >= 30
+    assert len({rule.id for rule in RULES}) == len(RULES)
+
+
+def test_rules_follow_rules_that_there_are() -> None:
+    known = {rule.id for rule in RULES}
+    for rule in RULES:
+        assert set(rule.follows) <= known
+        assert rule.id not in rule.follows
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
+def test_the_text_of_a_rule_fits_a_table_and_a_sentence(rule: Rule) -> None:
+    for text in (rule.finds, rule.source):
+        assert "|" not in text
+        assert "\n" not in text
+    assert rule.advice[0].isupper()
+
+
+@pytest.mark.parametrize(
+    "capture",
+    [
+        pytest.param(slave.slave_session, id="slave mode"),
+        pytest.param(guide.exchanges, id="the guide's exchanges"),
+        pytest.param(trouble.vlan_ipv6, id="VLAN and IPv6"),
+        pytest.param(trouble.two_robots, id="two robots"),
+        pytest.param(tcp.segments, id="TCP"),
+    ],
+)
+def test_good_captures_have_neither_errors_nor_warnings(capture: Callable[[], bytes]) -> None:
+    found = diagnose_bytes(capture())
+    assert [finding for finding in found.findings if finding.severity is not Severity.NOTE] == []
+
+
+def test_a_good_session_has_no_findings_at_all() -> None:
+    assert stage(good).findings == ()
