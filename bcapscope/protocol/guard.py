@@ -15,8 +15,8 @@ from bcapscope.protocol.slavemode import mode_value
 from bcapscope.protocol.variant import Variant
 
 SIMULATOR_VARIABLE = "@BCAPSCOPE_SIMULATOR"
-"""A controller variable that our simulator has and no real controller does, whatever address it is behind: who
-reads `SIMULATOR_TEXT` from it talks to a robot that cannot hurt anybody."""
+"""A controller variable that our simulator has and no real controller does, whatever address it is behind:
+who reads `SIMULATOR_TEXT` from it talks to a robot that cannot hurt anybody."""
 
 SIMULATOR_TEXT = "bcapscope simulator: nothing moves"
 """Value of `SIMULATOR_VARIABLE`, a BSTR."""
