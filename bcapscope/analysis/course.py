@@ -15,7 +15,7 @@ from bcapscope.analysis.forms import Columns, Forms, Picked, Picker
 from bcapscope.analysis.generation import Clue
 from bcapscope.analysis.motion import MotionModel, Poses, Start
 from bcapscope.analysis.points import Heed, Points
-from bcapscope.analysis.rows import Row, Rows, row_of, rows_of
+from bcapscope.analysis.rows import Row, Rows, frame_of, request_of, row_of, rows_of, sent_at
 from bcapscope.analysis.samples import Sampler
 from bcapscope.analysis.slices import Slicer
 from bcapscope.analysis.stay import (
@@ -157,20 +157,20 @@ class Course:
         if self.entered is not None:
             return self.entered
         first = self._first or (self.rows[0] if self.rows else None)
-        return ended if first is None else first.time
+        return ended if first is None else sent_at(first)
 
     def flush(self, setting: Setting) -> None:
         """Look at the set points that wait; `setting` counts where none were looked at before."""
         if not self.rows:
             return
-        kept, odd = self.rows, self.odd
-        self.rows, self.odd = [], []
         if self._figures is None:
-            self._first = kept[0]
+            self._first = self.rows[0]
             self.setting = setting
-            self._figures = _Figures(self.conversation.transport, setting, kept, self._window)
-        self._last = kept[-1]
-        rows = rows_of(kept, odd, self._figures.origin)
+            self._figures = _Figures(self.conversation.transport, setting, self.rows, self._window)
+        self._last = self.rows[-1]
+        rows = rows_of(self.rows, self.odd, self._figures.origin)
+        self.rows.clear()
+        self.odd.clear()
         with np.errstate(all="ignore"):  # numbers from the wire may be infinite or too large to square
             commanded, returned = self._figures.add(rows)
         if self._heed is not None:
@@ -233,7 +233,7 @@ def _handle_value(argument: bytes) -> int | None:
 
 
 def _spot(row: Row | None) -> Spot | None:
-    return None if row is None else Spot(row.frame, row.time)
+    return None if row is None else Spot(frame_of(row), sent_at(row))
 
 
 def mode_of(setting: Setting, pose_type: PoseType | None) -> Mode:
@@ -258,7 +258,7 @@ class _Figures:
         self, transport: Transport, setting: Setting, rows: Sequence[Row], window: int | None
     ) -> None:
         self._setting = setting
-        self.origin = rows[0].time if rows else 0
+        self.origin = sent_at(rows[0]) if rows else 0
         pose = next(_poses_in(rows, setting), None)
         self._pose_type = pose.type if pose else _pose_type(setting)
         self.axes: tuple[Axis, ...] = pose.axes if pose else ()
@@ -429,7 +429,7 @@ def _poses_in(rows: Sequence[Row], setting: Setting) -> Iterator[Pose]:
     send, receive = _formats(setting)
     pose_type = _pose_type(setting)
     for row in rows[:16]:
-        parameter = parameter_of(Frame(row.raw))
+        parameter = parameter_of(Frame(request_of(row)))
         if parameter is not None:
             pose = split_set_point(parameter, pose_type, send, receive).pose
             if pose is not None and pose.type is not None:

@@ -72,13 +72,13 @@ class _Form:
     __slots__ = ("_fields", "_fixed", "_pose", "_stamp", "_template")
 
     def __init__(self, raw: bytes, spans: Sequence[Number], pose: Sequence[int], stamp: int | None) -> None:
-        fixed = np.ones(len(raw), np.bool_)
-        fixed[_SERIAL_AND_RESERVED] = False
+        fixed = np.full(len(raw), 0xFF, np.uint8)
+        fixed[_SERIAL_AND_RESERVED] = 0
         places = list(_places(spans))
         for start, code in places:
-            fixed[start : start + struct.calcsize(f"<{code}")] = False
-        self._fixed = np.flatnonzero(fixed)
-        self._template = np.frombuffer(raw, np.uint8)[self._fixed]
+            fixed[start : start + struct.calcsize(f"<{code}")] = 0
+        self._fixed = fixed
+        self._template = np.frombuffer(raw, np.uint8)
         self._fields = np.dtype(
             {
                 "names": [str(index) for index in range(len(places))],
@@ -90,9 +90,10 @@ class _Form:
         self._pose = [str(index) for index in pose]
         self._stamp = None if stamp is None else str(stamp)
 
-    def agrees(self, data: NDArray[np.uint8]) -> Bools:
-        """Tell which rows of bytes have this form."""
-        return (data[:, self._fixed] == self._template).all(axis=1)  # type: ignore[no-any-return]  # numpy
+    def agrees(self, data: NDArray[np.uint8]) -> Bools | None:
+        """Tell which rows of bytes have this form; None for all."""
+        off = (data ^ self._template) & self._fixed
+        return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: Columns) -> None:
         """Put the numbers of `data`, all of this form, into `rows` of `columns`."""
@@ -139,7 +140,7 @@ class Forms:
                 data, rows = data[1:], rows[1:]
                 continue
             agrees = forms[tried].agrees(data)
-            if agrees.all():
+            if agrees is None:
                 forms[tried].read(data, rows, columns)
                 return
             forms[tried].read(data[agrees], rows[agrees], columns)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,37 +17,39 @@ _FURTHEST = 1 << 61
 """Nanoseconds; 73 years, which no capture lasts. A damaged one may claim times further apart."""
 
 
-class Row(NamedTuple):
-    """What is kept of a set point until many are looked at together.
-
-    Attributes:
-        call: number of the call.
-        frame: of the first request.
-        time: of that.
-        raw: bytes of that.
-        reply_frame: of the accepted reply; 0 where there is none.
-        replied: time of that; equal to `time` where there is none.
-        result: bytes of that; empty where there is none.
-    """
-
-    call: int
-    frame: int
-    time: int
-    raw: bytes
-    reply_frame: int
-    replied: int
-    result: bytes
+Row: TypeAlias = "tuple[int, int, int, bytes, int, int, bytes]"
+"""What is kept of a set point until many are looked at together: number of the call; frame, time and bytes of
+the first request; frame, time and bytes of the accepted reply. Where there is no reply its frame is 0, its
+time that of the request, and there are no bytes. A plain tuple takes a third of the time of a named one."""
 
 
 def row_of(call: Exchange) -> Row:
     """Take a call down to a row."""
     request, reply = call.request, call.reply
-    asked = call.call, request.number, request.time, request.item.raw
-    return (
-        Row(*asked, 0, request.time, b"")
-        if reply is None
-        else Row(*asked, reply.number, reply.time, reply.item.raw)
-    )
+    number, time, raw = request.number, request.time, request.item.raw
+    if reply is None:
+        return call.call, number, time, raw, 0, time, b""
+    return call.call, number, time, raw, reply.number, reply.time, reply.item.raw
+
+
+def frame_of(row: Row) -> int:
+    """Return the frame of the first request."""
+    return row[1]
+
+
+def sent_at(row: Row) -> int:
+    """Return when the first request was seen."""
+    return row[2]
+
+
+def request_of(row: Row) -> bytes:
+    """Return the bytes of the first request."""
+    return row[3]
+
+
+def replied_at(row: Row) -> int:
+    """Return when the reply was seen, or the request where there is none."""
+    return row[5]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +124,7 @@ def rows_of(rows: Sequence[Row], odd: Sequence[tuple[int, Exchange]], origin: in
         frames=np.array(frames, np.int64),
         reply_frames=reply_numbers,
         retries=np.zeros(len(rows), np.int64),
-        odd=odd,
+        odd=tuple(odd),
     )
     for index, call in odd:
         _fill(made, index, call)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.controller import Controller, fact_of, mode_asked
 from bcapscope.analysis.course import BATCH, Course, Key, Setting, parameter_of
 from bcapscope.analysis.generation import better, clue_of_call, clue_of_set_point
 from bcapscope.analysis.points import Heed
-from bcapscope.analysis.rows import Row
+from bcapscope.analysis.rows import Row, replied_at, sent_at
 from bcapscope.analysis.stay import MOST_LISTED, Exit, ExitReason, Stay
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import FUNCTIONS
@@ -54,8 +54,8 @@ _LEAVES_MODE = 3  # errors of this level and above end slave mode
 _HANDLE, _HANDLE_VALUE = slice(15, 29), slice(25, 29)
 
 
-_new_row = tuple.__new__
-"""Takes half the time of Row(...), and this is done for every set point."""
+_Latest: TypeAlias = "tuple[Question | None, Conversation | None, bytes, list[Row]]"
+_NOTHING: _Latest = (None, None, b"", [])
 
 
 class _Ended(NamedTuple):
@@ -88,52 +88,46 @@ class SlaveWatcher:
         self._ended: deque[_Ended] = deque()
         self._started = 0
         self._seen = 0
-        # The stay of the last set point, so that the next one of it is known at a glance.
+        # The stay of the last set point, and what tells the next one of it at a glance.
         self._course: Course | None = None
-        self._conversation: Conversation | None = None
-        self._question: Question | None = None
-        self._handle = b""
+        self._latest = _NOTHING
 
     def take(self, call: Exchange) -> Sequence[Stay]:
         """Take in a call that settled; return the stays of which no more is to be expected."""
-        course = self._course
-        if course is not None and self._keep(call, course.rows):
-            if len(course.rows) < BATCH:
-                return ()
-            self._flush(course)
+        question, conversation, handle, rows = self._latest
+        reply = call.reply
+        if (
+            call.question is question
+            and call.conversation is conversation
+            and reply is not None
+            and not call.others
+        ):
+            frame: int
+            time: int
+            reply_frame: int
+            replied: int
+            item: Frame
+            result: Frame
+            # observations are tuples, and taken apart so in less time than attribute by attribute
+            frame, time, _, _, item, _ = call.request  # type: ignore[misc]
+            reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]
+            raw, reserved = item.raw, item.reserved
+            is_first = not reserved or reserved == item.serial or call.origin_seen
+            if not result.code and raw[_HANDLE_VALUE] == handle and len(raw) <= LARGE and is_first:
+                rows.append((call.call, frame, time, raw, reply_frame, replied, result.raw))
+                return () if len(rows) < BATCH else self._look(call, kept=True)
+        return self._look(call)
+
+    def _look(self, call: Exchange, kept: bool = False) -> Sequence[Stay]:
+        """Take in a call of any kind, or one that was `kept` as a row already."""
+        if kept and self._course is not None:
+            self._flush(self._course)
         elif is_set_point(call):
             self._set_point(call)
         else:
             self._other(call)
         self._seen = max(self._seen, call.activity)
         return self._release(self._seen - HELD_NS) if self._ended else ()
-
-    def _keep(self, call: Exchange, rows: list[Row]) -> bool:
-        """Add a set point of the latest stay to its rows, if it was sent once and answered with S_OK."""
-        reply = call.reply
-        if (
-            call.question is not self._question
-            or call.conversation is not self._conversation
-            or reply is None
-            or call.others
-        ):
-            return False
-        frame: int
-        time: int
-        reply_frame: int
-        replied: int
-        item: Frame
-        result: Frame
-        # observations are tuples, and taken apart so in less time than attribute by attribute
-        frame, time, _, _, item, _ = call.request  # type: ignore[misc]
-        reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]
-        raw = item.raw
-        if result.code or raw[_HANDLE_VALUE] != self._handle or len(raw) > LARGE:
-            return False
-        if item.reserved and not call.origin_seen:
-            return False
-        rows.append(_new_row(Row, (call.call, frame, time, raw, reply_frame, replied, result.raw)))
-        return True
 
     def finish(self) -> tuple[Stay, ...]:
         """Return the stays that were not given out yet; the traffic has ended."""
@@ -213,11 +207,13 @@ class SlaveWatcher:
             course.after_end += 1
 
     def _look_at(self, course: Course | None, call: Exchange) -> None:
-        """Expect the next set point to be one of `course`; large ones are always looked at one by one."""
+        """Expect the next set point to be one of `course`; a compressed one has its handle elsewhere."""
         raw = call.request.item.raw
-        self._course = course if len(raw) <= LARGE and call.request.item.body is raw else None
-        self._conversation = call.conversation
-        self._question, self._handle = call.question, raw[_HANDLE_VALUE]
+        if course is not None and call.request.item.body is raw:
+            self._course = course
+            self._latest = call.question, call.conversation, raw[_HANDLE_VALUE], course.rows
+        else:
+            self._course, self._latest = None, _NOTHING
 
     # other calls
 
@@ -299,7 +295,7 @@ class SlaveWatcher:
         if len(self._over) > MOST_STAYS:
             del self._over[next(iter(self._over))]
         if self._course is course:
-            self._course = None
+            self._course, self._latest = None, _NOTHING
         setting = self._setting(course)
         course.flush(setting)
         self._ended.append(_Ended(course, exit_, setting))
@@ -352,7 +348,7 @@ def _frames_of(call: Exchange) -> tuple[int, ...]:
 
 def _last_seen(course: Course) -> int:
     last = course.last
-    return course.entered or 0 if last is None else max(last.time, last.replied)
+    return course.entered or 0 if last is None else max(sent_at(last), replied_at(last))
 
 
 def _explain(ended: _Ended, controller: Controller) -> Exit:
@@ -360,7 +356,7 @@ def _explain(ended: _Ended, controller: Controller) -> Exit:
     course, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
-    last = course.began(exit_.time) if course.last is None else course.last.time
+    last = course.began(exit_.time) if course.last is None else sent_at(course.last)
     found_off = exit_.reason is ExitReason.FOUND_OFF
     until = exit_.time if found_off else max(exit_.time, last) + SILENCE_NS
     changes = [call for call in controller.between(last, until) if _leaves(call, course)]

@@ -66,7 +66,9 @@ def _stays(settled: Iterable[Settled], window: int | None, wanted: Filter | None
     test = None if wanted is None else wanted.bind(CALL_GETTERS)
     for item in settled:
         if isinstance(item, Exchange) and (test is None or not is_set_point(item) or test(item)):
-            yield from take(item)
+            ended = take(item)
+            if ended:
+                yield from ended
     yield from watcher.finish()
 
 
