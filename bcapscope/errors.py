@@ -4,6 +4,8 @@ Reading never raises: bytes that make no sense become items that say so. What is
 fault it was, so that a caller need not read the message to know what to do next.
 """
 
+from typing import NamedTuple
+
 
 class BcapError(Exception):
     """Base of every exception that bcapscope raises on purpose."""
@@ -11,6 +13,83 @@ class BcapError(Exception):
 
 class LocalProtocolError(BcapError):
     """We were asked to send something that b-CAP cannot express; nothing was sent."""
+
+
+class RemoteProtocolError(BcapError):
+    """The peer sent what it may not send, such as an answer of another type than the function has.
+
+    Attributes:
+        raw: the frame or bytes.
+    """
+
+    def __init__(self, message: str, raw: bytes) -> None:
+        super().__init__(message)
+        self.raw = raw
+
+
+class ControllerError(BcapError):
+    """The controller refused a call.
+
+    Attributes:
+        hresult: result code, unsigned.
+        name: the vendor's symbol such as `E_HANDLE`, else the code in hex.
+        meaning: in words.
+    """
+
+    def __init__(self, call: str, hresult: int, name: str, meaning: str) -> None:
+        """Tell that `call`, such as `Robot_Execute slvMove`, was answered with `hresult`."""
+        super().__init__(f"{call} was refused: {name}, {meaning}")
+        self.hresult = hresult
+        self.name = name
+        self.meaning = meaning
+
+
+class Arrival(NamedTuple):
+    """Something that came for a try and was no answer in time.
+
+    Attributes:
+        time: nanoseconds of the clock that the tries have.
+        what: name of the result code, or what the system said.
+    """
+
+    time: int
+    what: str
+
+
+class Attempt(NamedTuple):
+    """One try of a call.
+
+    Attributes:
+        serial: of its packet.
+        reserved: of its packet.
+        sent: nanoseconds of a clock that does not go back.
+        came: what came for it, in order.
+    """
+
+    serial: int
+    reserved: int
+    sent: int
+    came: tuple[Arrival, ...] = ()
+
+    def text(self, start: int) -> str:
+        """Tell it in words, times counted from `start`."""
+        came = ", ".join(f"{arrival.what} at {(arrival.time - start) / 1e6:.3f} ms" for arrival in self.came)
+        head = f"serial {self.serial}, reserved {self.reserved}, sent at {(self.sent - start) / 1e6:.3f} ms"
+        return f"{head}: {came or 'nothing came'}"
+
+
+class ExchangeTimeout(BcapError, TimeoutError):
+    """No try of a call was answered in time.
+
+    Attributes:
+        attempts: all tries, in order.
+    """
+
+    def __init__(self, call: str, attempts: tuple[Attempt, ...]) -> None:
+        """Tell that `call`, such as `Robot_Execute slvMove`, had no answer to any of its tries."""
+        tries = "".join(f"\n  {attempt.text(attempts[0].sent)}" for attempt in attempts)
+        super().__init__(f"{call} was not answered in time, {len(attempts)} tries:{tries}")
+        self.attempts = attempts
 
 
 class CaptureError(BcapError):

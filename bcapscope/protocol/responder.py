@@ -81,7 +81,7 @@ class _Call:
     def asked_by(self, frame: Frame) -> None:
         """Take `frame` for one more packet of this call."""
         self.serials |= {frame.serial, frame.reserved or frame.serial}
-        if (frame.serial - self.newest) % _RING < _RING // 2:
+        if _is_ahead(frame.serial, self.newest):
             self.newest = frame.serial
             self.reserved = frame.reserved
 
@@ -95,6 +95,11 @@ class _Call:
         """Whether a packet's serial is a little before the newest of this call."""
         behind: int = (self.newest - frame.serial) % _RING
         return behind < _MOST_TRIES
+
+
+def _is_ahead(serial: int, other: int) -> bool:
+    """Whether a serial was counted after another one, or is the same."""
+    return (serial - other) % _RING < _RING // 2
 
 
 class Responder:
@@ -219,9 +224,14 @@ class Responder:
         if self.convention not in (Convention.UNKNOWN, Convention.CHAIN) or not equal:
             return None
         is_retry = frame.reserved not in (0, frame.serial)
-        if is_retry and equal[0] is calls[0]:
-            return equal[0]
-        return next((call for call in equal if call.overtook(frame)), None)
+        for call in equal:
+            others = (other.newest for other in calls if other is not call)
+            is_next = not any(
+                _is_ahead(newest, call.newest) and _is_ahead(frame.serial, newest) for newest in others
+            )
+            if call.overtook(frame) or (is_retry and is_next):
+                return call
+        return None
 
     def _learn(self, frame: Frame) -> None:
         """Learn the convention from a packet: only in a chain does each retry name the try before it."""

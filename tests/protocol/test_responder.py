@@ -49,6 +49,8 @@ def _play(responder: Responder, *packets: tuple[int, int, int]) -> str:
         ([(5, 0, 0), (7, 6, 0), (8, 7, 0)], "NEW REPEAT REPEAT"),
         ([(7, 6, 0), (5, 0, 0), (6, 5, 0)], "NEW REPEAT REPEAT"),
         ([(5, 0, 0), (7, 6, 1)], "NEW NEW"),
+        ([(4, 0, 1), (3, 0, 0), (6, 5, 1)], "NEW NEW REPEAT"),
+        ([(1, 0, 1), (6, 0, 0), (3, 2, 1)], "NEW NEW REPEAT"),
         ([(65535, 0, 0), (1, 65535, 0), (2, 65535, 0)], "NEW REPEAT REPEAT"),
         ([(65535, 0, 0), (0, 65535, 0), (1, 0, 0)], "NEW REPEAT REPEAT"),
         ([(0, 0, 0), (1, 0, 1), (2, 0, 0)], "NEW NEW NEW"),

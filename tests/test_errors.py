@@ -1,0 +1,28 @@
+"""What exceptions say, since that is what users read."""
+
+from __future__ import annotations
+
+from bcapscope.errors import Arrival, Attempt, BcapError, ControllerError, ExchangeTimeout
+
+
+def test_a_time_out_lists_every_try() -> None:
+    start = 5_000_000_000
+    attempts = (
+        Attempt(7, 0, start, (Arrival(start + 19_000_000, "S_OK"),)),
+        Attempt(8, 7, start + 16_000_000),
+    )
+    error = ExchangeTimeout("Robot_Execute slvMove", attempts)
+    assert str(error).splitlines() == [
+        "Robot_Execute slvMove was not answered in time, 2 tries:",
+        "  serial 7, reserved 0, sent at 0.000 ms: S_OK at 19.000 ms",
+        "  serial 8, reserved 7, sent at 16.000 ms: nothing came",
+    ]
+    assert error.attempts == attempts
+    assert isinstance(error, TimeoutError)
+    assert isinstance(error, BcapError)
+
+
+def test_a_refusal_tells_what_and_why() -> None:
+    error = ControllerError("Robot_Execute slvMove", 0x83500121, "0x83500121", "not in slave mode")
+    assert str(error) == "Robot_Execute slvMove was refused: 0x83500121, not in slave mode"
+    assert error.hresult == 0x83500121
