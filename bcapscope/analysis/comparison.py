@@ -33,21 +33,23 @@ NOTABLE_SHARE = 0.002
 """Of all calls of a kind: a difference in how many were retried, refused or left unanswered."""
 
 CHANCE = 3.0
-"""Standard deviations that two shares of what happens by chance, as losses do, must be apart."""
+"""Standard deviations that must lie between two counts of what happens by chance, as losses do."""
 
 Value: TypeAlias = "float | str | None"
 
 
 @dataclass(frozen=True, slots=True)
-class Account:
+class Side:
     """What is compared of a capture.
 
     Attributes:
+        name: of the capture, for people.
         statistics: of its calls; None where it has none.
         stays: its stays in slave mode, in the order of their beginnings, `MOST_STAYS` at most.
         findings: of its diagnosis.
     """
 
+    name: str
     statistics: Statistics | None
     stays: tuple[Stay, ...]
     findings: tuple[Finding, ...]
@@ -135,7 +137,7 @@ class Comparison:
         return stays or rules or any(each.notable for each in self.differences)
 
 
-def compare(good: Account, bad: Account) -> Comparison:
+def compare(good: Side, bad: Side) -> Comparison:
     """Compare the figures and findings of two captures, all clients of each together.
 
     The first stay in slave mode of one is compared with the first of the other, and so on.
@@ -190,12 +192,12 @@ def _share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
 
 
 def _chance(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge shares of what a network does by chance, such as losses."""
+    """Judge how often something happens by chance, such as losses, whose counts Poisson spreads."""
     if not (isinstance(good, float) and isinstance(bad, float)) or not _share(good, bad, counts):
         return False
     one, two = counts
     both = (good * one + bad * two) / (one + two)
-    return abs(good - bad) > CHANCE * math.sqrt(both * (1 - both) * (1 / one + 1 / two))
+    return abs(good - bad) > CHANCE * math.sqrt(both * (1 / one + 1 / two))
 
 
 def _word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
@@ -241,7 +243,7 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[Figures], Value], _Judge], ...] = (
     ("latency_ms.p99", _latency("p99"), _apart(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.max", _latency("most"), _apart(2 * NOTABLE_RATIO, NOTABLE_MS)),
     ("retried_share", _of_calls(lambda figures: figures.retried), _chance),
-    ("late_share", _of_calls(lambda figures: figures.late), _chance),
+    ("late_replies_per_call", _of_calls(lambda figures: figures.late), _chance),
     ("refused_share", _of_calls(lambda figures: figures.refused), _share),
     ("unanswered_share", _of_calls(lambda figures: figures.unanswered), _share),
 )
@@ -256,7 +258,7 @@ _PACES = ("calls_per_s", "line_time_share")
 # stays in slave mode
 
 
-def _stays(good: Account, bad: Account) -> Iterator[Difference]:
+def _stays(good: Side, bad: Side) -> Iterator[Difference]:
     for number, (first, second) in enumerate(zip_longest(good.stays, bad.stays), 1):
         if first is None or second is None:
             return
@@ -300,7 +302,7 @@ _STAY_FIGURES: tuple[tuple[str, Callable[[Stay], Value], _Judge], ...] = (
     ("predicted_underflows", lambda stay: float(stay.buffer.starved), _apart(NOTABLE_RATIO)),
     ("reported_underflows", lambda stay: float(len(stay.buffer.reported_underflows)), _always),
     ("reported_overflows", lambda stay: float(len(stay.buffer.reported_overflows)), _always),
-    ("retries_per_set_point", _of_points(lambda stay: stay.counts.retries), _apart(NOTABLE_RATIO, 0.005)),
+    ("retries_per_set_point", _of_points(lambda stay: stay.counts.retries), _chance),
     ("unanswered_share", _of_points(lambda stay: stay.counts.unanswered), _share),
 )
 

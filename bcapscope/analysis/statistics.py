@@ -191,7 +191,7 @@ class _Tally:
             rate=self.calls / seconds if seconds else None,
             share=self.waited / nanoseconds if nanoseconds else None,
             latency=self.histogram.distribution(),
-            codes=tuple(self.codes.most_common()),
+            codes=tuple(sorted(self.codes.items(), key=lambda code: (-code[1], code[0]))),
         )
 
 
@@ -303,10 +303,6 @@ class Slices:
         return self._give_out(list(self._open))
 
     def _give_out(self, numbers: list[int]) -> list[Statistics]:
-        found = []
-        for number in sorted(numbers):
-            start = (self._origin or 0) + number * self._length
-            statistics = self._open.pop(number).statistics(start, start + self._length)
-            if statistics is not None:
-                found.append(statistics)
-        return found
+        starts = [(number, (self._origin or 0) + number * self._length) for number in sorted(numbers)]
+        found = (self._open.pop(number).statistics(start, start + self._length) for number, start in starts)
+        return [statistics for statistics in found if statistics is not None]

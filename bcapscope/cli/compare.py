@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from bcapscope.analysis.comparison import MOST_STAYS, Account, compare
+from bcapscope.analysis.comparison import MOST_STAYS, Side, compare
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.statistics import Summary
 from bcapscope.analysis.stay import Stay
@@ -39,23 +39,22 @@ def command(*, good: str, bad: str, ports: tuple[int, ...], as_json: bool, color
     if good == bad == "-":
         raise click.UsageError("standard input can be only one of the two")
     readings = [Reading([path], ports) for path in (good, bad)]
-    accounts = [_account(reading) for reading in readings]
+    first, second = (_side(path, reading) for path, reading in zip((good, bad), readings, strict=True))
     for path, reading in zip((good, bad), readings, strict=True):
         narrate(f"{printable(path)}:")
         reading.summary()
     code = max(reading.exit for reading in readings)
     if code < Exit.UNREADABLE:
-        named = (good, accounts[0]), (bad, accounts[1])
-        found = compare(*accounts)
+        found = compare(first, second)
         output, pause = readings[1].output, readings[1].pause
         if as_json:
-            output.write_lines([comparison_record(found, *named)], pause)
+            output.write_lines([comparison_record(found, first, second)], pause)
         else:
-            output.write_lines(comparison_lines(found, *named, palette(color)), pause)
+            output.write_lines(comparison_lines(found, first, second, palette(color)), pause)
     sys.exit(code)
 
 
-def _account(reading: Reading) -> Account:
+def _side(path: str, reading: Reading) -> Side:
     """Read a capture to its end, once."""
     stays: list[Stay] = []
     diagnosis, summary, tracker = Diagnosis(stays.append), Summary(), Tracker()
@@ -76,4 +75,4 @@ def _account(reading: Reading) -> Account:
         take(settled)
     findings = diagnosis.finish()
     first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]
-    return Account(summary.statistics(), tuple(first), findings)
+    return Side(path, summary.statistics(), tuple(first), findings)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import orjson
 
-from bcapscope.analysis.comparison import Account, Comparison, Difference, Lone, RuleDifference, Value
+from bcapscope.analysis.comparison import Comparison, Difference, Lone, RuleDifference, Side, Value
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.statistics import OTHERS
 from bcapscope.protocol.functions import function_name
@@ -27,7 +27,7 @@ _WORDS = {
     "calls_per_s": "calls",
     "line_time_share": "line time",
     "retried_share": "retried",
-    "late_share": "late replies",
+    "late_replies_per_call": "late replies per call",
     "refused_share": "refused",
     "unanswered_share": "unanswered",
     "exit": "ended by",
@@ -42,41 +42,35 @@ _WORDS = {
 
 
 def comparison_lines(
-    comparison: Comparison, good: tuple[str, Account], bad: tuple[str, Account], palette: Palette = PLAIN
+    comparison: Comparison, good: Side, bad: Side, palette: Palette = PLAIN
 ) -> Iterator[str]:
     """Write what differs, notable things first.
 
     Args:
         comparison: of the two.
-        good: name and account of the first capture.
-        bad: those of the second.
+        good: the first capture.
+        bad: the second.
         palette: colours.
     """
-    heads = [(side, printable(name), _size(account)) for side, (name, account) in _sides(good, bad)]
+    heads = [(name, printable(side.name), _size(side)) for name, side in (("good", good), ("bad", bad))]
     yield from columns(heads, "<<<")
     if not comparison.is_notable:
         yield from ("", f"{palette.good}nothing notable differs{palette.reset}")
     yield from _part("notable", _notable(comparison), palette)
     yield from _part("findings", _rules(comparison.rules, palette), palette)
-    yield from _part(f"asked only in {printable(good[0])}", _lone(comparison.only_good), palette)
-    yield from _part(f"asked only in {printable(bad[0])}", _lone(comparison.only_bad), palette)
+    yield from _part(f"asked only in {printable(good.name)}", _lone(comparison.only_good), palette)
+    yield from _part(f"asked only in {printable(bad.name)}", _lone(comparison.only_bad), palette)
     others = [each for each in comparison.differences if not each.notable]
     yield from _part("other differences", _rows(others), palette)
 
 
-def _sides(
-    good: tuple[str, Account], bad: tuple[str, Account]
-) -> tuple[tuple[str, tuple[str, Account]], tuple[str, tuple[str, Account]]]:
-    return ("good", good), ("bad", bad)
-
-
-def _size(account: Account) -> str:
-    statistics = account.statistics
+def _size(side: Side) -> str:
+    statistics = side.statistics
     if statistics is None:
         return "no calls"
     seconds = (statistics.end - statistics.start) / 1e9
     counts = {severity: 0 for severity in Severity}
-    for finding in account.findings:
+    for finding in side.findings:
         counts[finding.severity] += 1
     found = [counted(count, severity.value) for severity, count in counts.items() if count]
     return f"{counted(statistics.total.figures.calls, 'call')} in {seconds:.3f} s; " + (
@@ -143,7 +137,7 @@ def _value(figure: str, value: Value) -> str:
         return f"{value:.3f} ms"
     if figure.endswith("_per_s"):
         return f"{value:.1f}/s"
-    return f"{value:.3f}" if figure == "retries_per_set_point" else f"{value:.0f}"
+    return f"{value:.4f}" if "_per_" in figure else f"{value:.0f}"
 
 
 def _rules(rules: Sequence[RuleDifference], palette: Palette) -> Iterator[str]:
@@ -159,30 +153,32 @@ def _lone(lone: Sequence[Lone]) -> Iterator[str]:
     return _table([(str(each.calls), question_text(each.question)) for each in lone], "><")
 
 
-def comparison_record(comparison: Comparison, good: tuple[str, Account], bad: tuple[str, Account]) -> bytes:
+def comparison_record(comparison: Comparison, good: Side, bad: Side) -> bytes:
     """Write what differs as one JSON object, without a line end.
 
     Figures are named as in the JSON of ``stats`` where that has them; shares are of 1, times in milliseconds.
     """
-    sides = b",".join(b'"%b":%b' % (side.encode("ascii"), _side(*named)) for side, named in _sides(good, bad))
-    parts = (
+    form = (
+        b'{"notable":%b,"good":%b,"bad":%b,"differences":[%b],"only_good":[%b],"only_bad":[%b],'
+        b'"findings":[%b]}'
+    )
+    return form % (
         orjson.dumps(comparison.is_notable),
-        sides,
+        _side_record(good),
+        _side_record(bad),
         b",".join(map(_difference_record, comparison.differences)),
         b",".join(map(_lone_record, comparison.only_good)),
         b",".join(map(_lone_record, comparison.only_bad)),
         b",".join(map(_rule_record, comparison.rules)),
     )
-    form = b'{"notable":%b,%b,"differences":[%b],"only_good":[%b],"only_bad":[%b],"findings":[%b]}'
-    return form % parts
 
 
-def _side(name: str, account: Account) -> bytes:
-    statistics = account.statistics
+def _side_record(side: Side) -> bytes:
+    statistics = side.statistics
     calls = 0 if statistics is None else statistics.total.figures.calls
     seconds = 0.0 if statistics is None else (statistics.end - statistics.start) / 1e9
-    counts = (calls, orjson.dumps(seconds), len(account.stays), len(account.findings))
-    return b'{"name":%b,"calls":%d,"seconds":%b,"stays":%d,"findings":%d}' % (json_text(name), *counts)
+    counts = (calls, orjson.dumps(seconds), len(side.stays), len(side.findings))
+    return b'{"name":%b,"calls":%d,"seconds":%b,"stays":%d,"findings":%d}' % (json_text(side.name), *counts)
 
 
 def _difference_record(each: Difference) -> bytes:
