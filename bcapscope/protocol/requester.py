@@ -2,8 +2,8 @@
 
 No socket and no clock: each method is told what time it is, in nanoseconds of any clock that does not go
 back, and three questions are answered afterwards: what to send (`data_to_send`), when to call `wake` (`due`),
-and what happened (`events`). The rules are those of DENSO Wave 2009, How to use the Slave mode (Retry sequence
-in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
+and what happened (`events`). The rules are those of DENSO Wave 2009, How to use the Slave mode (Retry
+sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
 """
 
 from __future__ import annotations
