@@ -50,11 +50,11 @@ class Lag:
         least, most = float(squares[best]), float(squares.max())
         if not math.isfinite(most) or most <= _CLEAR * least or best == MOST_CYCLES:
             return None
-        if best == 0:
-            return 0.0
-        before, after = float(squares[best - 1]), float(squares[best + 1])
-        bend = before - 2 * least + after
-        return best + (before - after) / (2 * bend) if bend > 0 else float(best)
+        middle = max(best, 1)
+        before, at, after = squares[middle - 1 : middle + 2].tolist()
+        bend = before - 2 * at + after
+        vertex = middle + (before - after) / (2 * bend) if bend > 0 else float(best)
+        return float(max(vertex, 0.0))
 
     def of_all(self) -> float | None:
         """Return the median of the axes that have one; None where none has."""

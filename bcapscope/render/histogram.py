@@ -11,6 +11,7 @@ from bcapscope.render.palette import PLAIN, Palette
 BAR_WIDTH = 40
 
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
+_NEAR = tuple(2.0**-power for power in range(10, 1, -1))
 _AROUND = (0.5, 0.75, 0.875, 0.9375, 0.9875, 1.0125, 1.0625, 1.125, 1.25, 1.5, 2.0, 3.0)
 _FAR = tuple(2.0**power for power in range(2, 21))
 _STEPS = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5))
@@ -18,7 +19,7 @@ _STEPS = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5
 
 def edges_around(period: float) -> tuple[float, ...]:
     """Return edges for values that should be `period`: close together there, far apart far away."""
-    return tuple(period * factor for factor in (*_AROUND, *_FAR))
+    return tuple(period * factor for factor in (*_NEAR, *_AROUND, *_FAR))
 
 
 def edges_by_decades() -> tuple[float, ...]:
@@ -56,6 +57,6 @@ def _bar(share: float) -> str:
 
 
 def _span(edges: Sequence[float], row: int) -> str:
-    low = "" if row == 0 else f"{edges[row - 1]:g}"
-    high = "" if row == len(edges) else f"{edges[row]:g}"
+    low = "" if row == 0 else f"{edges[row - 1]:.4g}"
+    high = "" if row == len(edges) else f"{edges[row]:.4g}"
     return f"{low:>8} – {high:<8}"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.distribution import Distribution
 from bcapscope.analysis.stay import AxisMotion, Motion, Peak
-from bcapscope.render.captioned import captioned, frames_text, more, times_text
+from bcapscope.render.captioned import captioned, frames_text, more, times_text, wrapped
 from bcapscope.render.columns import columns
 from bcapscope.render.palette import Palette
 
@@ -19,7 +19,8 @@ def motion_lines(motion: Motion, palette: Palette) -> Iterator[str]:
         yield more(f"{motion.unread} could not be read, or are of another type")
     if motion.not_finite:
         frames = frames_text(motion.not_finite_frames, motion.not_finite)
-        yield more(f"{palette.problem}{motion.not_finite} hold NaN or infinity{palette.reset}  {frames}")
+        text = f"{motion.not_finite} hold NaN or infinity; {frames}"
+        yield from wrapped(text, palette.problem, palette.reset)
     yield from _axes([axis for axis in motion.axes if axis.name != "Fig"], palette)
     yield from _oddities(motion, palette)
 
@@ -83,16 +84,18 @@ def _oddities(motion: Motion, palette: Palette) -> Iterator[str]:
         yield more(f"first point {_distance(motion)} from where the robot stood,")
         yield more(f"by {motion.first_distance_known_by}")
     if motion.repeated:
-        stops = f", {motion.stutters} of them between two that move" if motion.stutters else ""
-        frames = frames_text(motion.stutter_list, motion.stutters)
-        yield more(f"{motion.repeated} points equal to the one before{stops}  {frames}".rstrip())
+        text = f"{motion.repeated} points equal to the one before"
+        if motion.stutters:
+            frames = frames_text(motion.stutter_list, motion.stutters)
+            text = f"{text}, {motion.stutters} of them between two that move; {frames}"
+        yield from wrapped(text)
     if motion.jumps:
         first = motion.jump_list[0]
         text = (
             f"{motion.jumps} steps far larger than those beside, the first {first.step:.4g} on {first.axis}"
         )
         frames = frames_text([jump.frame for jump in motion.jump_list], motion.jumps)
-        yield more(f"{palette.problem}{text}{palette.reset}  {frames}")
+        yield from wrapped(f"{text}; {frames}", palette.problem, palette.reset)
     if motion.figure_changes:
         yield more(f"Fig changes {times_text(motion.figure_changes)}")
 

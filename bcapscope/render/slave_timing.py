@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.distribution import Distribution
 from bcapscope.analysis.stay import Slice, Stay, Timing
-from bcapscope.render.captioned import captioned, frames_text, more
+from bcapscope.render.captioned import captioned, frames_text, more, wrapped
 from bcapscope.render.columns import columns
 from bcapscope.render.histogram import edges_around, edges_by_decades, histogram
 from bcapscope.render.palette import Palette
@@ -30,8 +30,9 @@ def timing_lines(timing: Timing, palette: Palette) -> Iterator[str]:
         yield more(_on_grid(timing, timing.cycle))
         if timing.gaps:
             late = [fact.request for fact in timing.gap_list]
-            text = f"{timing.gaps} longer than {timing.slack_ms:g} ms, which the buffer can bridge"
-            yield more(f"{palette.problem}{text}{palette.reset}  {frames_text(late, timing.gaps)}")
+            text = f"{timing.gaps} longer than the {timing.slack_ms:g} ms that the buffer can bridge"
+            text = f"{text}; {frames_text(late, timing.gaps)}"
+            yield from wrapped(text, palette.problem, palette.reset)
         yield captioned("cycles", "in ms", palette)
         yield from _drawn(timing.cycle, edges_around(timing.grid_ms), palette)
     if timing.latency is not None:
