@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
+from functools import partial
 from itertools import chain, starmap
+from typing import TypeVar
 
 import click
 
@@ -15,6 +17,7 @@ from bcapscope.cli.reading import Reading
 from bcapscope.render.hexdump import hexdump
 from bcapscope.render.line import LineRenderer
 from bcapscope.render.moment import Clock
+from bcapscope.render.palette import Palette
 from bcapscope.render.record import RecordRenderer
 from bcapscope.render.table import TableRenderer
 from bcapscope.render.tree import TreeRenderer
@@ -23,6 +26,8 @@ from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import FRAME_GETTERS, Told
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Question, Questions
+
+T = TypeVar("T")
 
 
 class Style(StrEnum):
@@ -75,24 +80,25 @@ def command(
     if dump and style in (Style.CSV, Style.JSON):
         raise click.UsageError("--hex goes with lines and trees")
     reading = Reading(paths, ports, interface, text)
-    told = _told(reading, wanted)
     if style is Style.JSON:
-        lines: Iterable[str] | Iterable[bytes] = starmap(RecordRenderer().record, told)
+        lines: Iterable[str] | Iterable[bytes] = _rendered(reading, wanted, RecordRenderer().record)
     elif style is Style.CSV:
         table = TableRenderer()
-        lines = chain([table.header()], (table.row(seen, question) for seen, question, _ in told))
+        rows = _rendered(reading, wanted, lambda seen, question, _: table.row(seen, question))
+        lines = chain([table.header()], rows)
     else:
         colors = palette(color)
         line = LineRenderer(Clock(clock), colors, brief=text is not None)
         reading.begin = line.begin
         if style is Style.TREE:
-            lines = _detailed(told, line, TreeRenderer(colors, full, dump).lines)
+            lines = _detailed(_told(reading, wanted), line, TreeRenderer(colors, full, dump).lines)
         elif dump:
-            lines = _detailed(told, line, lambda seen, _: hexdump(seen.item.raw, palette=colors))
+            dumped = partial(_dumped, colors)
+            lines = _detailed(_told(reading, wanted), line, dumped)
         elif text is not None:
-            lines = _remarked(told, line)
+            lines = _remarked(_told(reading, wanted), line)
         else:
-            lines = starmap(line.line, told)
+            lines = _rendered(reading, wanted, line.line)
     reading.output.write_lines(lines, reading.pause)
     reading.summary()
     sys.exit(reading.exit)
@@ -100,13 +106,23 @@ def command(
 
 def _told(reading: Reading, wanted: Filter | None) -> Iterator[Told]:
     """Tell what each observation is about, and pass on those that are wanted."""
+    told = _rendered(reading, None, Told)
+    return told if wanted is None else filter(wanted.bind(FRAME_GETTERS), told)
+
+
+def _rendered(reading: Reading, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
+    """Render each observation that is wanted, with what it is about and what the capture has on it."""
+    if wanted is not None:
+        return starmap(render, _told(reading, wanted))
     about, comments = Questions().about, reading.comments
-    new = tuple.__new__
-    told = (
-        new(Told, (seen, about(seen), comments.get(seen.packet, ()) if comments else ()))
+    return (
+        render(seen, about(seen), comments.get(seen.packet, ()) if comments else ())
         for seen in reading.observations()
     )
-    return told if wanted is None else filter(wanted.bind(FRAME_GETTERS), told)
+
+
+def _dumped(colors: Palette, seen: Observation, question: Question | None) -> Iterator[str]:
+    return hexdump(seen.item.raw, palette=colors)
 
 
 def _detailed(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable
+from itertools import islice
 from typing import TypeGuard, cast
 
 import click
@@ -13,43 +14,29 @@ from bcapscope.render.palette import ANSI, PLAIN, Palette
 
 
 class Output:
-    """Collects lines of data and writes many at once.
-
-    `flush` is called before anything waits for more input, so that live traffic is seen as it comes.
-    """
+    """Writes lines of data to stdout."""
 
     def __init__(self, lines_at_once: int = 512) -> None:
-        """Write when `lines_at_once` have come together."""
+        """Write so many lines at once: many for speed, one where they are to be seen as they come."""
         self._most = lines_at_once
-        self._lines: list[str] | list[bytes] = []
         self._stdout = sys.stdout.buffer
 
     def write_lines(self, lines: Iterable[str] | Iterable[bytes], pause: Callable[[], None]) -> None:
         """Write each line; call `pause` whenever some were written."""
-        kept = self._lines
-        append = cast(Callable[[str | bytes], None], kept.append)
-        for line in lines:
-            append(line)
-            if len(kept) >= self._most:
-                self.flush()
-                pause()
-        self.flush()
-
-    def flush(self) -> None:
-        """Write out what was collected."""
-        lines = self._lines
-        if lines:
-            text = b"\n".join(lines) if _are_bytes(lines) else _encoded(cast(list[str], lines))
-            lines.clear()
-            self._stdout.write(text + b"\n")
-        self._stdout.flush()
+        source = iter(cast("Iterable[str | bytes]", lines))
+        while batch := list(islice(source, self._most)):
+            self._stdout.write(_joined(batch))
+            self._stdout.flush()
+            pause()
 
 
-def _encoded(lines: list[str]) -> bytes:
-    return "\n".join(lines).encode("utf-8")
+def _joined(lines: list[str | bytes]) -> bytes:
+    if _are_bytes(lines):
+        return b"\n".join(lines) + b"\n"
+    return ("\n".join(cast(list[str], lines)) + "\n").encode("utf-8")
 
 
-def _are_bytes(lines: list[str] | list[bytes]) -> TypeGuard[list[bytes]]:
+def _are_bytes(lines: list[str | bytes]) -> TypeGuard[list[bytes]]:
     return isinstance(lines[0], bytes)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -59,8 +60,7 @@ class Reading:
             raise click.UsageError("name a capture, - for standard input, or an interface with -i")
         self.exit = Exit.OK
         self.begin: Callable[[int], object] = lambda time: None
-        # What is live is to be seen at once; what lies in a file is to be read fast.
-        self.output = Output(1) if interface else Output()
+        self.output = Output(1) if interface or STDIN in paths else Output()
         self._paths = paths
         self._interface = interface
         self._pasted = None if text is None else self._read_text(text)
@@ -68,6 +68,7 @@ class Reading:
         self._progress = Progress()
         self._file: CaptureFile | None = None
         self._lost = 0
+        self._troubles: list[str] = []
 
     def observations(self) -> Iterator[Observation]:
         """Yield all that is said; what cannot be read is told on stderr, in one sentence each."""
@@ -93,10 +94,13 @@ class Reading:
             self._progress.show(self._file.position, self._file.size)
 
     def summary(self) -> None:
-        """Tell on stderr what was read, what was left aside, and which servers had to be worked out."""
+        """Tell on stderr what was read, what could not be, and which servers had to be worked out."""
         if self._pasted is not None:
             narrate(f"{_number(len(self._pasted.observations), 'packet')} found in the text")
             return
+        self._progress.done()
+        for trouble in self._troubles:
+            narrate(trouble)
         told = [c for c in self._observer.conversations if not c.side_known_by.startswith("port ")]
         for conversation in told[:_MOST_SIDES_TOLD]:
             server, reason = conversation.server, conversation.side_known_by
@@ -114,7 +118,8 @@ class Reading:
             narrate(f"{printable(path)}: cannot be opened: {error.strerror}")
             self.exit = Exit.UNREADABLE
             return Pasted([], {})
-        pasted = observe_text(data.decode("utf-8", "replace"))
+        encoding = "utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
+        pasted = observe_text(data.decode(encoding, "replace"))
         if not pasted.observations:
             narrate(f"{'standard input' if path == STDIN else printable(path)}: there is no hex in this text")
             self.exit = Exit.UNREADABLE
@@ -146,25 +151,20 @@ class Reading:
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:
             return open_capture(path)
-        return CaptureFile(cast(BinaryIO, _Patient(self.output)))
+        return CaptureFile(cast(BinaryIO, _StandardInput()))
 
     def _report(self, path: str, error: CaptureError) -> None:
-        self.output.flush()
-        self._progress.done()
-        narrate(f"{'standard input' if path == STDIN else printable(path)}: {error}")
+        self._troubles.append(f"{'standard input' if path == STDIN else printable(path)}: {error}")
         self.exit = max(self.exit, Exit.DAMAGED if error.offset else Exit.UNREADABLE)
 
 
-class _Patient:
-    """Standard input that lets everything found so far be written out before it waits for more."""
+class _StandardInput:
+    """Gives what there is without waiting for more; Ctrl-C while it waits ends the capture."""
 
-    def __init__(self, output: Output) -> None:
+    def __init__(self) -> None:
         self._stream = io.FileIO(sys.stdin.fileno(), closefd=False)
-        self._output = output
 
     def read(self, size: int) -> bytes:
-        """Read what there is, up to `size` bytes; Ctrl-C while waiting ends the capture, not the program."""
-        self._output.flush()
         try:
             return self._stream.read(size) or b""
         except KeyboardInterrupt:

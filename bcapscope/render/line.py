@@ -52,13 +52,18 @@ class LineRenderer:
         number, time, _, flow, item, _ = seen
         if isinstance(item, Malformed):
             return self._malformed(seen, item)
-        head = number, self._time(time), item.serial, item.reserved
         found = item.layout
         if found is None:
+            head = number, self._time(time), item.serial, item.reserved
             return self._odd(flow, item, question).fill(head, flatten(item.arguments))
-        key = flow, found[0], question
+        layout, numbers = found
+        key = flow, layout, question
         phrase = self._phrases.get(key) or self._remember(key, item)
-        return phrase.fill(head, found[1])
+        text, places = phrase.text, phrase.places
+        if len(places) == 1:  # nearly all frames that come by the million, so no call for them
+            where, write = places[0]
+            return text % (number, self._time(time), item.serial, item.reserved, write(numbers[where]))
+        return phrase.fill((number, self._time(time), item.serial, item.reserved), numbers)
 
     def remarks(self, seen: Observation, comments: tuple[str, ...]) -> Iterator[str]:
         """Write what stands at the end of a line that is not brief, a line each."""

@@ -31,12 +31,16 @@ def cy_text(raw: int) -> str:
     return str(Decimal(raw) / CY_SCALE)
 
 
-def plain_text(value: int | float | tuple[int | float, ...]) -> str:
-    """Write numbers with the fewest digits that read back as the same: exact, and fast."""
+def plain_text(value: int | float) -> str:
+    """Write a number with the fewest digits that read back as the same."""
     text = orjson.dumps(value).decode("ascii")
-    if "null" in text:
-        return ",".join(map(plain_text, value)) if isinstance(value, tuple) else repr(value)
-    return text[1:-1] if isinstance(value, tuple) else text
+    return repr(value) if text == "null" else text
+
+
+def plain_texts(values: tuple[int | float, ...]) -> str:
+    """Write several numbers as `plain_text` does, commas between."""
+    text = orjson.dumps(values)
+    return ",".join(map(plain_text, values)) if b"null" in text else text[1:-1].decode("ascii")
 
 
 def singles_text(values: tuple[float, ...]) -> str:
@@ -44,7 +48,7 @@ def singles_text(values: tuple[float, ...]) -> str:
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))
     return (
-        plain_text(short) if form.pack(*short) == form.pack(*values) else ",".join(map(single_text, values))
+        plain_texts(short) if form.pack(*short) == form.pack(*values) else ",".join(map(single_text, values))
     )
 
 

@@ -16,7 +16,7 @@ from bcapscope.protocol.hresult import hresult_name
 from bcapscope.protocol.layout import Numbers, numbers_of, numbers_taken, taken_by_each
 from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant, vt_name
 from bcapscope.render.escape import quoted
-from bcapscope.render.number import cy_text, date_text, plain_text, single_text, singles_text
+from bcapscope.render.number import cy_text, date_text, plain_text, plain_texts, single_text, singles_text
 
 LONGEST_STRING = 120
 """Characters of a string, and half as many bytes of a UI1 array, that one line shows."""
@@ -33,21 +33,22 @@ _SPOKEN = ("bstrCommand",)
 
 
 class Phrase:
-    """A text with places for numbers."""
+    """A text with places for numbers.
 
-    __slots__ = ("_places", "_text")
+    Attributes:
+        text: a %-format: of its head first, then ``%s`` for each of `places`.
+        places: which numbers stand there.
+    """
+
+    __slots__ = ("places", "text")
 
     def __init__(self, text: str, places: Sequence[Place]) -> None:
-        self._text = text
-        self._places = tuple(places)
+        self.text = text
+        self.places = tuple(places)
 
     def fill(self, head: tuple[object, ...], numbers: Numbers) -> str:
         """Put in what stands at the head of the text, then a frame's numbers in the order of its bytes."""
-        places = self._places
-        if len(places) == 1:
-            where, write = places[0]
-            return self._text % (*head, write(numbers[where]))
-        return self._text % (*head, *[write(numbers[where]) for where, write in places])
+        return self.text % (*head, *[write(numbers[where]) for where, write in self.places])
 
 
 class PhraseBuilder:
@@ -207,5 +208,5 @@ _WRITERS: dict[int, Writer] = {
 }
 _LISTS: dict[int, Writer] = {
     VT.R4: singles_text,
-    **{vt: plain_text for vt in (VT.I2, VT.I4, VT.R8, VT.UI2, VT.UI4, VT.I8, VT.UI8)},
+    **{vt: plain_texts for vt in (VT.I2, VT.I4, VT.R8, VT.UI2, VT.UI4, VT.I8, VT.UI8)},
 }

@@ -246,6 +246,7 @@ def test_pasted_hex_is_read_and_what_is_wrong_with_it_said(golden: Callable[[str
     assert "8E for 6E at offset 55" in shown
     text = (CAPTURES / "damaged-dumps.txt").read_bytes()
     assert run("decode", "--text", "-", stdin=text).out == done.out
+    assert run("decode", "--text", "-", stdin=text.decode().encode("utf-16")).out == done.out
 
 
 @pytest.mark.parametrize("text", [b"no hex at all\n", b"", b"\xff\xfe\x00"])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.render.number import cy_text, date_text, plain_text, single_text, singles_text
+from bcapscope.render.number import cy_text, date_text, plain_texts, single_text, singles_text
 
 LARGEST_SINGLE = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
 
@@ -26,8 +26,8 @@ def test_several_are_written_as_one_by_one(values: list[float]) -> None:
 
 
 @given(st.lists(st.floats() | st.integers(-(2**63), 2**64 - 1)))
-def test_plain_text_reads_back_as_the_same(values: list[float]) -> None:
-    text = plain_text(tuple(values))
+def test_plain_texts_read_back_as_the_same(values: list[float]) -> None:
+    text = plain_texts(tuple(values))
     assert [repr(type(value)(part)) for value, part in zip(values, text.split(","), strict=False)] == [
         repr(value) for value in values
     ]
