@@ -42,7 +42,7 @@ from bcapscope.analysis.stay import Format
 from bcapscope.analysis.trajectory import Step, Trajectory
 from bcapscope.protocol.poses import Axis
 from bcapscope.render.moment import epoch_text, utc_text
-from bcapscope.render.number import plain_text
+from bcapscope.render.number import plain_text, plain_texts
 from bcapscope.render.record import json_number, json_text
 
 FORMAT = "bcapscope trajectory 1"
@@ -72,10 +72,10 @@ class CsvTrajectory:
         start, stamped = self._trajectory.start, self._trajectory.has_stamps
         for step in steps:
             replied = "" if step.replied is None else epoch_text(step.replied - start)
-            returned = plain_text(step.returned) if step.returned else self._nothing
+            returned = plain_texts(step.returned) if step.returned else self._nothing
             stamp = f"{_csv_number(step.stamp)}," if stamped else ""
             yield (
-                f"{epoch_text(step.time - start)},{plain_text(step.commanded)},{returned},{replied},"
+                f"{epoch_text(step.time - start)},{plain_texts(step.commanded)},{returned},{replied},"
                 f"{stamp}{step.retries},{'' if step.hresult is None else step.hresult},{step.call}\n"
             )
 
