@@ -59,11 +59,12 @@ class Gunzip:
     The standard library's reader waits for full buffers, and loses what it unpacked before damage.
     """
 
-    __slots__ = ("_read", "_tail", "_unzip")
+    __slots__ = ("_given", "_read", "_tail", "_unzip")
 
     def __init__(self, read: Reader, head: bytes) -> None:
         """Unpack `head`, already taken from the stream, and what `read` gives after it."""
         self._read = read
+        self._given = 0
         self._tail = head
         self._unzip = zlib.decompressobj(_GZIP_WINDOW)
 
@@ -78,9 +79,10 @@ class Gunzip:
                 return b""
             packed = self._tail or self._read(CHUNK)
             if not packed:
-                raise CaptureError("the compressed file ends in the middle")
+                raise CaptureError("the compressed file ends in the middle", self._given)
             data = self._unpack(packed, size)
             if data:
+                self._given += len(data)
                 return data
 
     def _next_member(self) -> bool:
@@ -116,6 +118,6 @@ class Gunzip:
                 position += 1
         except zlib.error:
             if not data:
-                raise CaptureError("the compressed file is damaged") from error
+                raise CaptureError("the compressed file is damaged", self._given) from error
         self._tail = packed[position:]
         return bytes(data)

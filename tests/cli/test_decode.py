@@ -159,6 +159,16 @@ def test_a_truncated_capture_gives_all_before_the_cut(tmp_path: Path, kept: int)
     assert "byte" in sentence
 
 
+def test_a_truncated_compressed_capture_gives_all_before_the_cut(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.pcapng.gz"
+    cut.write_bytes(gzip.compress(SESSION.read_bytes())[:-1000])
+    whole, done = run("decode", SESSION), run("decode", cut)
+    assert done.code == Exit.DAMAGED
+    assert done.lines
+    assert done.lines == whole.lines[: len(done.lines)]
+    assert f"{cut}: the compressed file ends in the middle" in done.err
+
+
 @pytest.mark.parametrize("data", [b"", b"\n", b"not a capture at all", b"\x7fELF" + bytes(60)])
 def test_what_is_no_capture_is_told_in_one_sentence(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "what"
