@@ -155,7 +155,6 @@ def calls_with(expression: str) -> list[int]:
         ("client == 10.0.0.2 and server == 10.0.0.1:5007", [1, 2, 3, 4, 5]),
         ("transport == udp and function_id == 64", [2, 3]),
         ("function == Service_Start", [1]),
-        ("function == Unknown(200)", [4]),
         ('function == "Unknown(200)"', [4]),
         ("command in (slvMove, motor)", [2, 3]),
         ("command == null", [1, 4, 5]),
