@@ -44,6 +44,7 @@ class Case:
         self.count = 0
         self._first: list[Incident] = []
         self._last: deque[Incident] = deque(maxlen=MOST_KEPT)
+        self._held: list[Incident] = []
         self.chosen: Incident
 
     def add(self, incident: Incident) -> None:
@@ -51,10 +52,14 @@ class Case:
         self.count += 1
         (self._first if len(self._first) < MOST_KEPT else self._last).append(incident)
 
+    def hold(self, incident: Incident) -> None:
+        """Keep one that had consequences, whatever comes after it."""
+        if len(self._held) < MOST_KEPT and incident not in self._held:
+            self._held.append(incident)
+
     def __iter__(self) -> Iterator[Incident]:
-        """Yield those that are kept."""
-        yield from self._first
-        yield from self._last
+        """Yield those that are kept, each once."""
+        return iter(dict.fromkeys((*self._first, *self._held, *self._last)))
 
     @property
     def first(self) -> Incident:
@@ -111,6 +116,10 @@ class Casebook:
         if causes:
             likely = incident.rule.follows
             incident.cause = max(causes, key=lambda each: (each.began, -_place(each.rule.id, likely)))
+            self._case_of(incident.cause).hold(incident.cause)
+
+    def _case_of(self, incident: Incident) -> Case:
+        return self._cases.get((incident.rule.id, incident.key)) or self._by_rule[incident.rule.id][0]
 
     def _candidates(self, incident: Incident) -> Iterator[Incident]:
         earliest, host = incident.began - incident.rule.reach, incident.conversation.server.host

@@ -9,7 +9,7 @@ from bcapscope.analysis.casebook import Casebook
 from bcapscope.analysis.client import Client, Clients
 from bcapscope.analysis.finding import Finding
 from bcapscope.analysis.rules import WATCHERS
-from bcapscope.analysis.rules.rule import Kind, overrides
+from bcapscope.analysis.rules.rule import Kind, all_seen, overrides
 from bcapscope.analysis.rules.wire import LARGE
 from bcapscope.analysis.slave import SlaveWatcher
 from bcapscope.analysis.speech import Speech
@@ -116,8 +116,8 @@ class Diagnosis:
     def _take_call(self, call: Exchange) -> None:
         client = self._clients.of(call)
         client.thing = self._handles.follow(call)
-        for event in call.events:
-            self._look_inside(event.seen)
+        for seen in all_seen(call):
+            self._look_inside(seen)
         kind = _kind(call)
         seers = self._seers.get((call.question, kind))
         if seers is None:

@@ -179,12 +179,15 @@ def _unknown(call: Exchange, client: Client, clients: Clients) -> Why | None:
     name = call.question.command
     if name is None:
         return NO_MORE
-    known = [each.name for each in commands(call.question.function_id)]
     if command(call.question.function_id, name) is not None:
         return fixed("the command is known on other controllers")
-    folded = {each.casefold(): each for each in known}
-    close = get_close_matches(name[:60].casefold(), folded, n=1, cutoff=0.7)
-    return fixed(f"perhaps {folded[close[0]]} was meant") if close else NO_MORE
+    return Why(lambda speech: _guess(call.question.function_id, name))
+
+
+def _guess(function_id: int, name: str) -> str:
+    known = {each.name.casefold(): each.name for each in commands(function_id)}
+    close = get_close_matches(shown(name).casefold(), known, n=1, cutoff=0.7)
+    return f"perhaps {known[close[0]]} was meant" if close else "no known command has a name like that"
 
 
 def _argument(call: Exchange, client: Client, clients: Clients) -> Why | None:

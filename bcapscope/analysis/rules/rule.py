@@ -175,7 +175,14 @@ class Watcher:
 
 def frames_of(*calls: Exchange | None) -> tuple[int, ...]:
     """Return the numbers of all frames of the calls."""
-    return tuple(event.seen.number for call in calls if call is not None for event in call.events)
+    return tuple(seen.number for call in calls if call is not None for seen in all_seen(call))
+
+
+def all_seen(call: Exchange) -> tuple[FrameObservation, ...]:
+    """Return all frames of a call, in the order in which they were seen."""
+    if call.others:
+        return tuple(event.seen for event in call.events)
+    return (call.request,) if call.reply is None else (call.request, call.reply)
 
 
 def last_time(call: Exchange) -> int:

@@ -1,0 +1,118 @@
+"""Findings as text and as JSON, and the list of rules in the README."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bcapscope.analysis.diagnosis import Seen
+from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.render.columns import display_width
+from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record, rule_table
+from bcapscope.render.palette import ANSI
+
+README = Path(__file__).parents[2] / "README.md"
+SEEN = Seen(512, 256, 1, 2_100_000_000)
+CAUSE = Finding(
+    "late-reply",
+    Severity.WARNING,
+    "The reply came late; all is lost.",
+    (4, 5),
+    None,
+    "Look for it.",
+    "a paper",
+)
+EFFECT = Finding("underflow", Severity.ERROR, "The controller stopped.", (7,), 1, "Be faster.", "another")
+NOTE = Finding("polling", Severity.NOTE, "Much is read.", (1, 9), None, "Read less.", "a third")
+
+
+def lines(*findings: Finding, width: int = 100) -> list[str]:
+    return list(FindingsRenderer(width=width).lines(findings, SEEN))
+
+
+def test_consequences_stand_under_their_cause() -> None:
+    assert lines(CAUSE, EFFECT) == [
+        "1 warning late-reply",
+        "  The reply came late; all is lost.",
+        "  frames: 4 5",
+        "  what to do: Look for it.",
+        "  source: a paper",
+        "",
+        "    2 error underflow, follows from 1",
+        "      The controller stopped.",
+        "      frame: 7",
+        "      what to do: Be faster.",
+        "      source: another",
+        "",
+        "1 error, 1 warning in 512 frames, 256 calls, 1 client, 2.1 s",
+    ]
+
+
+def test_a_clean_capture_says_so_and_how_much_it_was() -> None:
+    assert lines() == ["No problem found in 512 frames, 256 calls, 1 client, 2.1 s"]
+    assert lines(NOTE)[-1] == "No problem found in 512 frames, 256 calls, 1 client, 2.1 s; 1 note"
+    assert list(FindingsRenderer().lines((), Seen(0, 0, 0, 0))) == ["No b-CAP was seen."]
+
+
+@pytest.mark.parametrize("width", [1, NARROWEST, 60, 100, 500])
+def test_text_is_wrapped(width: int) -> None:
+    long = Finding(
+        "polling", Severity.NOTE, "ロボット was read " * 30, tuple(range(40)), None, "Do. " * 40, "s " * 90
+    )
+    written = lines(long, width=width)
+    assert max(map(display_width, written[:-1])) <= min(max(width, NARROWEST), 120)
+    assert " ".join(line.strip() for line in written).count("was read") == 30
+
+
+def test_deep_chains_stay_on_the_screen() -> None:
+    chain = [EFFECT] * 30
+    findings = [
+        Finding("a", Severity.ERROR, "A thing.", (1,), number or None, "Do.", "s")
+        for number in range(len(chain))
+    ]
+    assert max(len(line) - len(line.lstrip()) for line in lines(*findings)) <= 18
+
+
+@pytest.mark.parametrize("hostile", ["\x1b[2J", "one\ntwo", "\u202egpj", "\x9b31m", "\ud800", "a\x00b"])
+def test_wire_strings_reach_no_terminal(hostile: str) -> None:
+    finding = Finding(
+        "polling", Severity.NOTE, f"The call {hostile} failed.", (1,), None, f"Do {hostile}.", "s"
+    )
+    written = "\n".join(FindingsRenderer(ANSI).lines([finding], SEEN))
+    assert hostile not in written
+    assert hostile not in finding_record(1, finding).decode()
+    bare = written
+    for shade in (ANSI.number, ANSI.name, ANSI.dim, ANSI.good, ANSI.problem, ANSI.reset):
+        bare = bare.replace(shade, "")
+    assert all(char.isprintable() or char == "\n" for char in bare)
+
+
+def test_json_has_exactly_these_keys() -> None:
+    record = json.loads(finding_record(2, EFFECT))
+    assert record == {
+        "finding": 2,
+        "rule": "underflow",
+        "severity": "error",
+        "sentence": "The controller stopped.",
+        "frames": [7],
+        "consequence_of": 1,
+        "advice": "Be faster.",
+        "source": "another",
+    }
+    assert list(record) == [
+        "finding",
+        "rule",
+        "severity",
+        "sentence",
+        "frames",
+        "consequence_of",
+        "advice",
+        "source",
+    ]
+    assert json.loads(finding_record(1, CAUSE))["consequence_of"] is None
+
+
+def test_the_readme_lists_the_rules() -> None:
+    assert rule_table() in README.read_text(encoding="utf-8")
