@@ -388,7 +388,7 @@ class _Figures:
                 returned=returned.poses,
                 answered=accepted,
                 frames=rows.frames,
-                times=rows.times,
+                times=rows.origin + rows.times,
             )
         )
 
