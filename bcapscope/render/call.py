@@ -137,7 +137,10 @@ def session_text(session: Session) -> str:
     )
     if not session.left:
         return text
-    names = [f"{thing.kind} {printable(thing.name) or thing.handle}" for thing in session.left[:_MOST_NAMED]]
+    names = [
+        f"{thing.kind} {printable(thing.name[:LONGEST_STRING]) or thing.handle}"
+        for thing in session.left[:_MOST_NAMED]
+    ]
     more = len(session.left) - len(names)
     return f"{text}; not released: {', '.join(names)}{f' and {more} more' if more else ''}"
 
