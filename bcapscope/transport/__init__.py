@@ -1,0 +1,1 @@
+"""Carrying bytes: UDP, TCP and memory for asyncio, and the clock. Nothing here knows what the bytes mean."""
