@@ -1,0 +1,50 @@
+"""Errors of the controller: those that are active until ClearError, and the log of all.
+
+The fields of GetCurErrorInfo and GetErrorLog are those of ShoheiKobata/orin_bcap_python_samples and
+nkawa/Denso_CobottaPro900_MQTT_Control; numbers that only a real program has are 0.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+from bcapscope.protocol.hresult import describe
+
+MOST_ACTIVE = 32
+MOST_LOGGED = 128
+
+
+class Alarm(NamedTuple):
+    """One error.
+
+    Attributes:
+        code: unsigned.
+        time: ns of the model's clock.
+    """
+
+    code: int
+    time: int
+
+    @property
+    def text(self) -> str:
+        """Its description, in our words."""
+        return describe(self.code).text
+
+
+class Alarms:
+    """The error lists, newest first."""
+
+    def __init__(self) -> None:
+        self.active: deque[Alarm] = deque(maxlen=MOST_ACTIVE)
+        self.log: deque[Alarm] = deque(maxlen=MOST_LOGGED)
+
+    def raise_(self, code: int, now: int) -> None:
+        """Note an error as active and in the log."""
+        alarm = Alarm(code & 0xFFFFFFFF, now)
+        self.active.appendleft(alarm)
+        self.log.appendleft(alarm)
+
+    def clear(self) -> None:
+        """Forget the active errors; the log keeps them."""
+        self.active.clear()

@@ -1,0 +1,135 @@
+"""The arm in time: ordinary motions, set points, and the encoders that lag behind.
+
+Times are ns, joints degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends at
+rest. The encoders show what was commanded `LAG` ago: real servos lag in a less orderly way (the replies in
+DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their set points).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import sqrt
+from typing import NamedTuple
+
+from bcapscope.simulator.kinematics import LIMITS, AxisLimit, Joints
+
+MS = 1_000_000
+LAG = 24 * MS
+
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # of the minimum-jerk curve, for a way and a time of 1
+
+
+class Motion(NamedTuple):
+    """One ordinary motion.
+
+    Attributes:
+        start: joints at its beginning.
+        goal: joints at its end.
+        began: ns.
+        ends: ns; the command arrives then, the encoders `LAG` later.
+    """
+
+    start: Joints
+    goal: Joints
+    began: int
+    ends: int
+
+    def at(self, time: int) -> Joints:
+        """Return the joints commanded at `time`."""
+        if time >= self.ends:
+            return self.goal
+        if time <= self.began:
+            return self.start
+        part = (time - self.began) / (self.ends - self.began)
+        share = part**3 * (10 - 15 * part + 6 * part**2)
+        return tuple(a + (b - a) * share for a, b in zip(self.start, self.goal, strict=True))
+
+
+def duration(start: Joints, goal: Joints, speed: float, limits: tuple[AxisLimit, ...] = LIMITS) -> int:
+    """Return how long a motion takes in ns so that no axis exceeds its speed or acceleration.
+
+    Args:
+        start: joints.
+        goal: joints.
+        speed: share of the highest speed, above 0 up to 1.
+        limits: of the axes.
+    """
+    longest = 0.0
+    for a, b, limit in zip(start, goal, limits, strict=False):
+        way = abs(b - a)
+        at_speed = _PEAK_SPEED * way / (limit.speed * speed)
+        longest = max(longest, at_speed, sqrt(_PEAK_ACCELERATION * way / limit.acceleration))
+    return round(longest * 1e9)
+
+
+class Arm:
+    """Where the arm is and where it goes."""
+
+    def __init__(self, joints: Joints) -> None:
+        self._motion = Motion(joints, joints, 0, 0)
+        self._steps: deque[tuple[int, Joints]] = deque(maxlen=8)
+        self._changed = -LAG
+
+    @property
+    def goal(self) -> Joints:
+        """Joints where the running motion ends, or where the arm stands."""
+        return self._steps[-1][1] if self._steps else self._motion.goal
+
+    @property
+    def settles(self) -> int:
+        """Time at which the encoders stand still, unless something new comes."""
+        return self._changed + LAG if self._steps else max(self._changed, self._motion.ends) + LAG
+
+    def stands(self, now: int) -> bool:
+        """Tell whether command and encoders stand still."""
+        return now >= self.settles
+
+    def commanded(self, now: int) -> Joints:
+        """Return the joints that the servos are told now."""
+        return self._track(now)
+
+    def actual(self, now: int) -> Joints:
+        """Return the joints that the encoders show now."""
+        return self._track(now - LAG)
+
+    def _track(self, time: int) -> Joints:
+        if not self._steps:
+            return self._motion.at(time)
+        before = self._steps[0]
+        for step in self._steps:
+            if step[0] > time:
+                return _between(before, step, time)
+            before = step
+        return before[1]
+
+    def move(self, goal: Joints, now: int, speed: float) -> Motion:
+        """Begin an ordinary motion from where the command is."""
+        start = self.commanded(now)
+        self._motion = Motion(start, goal, now, now + duration(start, goal, speed))
+        self._steps.clear()
+        return self._motion
+
+    def halt(self, now: int) -> None:
+        """Stop where the command is."""
+        here = self.commanded(now)
+        self._motion = Motion(here, here, now, now)
+        self._steps.clear()
+        self._changed = now
+
+    def step(self, joints: Joints, time: int) -> None:
+        """Take a set point that is commanded at `time`, from the one before in a straight line."""
+        if not self._steps or joints != self._steps[-1][1]:
+            self._changed = time
+        self._steps.append((time, joints))
+
+    def follow(self, now: int) -> None:
+        """Get ready for set points: the arm stands."""
+        here = self._motion.goal
+        self._steps.clear()
+        self._steps.append((now, here))
+
+
+def _between(before: tuple[int, Joints], after: tuple[int, Joints], time: int) -> Joints:
+    span = after[0] - before[0]
+    share = max(0.0, min(1.0, (time - before[0]) / span)) if span else 1.0
+    return tuple(a + (b - a) * share for a, b in zip(before[1], after[1], strict=True))

@@ -1,0 +1,160 @@
+"""One client of the simulated controller: its session, its handles, and what it may call when.
+
+Options of Service_Start and the limits: orin_bcap C/src/bCAPServer/bcap_server.c. That every other call needs
+Service_Start before it is assumed, and so is its answer without, E_NOT_CONNECTED. What slave mode refuses,
+and that the refusal ends it: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
+"""
+
+from __future__ import annotations
+
+from bcapscope.protocol.commands import command
+from bcapscope.protocol.effects import Effect, function_effect
+from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
+from bcapscope.protocol.guard import always_passes
+from bcapscope.protocol.hresult import (
+    E_CAO_COLLECTION_REGISTERED,
+    E_INVALIDARG,
+    E_NOTIMPL,
+    E_REFUSED_IN_SLAVE_MODE,
+)
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.simulator.arm import MS
+from bcapscope.simulator.context import Context
+from bcapscope.simulator.functions import HANDLERS
+from bcapscope.simulator.machine import Machine
+from bcapscope.simulator.objects import Objects
+from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
+from bcapscope.simulator.refusals import NOT_CONNECTED
+from bcapscope.simulator.values import i4, nth, text_of
+
+SHORTEST_WDT = 80
+"""ms; so is the shortest InvokeTimeout."""
+
+DEFAULT_INVOKE_TIMEOUT = 180_000
+"""ms."""
+
+_START, _STOP, _CONNECT = 1, 2, 3
+_EXECUTES = frozenset((17, 28, 64, 87))
+_VARIABLE_PUT = 102
+_SLAVE_MODE_OWN = frozenset(("slvchangemode", "slvmove"))
+
+
+class Client:
+    """A client between its first call and its last.
+
+    Attributes:
+        number: its own in this controller.
+        started: Service_Start was called.
+        wdt: ns between two S_EXECUTING; None for none.
+        invoke_timeout: ns that a call may run.
+        objects: what it has opened.
+    """
+
+    def __init__(self, machine: Machine, number: int) -> None:
+        self.machine = machine
+        self.number = number
+        self.started = False
+        self.wdt: int | None = None
+        self.invoke_timeout = DEFAULT_INVOKE_TIMEOUT * MS
+        self.objects = Objects()
+
+    def call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> Outcome:
+        """Run a call; every input gives an outcome."""
+        self.machine.advance(now)
+        try:
+            return self._call(function_id, arguments, now)
+        except RefusedError as refusal:
+            return Answer(refusal.hresult)
+
+    def leave(self, now: int) -> None:
+        """Let go of everything, as the server does when a client goes (VRC parameters do not matter here)."""
+        self.started = False
+        self.wdt = None
+        self.objects.clear()
+        if self.machine.owner == self.number:
+            self.machine.owner = None
+
+    def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> Outcome:
+        function = FUNCTIONS.get(function_id)
+        if function is None:
+            raise RefusedError(E_INVALIDARG)
+        if function_id == _START:
+            return self._start(arguments)
+        if not self.started:
+            raise RefusedError(NOT_CONNECTED)
+        if function_id == _STOP:
+            self.leave(now)
+            return DONE
+        if function_id == _CONNECT:
+            return self._connect(arguments)
+        found = self.objects.find(function.owner, nth(arguments, 0))
+        handler = HANDLERS.get(function_id)
+        if handler is None:
+            raise RefusedError(E_NOTIMPL)
+        if self.machine.slave.mode is not None:
+            self._check_slave_mode(function_id, arguments, now)
+        return handler(Context(self.machine, self.number, self.objects, found, now), arguments[1:])
+
+    def _start(self, arguments: tuple[Variant, ...]) -> Outcome:
+        options = parse_options(text_of(arguments[0]) if arguments else "")
+        wdt = _milliseconds(options.get("wdt"))
+        limit = _milliseconds(options.get("invoketimeout"))
+        self.wdt = None if wdt is None else wdt * MS
+        self.invoke_timeout = (DEFAULT_INVOKE_TIMEOUT if limit is None else limit) * MS
+        self.started = True
+        return DONE
+
+    def _connect(self, arguments: tuple[Variant, ...]) -> Outcome:
+        """Open the controller; RC7 ignores all four strings, the others need their provider."""
+        name, provider, _, option = (text_of(nth(arguments, index)) for index in range(4))
+        providers = self.machine.profile.providers
+        if providers and provider.strip().casefold() not in providers:
+            raise RefusedError(E_INVALIDARG)
+        open_already = self.objects.named(ObjectClass.CONTROLLER, name, None) if name else None
+        if open_already and "@ifnotmember" in option.casefold():
+            return Answer(value=i4(open_already.handle))
+        if open_already and providers:
+            raise RefusedError(E_CAO_COLLECTION_REGISTERED)
+        return Answer(value=i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle))
+
+    def _check_slave_mode(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> None:
+        """Refuse what is not allowed in slave mode, which then ends with an error.
+
+        Raises:
+            RefusedError: it is not allowed.
+        """
+        if not is_allowed_in_slave_mode(function_id, arguments):
+            self.machine.fail(E_REFUSED_IN_SLAVE_MODE, now)
+            raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
+
+
+def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...]) -> bool:
+    """Tell whether a call is accepted while slave mode is on.
+
+    Where no source says, reading is and everything else is not.
+    """
+    if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
+        return True
+    if function_id in _EXECUTES:
+        name = arguments[1].value if len(arguments) > 1 and arguments[1].vt == VT.BSTR else ""
+        known = command(function_id, str(name))
+        if known is None:
+            return True
+        if known.name.casefold() in _SLAVE_MODE_OWN:
+            return True
+        return known.effect <= Effect.READS if known.in_slave_mode is None else known.in_slave_mode
+    return function_effect(function_id) < Effect.MOVES
+
+
+def parse_options(text: str) -> dict[str, str]:
+    """Read `,WDT=400,InvokeTimeout=180000`; keys become lower case, odd parts are left out."""
+    pairs = (part.partition("=") for part in text[:1024].split(","))
+    return {key.strip().casefold(): value.strip() for key, equals, value in pairs if equals}
+
+
+def _milliseconds(text: str | None) -> int | None:
+    if text is None:
+        return None
+    if not text.isascii() or not text.isdecimal() or len(text) > 9 or int(text) < SHORTEST_WDT:
+        raise RefusedError(E_INVALIDARG)
+    return int(text)

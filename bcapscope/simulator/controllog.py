@@ -1,0 +1,65 @@
+"""The control log: a ring of joint records, one each 8 ms while it runs.
+
+The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
+others/Get_Syslog.py; a counter in ms, current and load computed from the acceleration are ours.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from bcapscope.protocol.variant import Variant
+from bcapscope.simulator.kinematics import Joints
+from bcapscope.simulator.values import bstr, i4, r8, variants
+
+PERIOD = 8_000_000
+"""ns."""
+
+MOST_RECORDS = 10_000
+
+
+class Record(NamedTuple):
+    """One record: time in ns since the controller's start, joints commanded and shown by the encoders."""
+
+    time: int
+    commanded: Joints
+    actual: Joints
+
+
+class ControlLog:
+    """The ring; the oldest record has the index 0."""
+
+    def __init__(self) -> None:
+        self.records: deque[Record] = deque(maxlen=MOST_RECORDS)
+        self._next: int | None = None
+
+    def start(self, now: int) -> None:
+        """Begin, or go on, to record."""
+        self._next = now if self._next is None else self._next
+
+    def stop(self) -> None:
+        """Record no more."""
+        self._next = None
+
+    def advance(self, now: int, sample: Callable[[int], Record]) -> None:
+        """Take the records that have become due; after a long pause only as many as the ring holds."""
+        if self._next is None:
+            return
+        due = self._next
+        if now - due > MOST_RECORDS * PERIOD:
+            due += (now - due) // PERIOD * PERIOD - MOST_RECORDS * PERIOD
+        while due <= now:
+            self.records.append(sample(due))
+            due += PERIOD
+        self._next = due
+
+
+def record_values(record: Record, current: Joints, tool: int, work: int) -> Variant:
+    """Make the VARIANT array that GetLogRecord returns."""
+    values = []
+    for commanded, actual, ampere in zip(record.commanded, record.actual, current, strict=True):
+        values += [r8(commanded), r8(actual), r8(ampere), r8(abs(ampere) * 10)]
+    counter = record.time // 1_000_000
+    return variants(*values, i4(0), i4(0), bstr(""), i4(0), i4(counter), i4(tool), i4(work))

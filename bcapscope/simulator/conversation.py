@@ -1,0 +1,173 @@
+"""One client's frames: requests in, replies out, one call after another.
+
+Keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, observed on loopback. There a
+stuck call blocks one connection on TCP and all clients on UDP; here it blocks its own client only.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from bcapscope.protocol.frame import LARGEST_UDP_FRAME, SMALLEST_FRAME, Frame
+from bcapscope.protocol.functions import FUNCTIONS, ResultKind
+from bcapscope.protocol.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA, is_failure
+from bcapscope.protocol.responder import Responder, Verdict
+from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant, encode_argument
+from bcapscope.simulator.client import Client
+from bcapscope.simulator.machine import Machine
+from bcapscope.simulator.outcome import Answer, Running
+
+MOST_WAITING = 16
+"""Requests of one client that are held while a call runs; our bound."""
+
+
+class Report(NamedTuple):
+    """A call that was answered.
+
+    Attributes:
+        client: number of the client.
+        function_id: of the request.
+        arguments: of the request.
+        answer: the result.
+        began: when the request came, ns.
+        ended: when it was answered, ns.
+    """
+
+    client: int
+    function_id: int
+    arguments: tuple[Variant, ...]
+    answer: Answer
+    began: int
+    ended: int
+
+
+class Conversation:
+    """What one client says, and what it is answered.
+
+    Attributes:
+        client: its session.
+        heard: when it last sent something, ns.
+    """
+
+    def __init__(self, machine: Machine, number: int, udp: bool, report: Callable[[Report], None]) -> None:
+        self.client = Client(machine, number)
+        self.heard = 0
+        self._profile = machine.profile
+        self._udp = udp
+        self._report = report
+        self._responder = Responder(
+            retries=udp, replies=machine.profile.replies, defects=machine.profile.defects
+        )
+        self._waiting: deque[Frame] = deque()
+        self._request: tuple[int, tuple[Variant, ...], int] = (0, (), 0)
+        self._running: Running | None = None
+        self._next_notice: int | None = None
+        self._stuck = False
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a call is under way."""
+        return self._running is not None
+
+    def receive(self, frame: Frame, now: int) -> list[bytes]:
+        """Take a sound request; return the frames to send."""
+        self.heard = now
+        decision = self._responder.receive(frame)
+        if decision.verdict is Verdict.NEW:
+            return [*self._execute(frame, now), *self._next(now)]
+        if decision.reply is not None:
+            return [decision.reply]
+        if decision.verdict is Verdict.RUNNING:
+            return []
+        if self._stuck or len(self._waiting) >= MOST_WAITING:
+            return [self._responder.reply(frame, E_BUSY)]
+        self._waiting.append(frame)
+        return []
+
+    def poll(self, now: int) -> list[bytes]:
+        """Look whether the running call is done, or a notice is due; return the frames to send."""
+        if self._running is None:
+            return []
+        answer = self._running.poll(now)
+        if answer is None:
+            return self._notices(now)
+        self._running = None
+        reply = self._answer(answer, now)
+        stuck, self._stuck = self._stuck, False
+        return [*([] if stuck else [reply]), *self._next(now)]
+
+    def due(self, now: int) -> int | None:
+        """Return when to poll next; None if no call runs."""
+        if self._running is None:
+            return None
+        due = self._running.due(now)
+        return due if self._next_notice is None else min(due, self._next_notice)
+
+    def close(self, now: int) -> None:
+        """End it: the client is gone, and what it asked for is answered no more."""
+        self._running = None
+        self._waiting.clear()
+        self._responder.forget()
+        self.client.leave(now)
+
+    def _execute(self, frame: Frame, now: int) -> list[bytes]:
+        arguments = tuple(argument.variant for argument in frame.arguments)
+        self._request = (frame.code, arguments, now)
+        outcome = self.client.call(frame.code, arguments, now)
+        if isinstance(outcome, Answer):
+            return [self._answer(outcome, now)]
+        self._running = outcome
+        self._next_notice = None if self.client.wdt is None else now + self.client.wdt
+        return []
+
+    def _next(self, now: int) -> list[bytes]:
+        frames: list[bytes] = []
+        while self._waiting and self._running is None:
+            frame = self._waiting.popleft()
+            decision = self._responder.receive(frame)
+            if decision.verdict is Verdict.NEW:
+                frames += self._execute(frame, now)
+            elif decision.reply is not None:
+                frames.append(decision.reply)
+        return frames
+
+    def _notices(self, now: int) -> list[bytes]:
+        if self._next_notice is None or now < self._next_notice or self.client.wdt is None:
+            return []
+        if now - self._request[2] >= self.client.invoke_timeout:
+            return self._stick()
+        self._next_notice += self.client.wdt * ((now - self._next_notice) // self.client.wdt + 1)
+        return [self._responder.notice()]
+
+    def _stick(self) -> list[bytes]:
+        self._stuck = True
+        self._next_notice = None
+        frames = [self._responder.reply(frame, E_BUSY) for frame in self._waiting]
+        self._waiting.clear()
+        return frames
+
+    def _answer(self, answer: Answer, now: int) -> bytes:
+        function_id, arguments, began = self._request
+        parts = self._parts(function_id, answer)
+        if self._udp and _is_too_long(parts):
+            answer = Answer(E_TOO_MUCH_DATA)
+            parts = self._parts(function_id, answer)
+        self._report(Report(self.client.number, function_id, arguments, answer, began, now))
+        return self._responder.answer(answer.hresult, parts)
+
+    def _parts(self, function_id: int, answer: Answer) -> tuple[Variant, ...]:
+        """Return the arguments of a reply: the value, EMPTY or none, as the profile has it."""
+        function = FUNCTIONS.get(function_id)
+        if function is None or function.result is ResultKind.NONE or answer.hresult == E_NOTIMPL:
+            return ()
+        if answer.value is not None:
+            return (answer.value,)
+        failed = is_failure(answer.hresult)
+        return (EMPTY,) if (self._profile.empty_on_error if failed else self._profile.empty_result) else ()
+
+
+def _is_too_long(parts: tuple[Variant, ...]) -> bool:
+    sized = [part for part in parts if part.vt & ARRAY or part.vt == VT.BSTR]
+    return SMALLEST_FRAME + sum(len(encode_argument(part)) for part in sized) > LARGEST_UDP_FRAME

@@ -1,0 +1,164 @@
+"""Slave mode inside the controller: the buffer of set points, and what becomes of it every 8 ms.
+
+Slots, pacing and what is an error: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
+ShoheiKobata/orin_bcap_python_samples (table of slave modes) and issues of DENSORobot/denso_robot_ros (RC8).
+That an axis counts as moving above `MOVING`, and the grid of 8 ms that does not follow the client, are ours.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
+from bcapscope.protocol.slaveformat import ReceiveFormat, SendFormat
+from bcapscope.protocol.slavemode import ModeKind, SlaveMode
+from bcapscope.simulator.arm import MS, Arm
+from bcapscope.simulator.kinematics import AXIS_COUNT, LIMITS, AxisLimit, Joints
+from bcapscope.simulator.outcome import RefusedError
+from bcapscope.simulator.refusals import ACCELERATION_LIMIT, SPEED_LIMIT
+
+PERIOD = 8 * MS
+MOVING = 0.01
+"""Degrees in 8 ms."""
+
+_SLACK = 1.000001  # rounding of single-precision set points is no excess
+
+
+class Fault(NamedTuple):
+    """What ended slave mode.
+
+    Attributes:
+        code: HRESULT.
+        time: ns.
+    """
+
+    code: int
+    time: int
+
+
+class SlaveDrive:
+    """The machine that takes one set point each 8 ms while slave mode is on.
+
+    Attributes:
+        mode: the mode; None while off.
+        run: counts the times that slave mode was entered.
+        taken: set points that have been taken in this run.
+        next_tick: when the next one is due, ns.
+        send: what slvMove carries, as slvSendFormat said.
+        receive: what slvMove returns, as slvRecvFormat said; None before that.
+    """
+
+    def __init__(
+        self, arm: Arm, limits: tuple[AxisLimit, ...] = LIMITS, async_detector: bool = False
+    ) -> None:
+        self.mode: SlaveMode | None = None
+        self.run = 0
+        self.taken = 0
+        self.next_tick = 0
+        self.send = SendFormat()
+        self.receive: ReceiveFormat | None = None
+        self._arm = arm
+        self._limits = limits
+        self._async_detector = async_detector
+        self._queue: deque[Joints] = deque()
+        self._speed: Joints = (0.0,) * 8
+        self._leaving = False
+
+    @property
+    def waiting(self) -> int:
+        """Set points in the buffer."""
+        return len(self._queue)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no set point waits and the last one was no motion."""
+        return not self._queue and not _moves(self._speed)
+
+    def enter(self, mode: SlaveMode, now: int) -> None:
+        """Switch slave mode on; the arm stands."""
+        self.mode = mode
+        self.run += 1
+        self.taken = 0
+        self.next_tick = now + PERIOD
+        self._queue.clear()
+        self._speed = (0.0,) * 8
+        self._leaving = False
+        self._arm.follow(now)
+
+    def drain(self) -> None:
+        """Go on until the buffer is empty, which then is no error."""
+        self._leaving = True
+
+    def leave(self) -> None:
+        """Switch slave mode off; what waits in the buffer is dropped."""
+        self.mode = None
+        self._queue.clear()
+
+    def push(self, joints: Joints) -> int:
+        """Put a set point into the buffer; return how many must be `taken` until slvMove answers.
+
+        Raises:
+            RefusedError: the buffer is full and the mode does not wait.
+        """
+        mode = self.mode
+        assert mode is not None
+        if mode.overwrites and self._queue:
+            self._queue[-1] = joints
+            return 0
+        if mode.overflow_is_error and len(self._queue) >= mode.slots:
+            raise RefusedError(E_SLAVE_OVERFLOW)
+        self._queue.append(joints)
+        place = self.taken + len(self._queue)
+        if not mode.paces:
+            return 0
+        return place if mode.kind is ModeKind.SYNC else place - mode.slots
+
+    def advance(self, now: int) -> Fault | None:
+        """Take the set points that have become due; return what went wrong, once."""
+        while self.mode is not None and self.next_tick <= now:
+            if self.is_empty:
+                self._skip(now)
+                break
+            code = self._tick(self.next_tick)
+            if code:
+                return Fault(code, self.next_tick)
+            self.next_tick += PERIOD
+        return None
+
+    def _skip(self, now: int) -> None:
+        self.next_tick += ((now - self.next_tick) // PERIOD + 1) * PERIOD
+
+    def _tick(self, time: int) -> int:
+        here = self._arm.goal
+        if not self._queue:
+            self._speed = (0.0,) * 8
+            return 0 if self._leaving or not self._detects() else E_SLAVE_UNDERFLOW
+        goal = self._queue.popleft()
+        self.taken += 1
+        speed = tuple(b - a for a, b in zip(here, goal, strict=True))
+        code = self._excess(speed)
+        self._speed = speed
+        if not code:
+            self._arm.step(goal, time)
+        return code
+
+    def _detects(self) -> bool:
+        assert self.mode is not None
+        detects = self.mode.underflow_is_error
+        return self._async_detector if detects is None else detects
+
+    def _excess(self, speed: Joints) -> int:
+        """Return the result for the first axis that would be too fast or accelerate too much; else 0."""
+        seconds = PERIOD / 1e9
+        for axis in range(AXIS_COUNT):
+            limit = self._limits[axis]
+            if abs(speed[axis]) > limit.speed * seconds * _SLACK:
+                return SPEED_LIMIT + axis + 1
+            if abs(speed[axis] - self._speed[axis]) > limit.acceleration * seconds**2 * _SLACK:
+                return ACCELERATION_LIMIT + axis + 1
+        return 0
+
+
+def _moves(speed: Joints) -> bool:
+    return any(abs(each) > MOVING for each in speed)

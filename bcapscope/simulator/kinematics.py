@@ -1,0 +1,151 @@
+"""A simple arm: joints to position and back.
+
+Nobody publishes the link lengths of the real arms here, so this is an arm of our own: J1 turns about the
+vertical, J2 and J3 are two links of equal length in a vertical plane, and the wrist has no length: J4, J5 and
+J6 are Rx, Ry and Rz themselves. It is exact in both directions, which is all that clients and tests need;
+it is no model of any DENSO robot.
+"""
+
+from __future__ import annotations
+
+from math import acos, asin, atan2, cos, degrees, hypot, radians, sin
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.protocol.hresult import E_INVALIDARG
+from bcapscope.protocol.poses import AXES
+from bcapscope.protocol.slavemode import PoseType
+from bcapscope.simulator.outcome import RefusedError
+from bcapscope.simulator.refusals import POSITION_LIMIT
+
+Joints: TypeAlias = tuple[float, ...]
+"""Eight joints in degrees; the last two are not there and stay 0."""
+
+AXIS_COUNT = 6
+SHOULDER_HEIGHT = 400.0
+LINK = 350.0
+"""mm; the arm reaches 700 mm from its shoulder."""
+
+HOME: Joints = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
+
+FIG = 1.0
+"""Posture that every result carries; it is not looked at on the way in."""
+
+
+class AxisLimit(NamedTuple):
+    """What one joint can do: degrees, degrees a second, degrees a second squared."""
+
+    low: float
+    high: float
+    speed: float
+    acceleration: float
+
+
+LIMITS: tuple[AxisLimit, ...] = (
+    AxisLimit(-170.0, 170.0, 300.0, 6000.0),
+    AxisLimit(-135.0, 135.0, 250.0, 5000.0),
+    AxisLimit(-10.0, 180.0, 300.0, 6000.0),
+    AxisLimit(-270.0, 270.0, 400.0, 8000.0),
+    AxisLimit(-120.0, 120.0, 400.0, 8000.0),
+    AxisLimit(-360.0, 360.0, 700.0, 14000.0),
+)
+"""Limits of an arm of that size, wide enough for the set points in DENSO Wave 2009, How to use the Slave
+mode; the figures are ours."""
+
+
+def eight(values: tuple[float, ...]) -> Joints:
+    """Fill joints up with zeros to eight, and drop what comes after the sixth, which the arm has not."""
+    return (*values[:AXIS_COUNT], *(0.0,) * (8 - len(values[:AXIS_COUNT])))
+
+
+def beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = LIMITS) -> int | None:
+    """Return the first axis (1..6) that is outside of its limits, or None."""
+    for axis, (value, limit) in enumerate(zip(joints, limits, strict=False), 1):
+        if not limit.low <= value <= limit.high:
+            return axis
+    return None
+
+
+def position(joints: Joints) -> tuple[float, ...]:
+    """Compute X, Y, Z (mm), Rx, Ry, Rz (degrees) and Fig."""
+    first, second, elbow = (radians(value) for value in joints[:3])
+    radius = LINK * (sin(second) + sin(second + elbow))
+    height = SHOULDER_HEIGHT + LINK * (cos(second) + cos(second + elbow))
+    return (radius * cos(first), radius * sin(first), height, *joints[3:6], FIG)
+
+
+def joints_of_position(values: tuple[float, ...]) -> Joints:
+    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz; with the elbow outside, J1 towards the point.
+
+    Raises:
+        RefusedError: the arm is too short.
+    """
+    x, y, z, *wrist = values[:6]
+    radius, height = hypot(x, y), z - SHOULDER_HEIGHT
+    reach = hypot(radius, height) / (2 * LINK)
+    if reach > 1:
+        raise RefusedError(POSITION_LIMIT + 2)
+    elbow = 2 * acos(reach)
+    second = atan2(radius, height) - elbow / 2
+    return eight((degrees(atan2(y, x)), degrees(second), degrees(elbow), *wrist))
+
+
+def trans(joints: Joints) -> tuple[float, ...]:
+    """Compute the T type: X, Y, Z, orientation vector, approach vector, Fig.
+
+    The vectors are the second and third column of the rotation Rz·Ry·Rx.
+    """
+    a, b, c = (radians(value) for value in joints[3:6])
+    orientation = (
+        cos(c) * sin(b) * sin(a) - sin(c) * cos(a),
+        sin(c) * sin(b) * sin(a) + cos(c) * cos(a),
+        cos(b) * sin(a),
+    )
+    approach = (
+        cos(c) * sin(b) * cos(a) + sin(c) * sin(a),
+        sin(c) * sin(b) * cos(a) - cos(c) * sin(a),
+        cos(b) * cos(a),
+    )
+    return (*position(joints)[:3], *orientation, *approach, FIG)
+
+
+def joints_of_trans(values: tuple[float, ...]) -> Joints:
+    """Compute the joints that reach a T type.
+
+    Raises:
+        RefusedError: the arm is too short.
+    """
+    ox, oy, oz, ax, ay, az = values[3:9]
+    nx, ny, nz = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
+    pitch = asin(max(-1.0, min(1.0, -nz)))
+    turns = (atan2(oz, az), pitch, atan2(ny, nx))
+    return joints_of_position((*values[:3], *map(degrees, turns)))
+
+
+def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
+    """Compute the joints of any pose.
+
+    Args:
+        pose_type: of the pose.
+        values: finite numbers, at least six, at least nine of T type.
+
+    Raises:
+        RefusedError: there are too few numbers, or the arm is too short.
+    """
+    if len(values) < (9 if pose_type is PoseType.T else AXIS_COUNT):
+        raise RefusedError(E_INVALIDARG)
+    if pose_type is PoseType.J:
+        return eight(values)
+    return joints_of_position(values) if pose_type is PoseType.P else joints_of_trans(values)
+
+
+def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
+    """Compute a pose of a given type from joints."""
+    if pose_type is PoseType.J:
+        return joints
+    return position(joints) if pose_type is PoseType.P else trans(joints)
+
+
+def is_pose_length(pose_type: PoseType, count: int) -> bool:
+    """Tell whether a set point may have so many numbers: Fig may be missing, one more may be appended."""
+    shortest = {PoseType.P: 6, PoseType.J: 6, PoseType.T: 9}[pose_type]
+    return shortest <= count <= len(AXES[pose_type]) + 1

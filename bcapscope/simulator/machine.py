@@ -1,0 +1,218 @@
+"""The controller that all clients share: modes, motor, arm, tasks, errors, and what time does to them.
+
+Which condition is checked and refused with which code: the public list of controller errors in
+nkawa/Denso_CobottaPro900_MQTT_Control and the issues of DENSORobot/denso_robot_ros. The order of the checks
+and all durations are ours. Times are ns of a clock that is passed in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_FAIL
+from bcapscope.simulator.alarms import Alarms
+from bcapscope.simulator.arm import MS, Arm
+from bcapscope.simulator.controllog import ControlLog, Record
+from bcapscope.simulator.drive import SlaveDrive
+from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, Joints, beyond_limit
+from bcapscope.simulator.memory import Memory
+from bcapscope.simulator.outcome import RefusedError
+from bcapscope.simulator.profile import Profile
+from bcapscope.simulator.refusals import (
+    EMERGENCY_STOP,
+    ERROR_IS_ACTIVE,
+    MOTOR_IS_OFF,
+    NOT_AUTOMATIC,
+    POSITION_LIMIT,
+    SOFTWARE_LIMIT,
+    level,
+)
+
+MOTOR_ON_TIME = 400 * MS
+MANUAL, AUTOMATIC = 1, 3
+READY, RUNNING = 2, 3
+"""States of a task: ShoheiKobata/orin_bcap_python_samples, GetStatus."""
+
+ROBSLAVE = "RobSlave"
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What the controller is like when it is switched on.
+
+    Attributes:
+        joints: eight, degrees.
+        limits: of the six axes.
+        mode: 1 manual, 2 teach check, 3 automatic.
+        motor: on already.
+        type_name: of the robot.
+        tasks: programs that are loaded.
+        epoch: ns since 1970 at the time 0 of the model's clock.
+    """
+
+    joints: Joints = HOME
+    limits: tuple[AxisLimit, ...] = LIMITS
+    mode: int = AUTOMATIC
+    motor: bool = False
+    type_name: str = "BCAPSCOPE-SIM6"
+    tasks: tuple[str, ...] = (ROBSLAVE, "Pro1")
+    epoch: int = 0
+
+
+@dataclass(slots=True)
+class Speeds:
+    """Percentages; the external ones scale the internal ones."""
+
+    external: float = 100.0
+    external_acceleration: float = 100.0
+    external_deceleration: float = 100.0
+    internal: float = 100.0
+    acceleration: float = 100.0
+    deceleration: float = 100.0
+
+    @property
+    def share(self) -> float:
+        """Share of the highest speed that motions have, above 0 up to 1."""
+        return max(0.001, min(1.0, self.external * self.internal / 10_000))
+
+
+class Machine:
+    """The state of one controller.
+
+    Attributes:
+        owner: number of the client that has the arm; None while nobody has it.
+        stops: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
+        stopped_by: result of the last of them.
+    """
+
+    def __init__(self, profile: Profile, start: Start | None = None, now: int = 0) -> None:
+        self.profile = profile
+        self.start = start or Start()
+        self.began = now
+        self.arm = Arm(self.start.joints)
+        self.slave = SlaveDrive(self.arm, self.start.limits, profile.async_detector)
+        self.alarms = Alarms()
+        self.log = ControlLog()
+        self.memory = Memory(profile.real)
+        self.speeds = Speeds()
+        self.mode = self.start.mode
+        self.auto_mode = 2
+        self.emergency = False
+        self.owner: int | None = None
+        self.tasks = dict.fromkeys((name.casefold() for name in self.start.tasks), READY)
+        self.files = {f"{name}.pac".casefold(): f"{name}.pac" for name in self.start.tasks}
+        self.tool = 0
+        self.work = 0
+        self.stops = 0
+        self.stopped_by = 0
+        self.free_at = now
+        self._motor_at: int | None = now if self.start.motor else None
+
+    def date(self, now: int) -> float:
+        """Return the controller's clock as days since 1899-12-30."""
+        return (self.start.epoch + now) / 86_400e9 + 25569.0
+
+    def motor_is_on(self, now: int) -> bool:
+        """Tell whether the motor is on."""
+        return self._motor_at is not None and now >= self._motor_at
+
+    def switch_motor(self, on: bool, now: int) -> int:
+        """Switch the motor; return when it is done."""
+        if not on:
+            self._motor_at = None
+            self.stop(now, MOTOR_IS_OFF)
+            return now
+        self.check_state()
+        if self._motor_at is None:
+            self._motor_at = now + MOTOR_ON_TIME
+        return self._motor_at
+
+    def check_state(self) -> None:
+        """Refuse what needs a controller without trouble.
+
+        Raises:
+            RefusedError: emergency stop, an active error, or not in automatic mode.
+        """
+        if self.emergency:
+            raise RefusedError(EMERGENCY_STOP)
+        if self.alarms.active:
+            raise RefusedError(ERROR_IS_ACTIVE)
+        if self.mode != AUTOMATIC:
+            raise RefusedError(NOT_AUTOMATIC)
+
+    def check_motion(self, client: int, now: int) -> None:
+        """Refuse what moves the robot unless everything is ready for it.
+
+        Raises:
+            RefusedError: something is not, or the arm is not this client's.
+        """
+        self.check_state()
+        if not self.motor_is_on(now):
+            raise RefusedError(MOTOR_IS_OFF)
+        if self.profile.needs_arm and self.owner != client:
+            raise RefusedError(E_ARM_NOT_TAKEN)
+
+    def check_slave_mode(self, client: int, now: int) -> None:
+        """Refuse slave mode unless everything is ready for it.
+
+        RC7 needs the program RobSlave (DENSO Wave 2009, How to use the Slave mode); what it answers without
+        it is not documented.
+
+        Raises:
+            RefusedError: something is not.
+        """
+        self.check_motion(client, now)
+        if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
+            raise RefusedError(E_FAIL)
+
+    def check_reach(self, joints: Joints) -> None:
+        """Refuse joints beyond their limits.
+
+        Raises:
+            RefusedError: with the software limit of the first such axis.
+        """
+        axis = beyond_limit(joints, self.start.limits)
+        if axis:
+            raise RefusedError(SOFTWARE_LIMIT + axis)
+
+    def stop(self, now: int, code: int) -> None:
+        """End motions and slave mode at once; calls that wait for them answer `code`."""
+        self.slave.leave()
+        self.arm.halt(now)
+        self.stops += 1
+        self.stopped_by = code
+        self.free_at = now
+
+    def fail(self, code: int, now: int) -> None:
+        """Have an error: motions and slave mode end, RobSlave stops, it stays active until ClearError.
+
+        The motor goes off at level 4 and above, and with a set point beyond a limit (list of controller
+        errors in nkawa/Denso_CobottaPro900_MQTT_Control).
+        """
+        self.alarms.raise_(code, now)
+        self.stop(now, code)
+        if ROBSLAVE.casefold() in self.tasks:
+            self.tasks[ROBSLAVE.casefold()] = READY
+        if level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
+            self._motor_at = None
+
+    def press_emergency_stop(self, now: int) -> None:
+        """Press the emergency stop: the motor goes off, and nothing moves until it is let go."""
+        self.emergency = True
+        self.fail(EMERGENCY_STOP, now)
+
+    def advance(self, now: int) -> None:
+        """Let time pass."""
+        fault = self.slave.advance(now)
+        if fault:
+            self.fail(fault.code, fault.time)
+        self.log.advance(now, self._record)
+
+    def due(self) -> int | None:
+        """Return when time changes something by itself, in ns; None if nothing is under way."""
+        if self.slave.mode is None or self.slave.is_empty:
+            return None
+        return self.slave.next_tick
+
+    def _record(self, time: int) -> Record:
+        return Record(time - self.began, self.arm.commanded(time), self.arm.actual(time))

@@ -1,0 +1,155 @@
+"""Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt.
+
+A call lasts as long as its motion (unless NEXT), to the end of the command, with @E until the encoders have
+arrived; with @P the next motion may begin when most of the way is done. What a second motion is answered
+meanwhile is 80010004, after the ANSI-C client's b-Cap.h; that client repeats its Robot_Move then.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL, E_ROBOTISBUSY
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.simulator.arm import LAG, Motion
+from bcapscope.simulator.context import Commands, Context
+from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
+from bcapscope.simulator.outcome import Answer, Outcome, RefusedError, Running
+from bcapscope.simulator.posenotation import END_OF_ENCODERS, PASSING, Target, parse_target
+from bcapscope.simulator.values import integer_of, items_of, nth, number_of, text_of
+
+IS_STOPPING = 0x83201404
+PASS_SHARE = 0.7
+"""Share of a motion's time after which @P lets the next one begin; ours."""
+
+_PTP, _LINE = 1, 2
+
+
+def move(context: Context, interpolation: Variant, pose: Variant, option: Variant) -> Outcome:
+    """Run Robot_Move; a line is followed like PTP here.
+
+    Raises:
+        RefusedError: circles and free curves, among the reasons of every motion.
+    """
+    if integer_of(interpolation) not in (_PTP, _LINE):
+        raise RefusedError(E_NOTIMPL)
+    target = parse_target(pose, context.machine.memory.read)
+    return run_motion(context, target, text_of(option))
+
+
+def drive(context: Context, ways: list[tuple[int, float]], absolute: bool, option: str) -> Outcome:
+    """Move single axes (1..6) by, or to, angles in degrees."""
+    joints = list(context.machine.arm.goal)
+    for axis, way in ways:
+        if not 1 <= axis <= AXIS_COUNT:
+            raise RefusedError(E_INVALIDARG)
+        joints[axis - 1] = way if absolute else joints[axis - 1] + way
+    return run_motion(context, Target(tuple(joints), _passing(option)), option)
+
+
+def halt(context: Context) -> Outcome:
+    """Stop the arm at once; a motion under way answers 83201404, slave mode ends."""
+    context.machine.stop(context.now, IS_STOPPING)
+    return Answer()
+
+
+def run_motion(context: Context, target: Target, option: str = "") -> Outcome:
+    """Begin a motion.
+
+    Raises:
+        RefusedError: the robot is busy, not ready, or cannot go there.
+    """
+    machine, now = context.machine, context.now
+    machine.check_motion(context.client, now)
+    if now < machine.free_at:
+        raise RefusedError(E_ROBOTISBUSY)
+    machine.check_reach(target.joints)
+    motion = machine.arm.move(target.joints, now, machine.speeds.share)
+    done = _done(motion, target.passing)
+    machine.free_at = done
+    if "NEXT" in option.upper().replace(",", " ").split():
+        return Answer()
+    return _running(context, done)
+
+
+def _running(context: Context, done: int) -> Running:
+    machine, stops = context.machine, context.machine.stops
+
+    def poll(now: int) -> Answer | None:
+        if machine.stops != stops:
+            return Answer(machine.stopped_by)
+        return Answer() if now >= done else None
+
+    return Running(poll, lambda now: done)
+
+
+def _done(motion: Motion, passing: int) -> int:
+    if passing == END_OF_ENCODERS:
+        return motion.ends + LAG
+    if passing == PASSING:
+        return motion.began + round((motion.ends - motion.began) * PASS_SHARE)
+    return motion.ends
+
+
+def _passing(option: str) -> int:
+    folded = option.upper()
+    return END_OF_ENCODERS if "@E" in folded else PASSING if "@P" in folded else 0
+
+
+def _beside(joints: Joints, distance: float) -> Joints:
+    """Return the joints `distance` mm before a position, along the approach vector."""
+    here = position(joints)
+    vector = trans(joints)[6:9]
+    return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))
+
+
+def _distance(part: Variant) -> tuple[float, int]:
+    """Read `@P 10`, `10` or a number; return mm and the pass."""
+    if not isinstance(part.value, str):
+        return float(number_of(part)), 0
+    last = part.value.split()[-1:] or ["0"]
+    return float(number_of(Variant(VT.BSTR, last[0]))), _passing(part.value)
+
+
+def approach(context: Context, parameter: Variant) -> Outcome:
+    """Run Approach: interpolation, pose, distance."""
+    items = items_of(parameter)
+    target = parse_target(nth(items, 1), context.machine.memory.read)
+    distance, passing = _distance(nth(items, 2))
+    return run_motion(context, Target(_beside(target.joints, distance), passing), _option(items, 3))
+
+
+def depart(context: Context, parameter: Variant) -> Outcome:
+    """Run Depart: interpolation, distance."""
+    items = items_of(parameter)
+    distance, passing = _distance(nth(items, 1))
+    goal = _beside(context.machine.arm.goal, distance)
+    return run_motion(context, Target(goal, passing), _option(items, 2))
+
+
+def _option(items: tuple[Variant, ...], index: int) -> str:
+    return text_of(items[index]) if index < len(items) else ""
+
+
+def _drive_by(context: Context, parameter: Variant) -> Outcome:
+    return _drive_many(context, parameter, False)
+
+
+def _drive_to(context: Context, parameter: Variant) -> Outcome:
+    return _drive_many(context, parameter, True)
+
+
+def _drive_many(context: Context, parameter: Variant, absolute: bool) -> Outcome:
+    """Run DriveEx or DriveAEx: pairs of axis and angle, then an option."""
+    items = items_of(parameter)
+    ways = [
+        (integer_of(nth(pair, 0)), float(number_of(nth(pair, 1))))
+        for pair in map(items_of, items_of(nth(items, 0)))
+    ]
+    return drive(context, ways, absolute, _option(items, 1))
+
+
+MOTION_COMMANDS: Commands = MappingProxyType(
+    {"approach": approach, "depart": depart, "driveex": _drive_by, "driveaex": _drive_to}
+)
+"""Commands of Robot_Execute by their names in lower case."""

@@ -1,0 +1,54 @@
+"""How a call of the simulated controller ends: with an answer, or later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.errors import BcapError
+from bcapscope.protocol.hresult import S_OK
+from bcapscope.protocol.variant import Variant
+
+
+class Answer(NamedTuple):
+    """A result.
+
+    Attributes:
+        hresult: unsigned.
+        value: the result; None where there is none, which the profile turns into no argument or EMPTY.
+    """
+
+    hresult: int = S_OK
+    value: Variant | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """A call that is not done yet.
+
+    Attributes:
+        poll: returns the answer once there is one; takes the time in ns.
+        due: tells when to poll next at the latest; takes and returns ns.
+    """
+
+    poll: Callable[[int], Answer | None]
+    due: Callable[[int], int]
+
+
+Outcome: TypeAlias = "Answer | Running"
+
+DONE = Answer()
+
+
+class RefusedError(BcapError):
+    """A call is refused; the controller answers with `hresult`."""
+
+    def __init__(self, hresult: int) -> None:
+        super().__init__(f"refused with {hresult:08X}")
+        self.hresult = hresult
+
+
+def answer_at(time: int, value: Variant | None = None) -> Running:
+    """Make a call that succeeds at a given time (ns)."""
+    return Running(lambda now: Answer(value=value) if now >= time else None, lambda now: time)

@@ -1,0 +1,114 @@
+"""Profiles: what the simulated controller answers where generations differ.
+
+Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
+ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). That
+a real RC8 or RC9 answers failures as the C server does is assumed, since it was built on the same library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from bcapscope.protocol.convention import ReplyReserved
+from bcapscope.protocol.responder import Defect
+from bcapscope.protocol.slavemode import Generation
+from bcapscope.protocol.variant import VT
+
+_RC8_ONLY = frozenset(
+    ("slvsendformat", "slvrecvformat", "manualreset", "resetstostate", "stostate", "takearmstate")
+)
+_RC7_ONLY = frozenset(("putautomode", "getautomode"))
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """One kind of controller.
+
+    Attributes:
+        name: as `--profile` takes it.
+        title: in words.
+        generation: which meaning the numbers of slave modes have.
+        replies: what replies carry in reserved.
+        empty_result: a call without result that could have one answers EMPTY; else no argument.
+        empty_on_error: a refused call that could have a result carries EMPTY.
+        mode_type: type of slvGetMode's result.
+        real: element type of poses.
+        providers: accepted by Controller_Connect, in lower case; () where the name is ignored.
+        needs_robslave: slave mode needs the task RobSlave.
+        needs_arm: motion needs TakeArm.
+        async_detector: a late set point is an error in RC7's Async modes, as the pendant may say.
+        running_result: what slvChangeMode answers when the robot did not stand still in time.
+        lacks: commands that it does not know, in lower case.
+        version: value of @VERSION.
+        defects: of the C server that are imitated.
+    """
+
+    name: str
+    title: str
+    generation: Generation
+    replies: ReplyReserved
+    empty_result: bool
+    empty_on_error: bool
+    mode_type: VT
+    real: VT
+    providers: tuple[str, ...]
+    needs_robslave: bool
+    needs_arm: bool
+    async_detector: bool
+    running_result: int
+    lacks: frozenset[str]
+    version: str
+    defects: Defect = Defect.NONE
+
+
+_RC8 = Profile(
+    name="rc8",
+    title="RC8, RC8A, COBOTTA",
+    generation=Generation.RC8,
+    replies=ReplyReserved.ZERO,
+    empty_result=True,
+    empty_on_error=True,
+    mode_type=VT.I4,
+    real=VT.R8,
+    providers=("caoprov.denso.vrc",),
+    needs_robslave=False,
+    needs_arm=True,
+    async_detector=False,
+    running_result=0x8150100D,
+    lacks=_RC7_ONLY,
+    version="2.0.0",
+)
+
+_RC7 = Profile(
+    name="rc7",
+    title="RC7",
+    generation=Generation.RC7,
+    replies=ReplyReserved.ECHOED,
+    empty_result=False,
+    empty_on_error=False,
+    mode_type=VT.I2,
+    real=VT.R4,
+    providers=(),
+    needs_robslave=True,
+    needs_arm=False,
+    async_detector=False,
+    running_result=0x0000600B,
+    lacks=_RC8_ONLY,
+    version="3.0.0",
+)
+
+
+_RC9 = replace(_RC8, name="rc9", title="RC9, COBOTTA PRO", providers=("caoprov.denso.vrc9",), version="1.0.0")
+_CSERVER = replace(
+    _RC8,
+    name="cserver",
+    title="DENSO's C server with the commands of an RC8",
+    defects=Defect.FORGETS_FIRST | Defect.SERIAL_ZERO,
+)
+
+PROFILES: Mapping[str, Profile] = MappingProxyType(
+    {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
+)
+"""Every profile by its name."""

@@ -1,0 +1,239 @@
+"""Commands of Robot_Execute that are neither motions nor of slave mode.
+
+Names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
+nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source printed are as `command_table` infers them.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
+from bcapscope.protocol.poses import AXES
+from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.simulator.arm import MS
+from bcapscope.simulator.context import Command, Commands, Context
+from bcapscope.simulator.controllog import record_values
+from bcapscope.simulator.kinematics import Joints, beyond_limit, joints_of, pose_of
+from bcapscope.simulator.motions import MOTION_COMMANDS
+from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError, answer_at
+from bcapscope.simulator.posenotation import parse_target
+from bcapscope.simulator.refusals import BAD_INDEX
+from bcapscope.simulator.slavecommands import SLAVE_COMMANDS, currents
+from bcapscope.simulator.values import (
+    boolean,
+    bstr,
+    i4,
+    integer_of,
+    items_of,
+    nth,
+    numbers_of,
+    r8,
+    row,
+)
+
+_P, _J, _T = PoseType.P, PoseType.J, PoseType.T
+_KEEP, _SQUARE = -1, -2
+
+
+def take_arm(context: Context, parameter: Variant) -> Outcome:
+    """Run TakeArm: refused while another client has the arm."""
+    machine = context.machine
+    if machine.owner not in (None, context.client):
+        raise RefusedError(E_ARM_NOT_TAKEN)
+    machine.owner = context.client
+    return DONE
+
+
+def give_arm(context: Context, parameter: Variant) -> Outcome:
+    """Run GiveArm: nothing happens where the arm is not this client's."""
+    if context.machine.owner == context.client:
+        context.machine.owner = None
+    return DONE
+
+
+def take_arm_state(context: Context, parameter: Variant) -> Outcome:
+    """Run TakeArmState."""
+    return Answer(value=i4(int(context.machine.owner == context.client)))
+
+
+def motor(context: Context, parameter: Variant) -> Outcome:
+    """Run Motor; the call lasts until the motor is on unless the second number says not to wait."""
+    items = items_of(parameter)
+    on = integer_of(nth(items, 0)) != 0
+    done = context.machine.switch_motor(on, context.now)
+    waits = len(items) < 2 or integer_of(items[1]) == 0
+    return answer_at(done) if waits and done > context.now else DONE
+
+
+def ext_speed(context: Context, parameter: Variant) -> Outcome:
+    """Run ExtSpeed: speed, acceleration, deceleration in percent; -1 keeps, -2 is speed squared / 100."""
+    numbers = numbers_of(parameter)
+    if not numbers:
+        raise RefusedError(E_INVALIDARG)
+    speeds = context.machine.speeds
+    old = (speeds.external, speeds.external_acceleration, speeds.external_deceleration)
+    speed = old[0] if numbers[0] == _KEEP else numbers[0]
+    rest = [
+        keep if value == _KEEP else speed * speed / 100 if value == _SQUARE else value
+        for keep, value in zip(old[1:], (*numbers[1:3], *(_SQUARE,) * 2), strict=False)
+    ]
+    if not all(0 < value <= 100 for value in (speed, *rest)):
+        raise RefusedError(E_INVALIDARG)
+    speeds.external, speeds.external_acceleration, speeds.external_deceleration = speed, *rest
+    return DONE
+
+
+def _now(pose_type: PoseType, timed: bool = False) -> Command:
+    def run(context: Context, parameter: Variant) -> Outcome:
+        values = pose_of(pose_type, context.machine.arm.actual(context.now))
+        time = ((context.now - context.machine.began) / MS,) if timed else ()
+        return Answer(value=row(context.machine.profile.real, (*time, *values)))
+
+    return run
+
+
+def destination(context: Context, parameter: Variant) -> Outcome:
+    """Run DestPos."""
+    return Answer(value=row(context.machine.profile.real, pose_of(_P, context.machine.arm.goal)))
+
+
+def _convert(from_type: PoseType, to_type: PoseType) -> Command:
+    def run(context: Context, parameter: Variant) -> Outcome:
+        return Answer(
+            value=row(context.machine.profile.real, pose_of(to_type, _pose(context, from_type, parameter)))
+        )
+
+    return run
+
+
+def _pose(context: Context, pose_type: PoseType, parameter: Variant) -> Joints:
+    """Read a pose whose type the command tells where the notation does not."""
+    items = items_of(parameter)
+    if items and all(isinstance(item.value, int | float) for item in items):
+        return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
+    return parse_target(parameter, context.machine.memory.read).joints
+
+
+def out_range(context: Context, parameter: Variant) -> Outcome:
+    """Run OutRange: 0 inside, bits of the axes beyond their limits, -1 unreachable."""
+    items = items_of(parameter)
+    pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
+    try:
+        joints = parse_target(pose, context.machine.memory.read).joints
+    except RefusedError as refusal:
+        if refusal.hresult == E_INVALIDARG:
+            raise
+        return Answer(value=i4(-1))
+    axis = beyond_limit(joints, context.machine.start.limits)
+    return Answer(value=i4(1 << axis - 1 if axis else 0))
+
+
+def motion_complete(context: Context, parameter: Variant) -> Outcome:
+    """Run MotionComplete: by the command, or by the encoders where the second number is 1."""
+    items = items_of(parameter)
+    by_encoders = len(items) > 1 and integer_of(items[1]) == 1
+    machine = context.machine
+    done = machine.arm.stands(context.now) if by_encoders else context.now >= machine.free_at
+    return Answer(value=boolean(done))
+
+
+def servo_data(context: Context, parameter: Variant) -> Outcome:
+    """Run GetSrvData: the deviation of the encoders for 2, else a number of the same size."""
+    integer_of(parameter)
+    return Answer(value=row(VT.R8, currents(context)))
+
+
+def log_count(context: Context, parameter: Variant) -> Outcome:
+    """Run GetLogCount."""
+    return Answer(value=i4(len(context.machine.log.records)))
+
+
+def log_record(context: Context, parameter: Variant) -> Outcome:
+    """Run GetLogRecord; index 0 is the oldest."""
+    index, machine = integer_of(parameter), context.machine
+    if not 0 <= index < len(machine.log.records):
+        raise RefusedError(BAD_INDEX)
+    record = machine.log.records[index]
+    lag = tuple(a - b for a, b in zip(record.commanded, record.actual, strict=True))
+    return Answer(value=record_values(record, lag, machine.tool, machine.work))
+
+
+def clear_log(context: Context, parameter: Variant) -> Outcome:
+    """Run ClearLog."""
+    context.machine.log.records.clear()
+    return DONE
+
+
+def start_log(context: Context, parameter: Variant) -> Outcome:
+    """Run StartLog."""
+    context.machine.log.start(context.now)
+    return DONE
+
+
+def stop_log(context: Context, parameter: Variant) -> Outcome:
+    """Run StopLog."""
+    context.machine.log.stop()
+    return DONE
+
+
+def type_name(context: Context, parameter: Variant) -> Outcome:
+    """Run GetRobotTypeName."""
+    return Answer(value=bstr(context.machine.start.type_name))
+
+
+def accepted(context: Context, parameter: Variant) -> Outcome:
+    """Take a setting that changes nothing here."""
+    return DONE
+
+
+def _speed(name: str) -> Command:
+    return lambda context, parameter: Answer(value=r8(getattr(context.machine.speeds, name)))
+
+
+ROBOT_COMMANDS: Commands = MappingProxyType(
+    {
+        **SLAVE_COMMANDS,
+        **MOTION_COMMANDS,
+        "takearm": take_arm,
+        "givearm": give_arm,
+        "takearmstate": take_arm_state,
+        "motor": motor,
+        "extspeed": ext_speed,
+        "curpos": _now(_P),
+        "curposex": _now(_P, timed=True),
+        "curjnt": _now(_J),
+        "curtrn": _now(_T),
+        "highcurjntex": _now(_J, timed=True),
+        "destpos": destination,
+        "curspd": _speed("internal"),
+        "curacc": _speed("acceleration"),
+        "curextspd": _speed("external"),
+        "curextacc": _speed("external_acceleration"),
+        "curtool": lambda context, parameter: Answer(value=i4(context.machine.tool)),
+        "j2p": _convert(_J, _P),
+        "j2t": _convert(_J, _T),
+        "p2j": _convert(_P, _J),
+        "p2t": _convert(_P, _T),
+        "t2j": _convert(_T, _J),
+        "t2p": _convert(_T, _P),
+        "outrange": out_range,
+        "motioncomplete": motion_complete,
+        "getsrvdata": servo_data,
+        "getrobottypename": type_name,
+        "clearlog": clear_log,
+        "startlog": start_log,
+        "stoplog": stop_log,
+        "getlogcount": log_count,
+        "getlogrecord": log_record,
+        "payload": accepted,
+        "speedmode": accepted,
+        "highpathaccuracy": accepted,
+        "grvoffset": accepted,
+        "manualresetpreparation": accepted,
+        "motionpreparation": accepted,
+        "getmotionpreparationstate": lambda context, parameter: Answer(value=boolean(True)),
+    }
+)
+"""Commands of Robot_Execute by their names in lower case."""

@@ -1,0 +1,182 @@
+"""The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
+
+It does no I/O and has no clock. Limits of clients: orin_bcap C/src/bCAPServer/bcap_server.c. That server's
+UDP service ends when a datagram begins like a frame and is none; here such a datagram is dropped and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame, parse_datagram
+from bcapscope.protocol.stream import Splitter
+from bcapscope.simulator.conversation import Conversation, Report
+from bcapscope.simulator.machine import Machine, Start
+from bcapscope.simulator.profile import Profile
+
+MOST_CLIENTS = 20
+"""On TCP, and again on UDP."""
+
+FORGOTTEN_AFTER = 10_000_000_000
+"""ns of silence after which a UDP client gives way to a new one when the list is full."""
+
+LARGEST_REQUEST = 64 * 1024
+"""Bytes of a request on TCP; our bound, so that a client cannot fill the memory."""
+
+Peer: TypeAlias = Hashable
+"""Whatever names a client to the caller: an address, a connection."""
+
+
+class Output(NamedTuple):
+    """Something to send.
+
+    Attributes:
+        peer: to whom.
+        data: one frame; empty to close the connection.
+    """
+
+    peer: Peer
+    data: bytes
+
+
+class _Link(NamedTuple):
+    conversation: Conversation
+    splitter: Splitter | None
+
+
+def _ignore(report: Report) -> None:
+    """Take no notice of a call."""
+
+
+class Simulator:
+    """A controller and all its clients.
+
+    Attributes:
+        machine: the controller.
+        dropped: datagrams that were no sound frame, or came from a client too many.
+        refused: connections closed because of a bad frame or because there were too many.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        start: Start | None = None,
+        now: int = 0,
+        report: Callable[[Report], None] = _ignore,
+    ) -> None:
+        """Switch the controller on.
+
+        Args:
+            profile: what kind it is.
+            start: its state at the beginning.
+            now: ns; all later times count on the same clock.
+            report: called with each call that is answered.
+        """
+        self.machine = Machine(profile, start, now)
+        self.dropped = 0
+        self.refused = 0
+        self._report = report
+        self._links: dict[Peer, _Link] = {}
+        self._number = 0
+
+    def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]:
+        """Take a UDP datagram; return what to send."""
+        link = self._links.get(peer)
+        items = parse_datagram(data) if len(data) <= LARGEST_UDP_FRAME else ()
+        frame = items[0] if len(items) == 1 else None
+        if not isinstance(frame, Frame) or frame.problems:
+            self.dropped += 1
+            return []
+        link = link or self._new_udp(peer, now)
+        if link is None:
+            self.dropped += 1
+            return []
+        outputs = [Output(peer, each) for each in link.conversation.receive(frame, now)]
+        return outputs + self.advance(now)
+
+    def connect(self, peer: Peer, now: int) -> bool:
+        """Take a TCP connection; return False if there are too many, for the caller to close it."""
+        if self._count(udp=False) >= MOST_CLIENTS:
+            self.refused += 1
+            return False
+        self._add(peer, Splitter(limit=LARGEST_REQUEST), now)
+        return True
+
+    def segment(self, peer: Peer, data: bytes, now: int) -> list[Output]:
+        """Take bytes of a connection; return what to send.
+
+        A bad frame ends the connection without a reply, bytes outside of any frame are skipped.
+        """
+        link = self._links.get(peer)
+        if link is None or link.splitter is None:
+            return []
+        outputs: list[Output] = []
+        for piece in link.splitter.feed(data):
+            frame = piece.item
+            if not isinstance(frame, Frame):
+                continue
+            if frame.problems:
+                self.refused += 1
+                self.disconnect(peer, now)
+                outputs.append(Output(peer, b""))
+                break
+            outputs += [Output(peer, each) for each in link.conversation.receive(frame, now)]
+        return outputs + self.advance(now)
+
+    def disconnect(self, peer: Peer, now: int) -> None:
+        """Let go of a client that is gone."""
+        link = self._links.pop(peer, None)
+        if link is not None:
+            link.conversation.close(now)
+
+    def reset(self, now: int) -> list[Output]:
+        """Press the pendant's Reset button: every client is forgotten (DENSO Wave 2009)."""
+        peers = [peer for peer, link in self._links.items() if link.splitter is not None]
+        for peer in list(self._links):
+            self.disconnect(peer, now)
+        return [Output(peer, b"") for peer in peers]
+
+    def advance(self, now: int) -> list[Output]:
+        """Let time pass; return what to send."""
+        self.machine.advance(now)
+        outputs: list[Output] = []
+        for peer, link in self._links.items():
+            if link.conversation.is_running:
+                outputs += [Output(peer, each) for each in link.conversation.poll(now)]
+        return outputs
+
+    def due(self, now: int) -> int | None:
+        """Return when `advance` is to be called next at the latest; None if nothing is under way."""
+        times = [self.machine.due()]
+        times += [link.conversation.due(now) for link in self._links.values() if link.conversation.is_running]
+        return min((time for time in times if time is not None), default=None)
+
+    @property
+    def clients(self) -> int:
+        """Clients that are remembered."""
+        return len(self._links)
+
+    def _count(self, udp: bool) -> int:
+        return sum((link.splitter is None) is udp for link in self._links.values())
+
+    def _new_udp(self, peer: Peer, now: int) -> _Link | None:
+        if self._count(udp=True) >= MOST_CLIENTS and not self._forget_one(now):
+            return None
+        return self._add(peer, None, now)
+
+    def _forget_one(self, now: int) -> bool:
+        """Forget the UDP client that has been silent for longest, if that is long enough."""
+        silent = [(link.conversation.heard, peer) for peer, link in self._links.items() if not link.splitter]
+        heard, peer = min(silent, key=lambda each: each[0])
+        if now - heard < FORGOTTEN_AFTER:
+            return False
+        self.disconnect(peer, now)
+        return True
+
+    def _add(self, peer: Peer, splitter: Splitter | None, now: int) -> _Link:
+        self._number += 1
+        conversation = Conversation(self.machine, self._number, splitter is None, self._report)
+        conversation.heard = now
+        link = self._links[peer] = _Link(conversation, splitter)
+        return link

@@ -1,0 +1,236 @@
+"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove and the two formats.
+
+DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core (formats).
+The pose that comes back before slvRecvFormat was sent is that of the mode's type, as in the samples of 2009;
+no paper says so.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from bcapscope.protocol.hresult import (
+    E_ARM_NOT_TAKEN,
+    E_INVALIDARG,
+    E_NOT_IN_SLAVE_MODE,
+    E_REFUSED_IN_SLAVE_MODE,
+    S_BUF_FULL,
+    S_OK,
+)
+from bcapscope.protocol.setpoints import SetPoint, UserIO, split_set_point
+from bcapscope.protocol.slaveformat import ReceiveFormat, SendFormat, format_parameter
+from bcapscope.protocol.slavemode import PoseType, SlaveMode, mode_value, slave_mode
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.simulator.arm import MS
+from bcapscope.simulator.context import Commands, Context
+from bcapscope.simulator.kinematics import Joints, beyond_limit, is_pose_length, joints_of, pose_of
+from bcapscope.simulator.memory import IO_BYTES
+from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError, Running
+from bcapscope.simulator.refusals import POSITION_LIMIT
+from bcapscope.simulator.values import i2, i4, row, variants
+
+PATIENCE = 500 * MS
+"""How long slvChangeMode waits for the robot to stand still (DENSO Wave 2009)."""
+
+INVALID_SET_POINT = 0x83201405
+FIRST_USER_IO = 128
+HAND_IO, MINI_IO = 48, 0
+HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
+
+
+def change_mode(context: Context, parameter: Variant) -> Outcome:
+    """Run slvChangeMode."""
+    value = mode_value(parameter)
+    mode = None if value is None else slave_mode(value, context.machine.profile.generation)
+    if mode is None:
+        raise RefusedError(E_INVALIDARG)
+    if mode.pose_type is None:
+        return _leave(context)
+    if context.machine.slave.mode is not None:
+        raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
+    context.machine.check_slave_mode(context.client, context.now)
+    return _enter(context, mode)
+
+
+def _enter(context: Context, mode: SlaveMode) -> Outcome:
+    machine, began, stops = context.machine, context.now, context.machine.stops
+
+    def poll(now: int) -> Answer | None:
+        if machine.stops != stops:
+            return Answer(machine.stopped_by)
+        if machine.arm.stands(now):
+            machine.slave.enter(mode, now)
+            return DONE
+        return Answer(machine.profile.running_result) if now >= began + PATIENCE else None
+
+    return poll(began) or Running(poll, lambda now: min(machine.arm.settles, began + PATIENCE))
+
+
+def _leave(context: Context) -> Outcome:
+    machine = context.machine
+    slave, run = machine.slave, machine.slave.run
+    if slave.mode is None:
+        return DONE
+    slave.drain()
+
+    def poll(now: int) -> Answer | None:
+        if slave.mode is None or slave.run != run:
+            return DONE
+        if not slave.is_empty or not machine.arm.stands(now):
+            return None
+        slave.leave()
+        return DONE
+
+    return Running(poll, lambda now: max(slave.next_tick if not slave.is_empty else machine.arm.settles, now))
+
+
+def get_mode(context: Context, parameter: Variant) -> Outcome:
+    """Run slvGetMode."""
+    mode = context.machine.slave.mode
+    value = mode.value if mode else 0
+    return Answer(value=i2(value) if context.machine.profile.mode_type == VT.I2 else i4(value))
+
+
+def send_format(context: Context, parameter: Variant) -> Outcome:
+    """Run slvSendFormat."""
+    found = format_parameter(parameter)
+    form = SendFormat.parse(found.value) if found else None
+    if form is None or not form.is_known:
+        raise RefusedError(E_INVALIDARG)
+    context.machine.slave.send = form
+    return DONE
+
+
+def receive_format(context: Context, parameter: Variant) -> Outcome:
+    """Run slvRecvFormat."""
+    found = format_parameter(parameter)
+    form = ReceiveFormat.parse(found.value, found.microseconds) if found else None
+    if form is None or not form.is_known:
+        raise RefusedError(E_INVALIDARG)
+    context.machine.slave.receive = form
+    return DONE
+
+
+def slave_move(context: Context, parameter: Variant) -> Outcome:
+    """Run slvMove."""
+    machine, slave = context.machine, context.machine.slave
+    mode = slave.mode
+    if mode is None or mode.pose_type is None:
+        raise RefusedError(E_NOT_IN_SLAVE_MODE)
+    if machine.profile.needs_arm and machine.owner != context.client:
+        raise RefusedError(E_ARM_NOT_TAKEN)
+    point = split_set_point(parameter, mode.pose_type, slave.send, slave.receive)
+    joints = _joints(context, mode.pose_type, point)
+    needed = slave.push(joints)
+    _write_io(context, point)
+    if not mode.paces:
+        full = mode.overflow_is_error and slave.waiting >= mode.slots
+        return Answer(S_BUF_FULL if full else S_OK, _feedback(context, mode.pose_type, point))
+    return _pace(context, mode.pose_type, point, needed)
+
+
+def _pace(context: Context, pose_type: PoseType, point: SetPoint, needed: int) -> Outcome:
+    machine, slave, run = context.machine, context.machine.slave, context.machine.slave.run
+
+    def poll(now: int) -> Answer | None:
+        if slave.run != run or (slave.mode is None and slave.taken < needed):
+            return Answer(machine.stopped_by or E_NOT_IN_SLAVE_MODE)
+        if slave.taken < needed:
+            return None
+        context.now = now
+        return Answer(value=_feedback(context, pose_type, point))
+
+    return poll(context.now) or Running(poll, lambda now: slave.next_tick)
+
+
+def _joints(context: Context, pose_type: PoseType, point: SetPoint) -> Joints:
+    """Return where a set point goes; one that cannot be ends slave mode."""
+    if point.problems or point.pose is None:
+        raise RefusedError(E_INVALIDARG)
+    values = (*point.pose.values, *point.pose.extra)
+    if not is_pose_length(pose_type, len(values)):
+        raise RefusedError(E_INVALIDARG)
+    machine = context.machine
+    try:
+        finite = all(abs(value) < 1e9 for value in values)
+        joints = joints_of(pose_type, point.pose.values) if finite else None
+        code = INVALID_SET_POINT if joints is None else _limit(joints, context)
+    except RefusedError as refusal:
+        joints, code = None, refusal.hresult
+    if joints is None or code:
+        machine.fail(code, context.now)
+        raise RefusedError(code)
+    return joints
+
+
+def _limit(joints: Joints, context: Context) -> int:
+    axis = beyond_limit(joints, context.machine.start.limits)
+    return POSITION_LIMIT + axis if axis else 0
+
+
+def _write_io(context: Context, point: SetPoint) -> None:
+    memory = context.machine.memory
+    if point.mini_io is not None:
+        memory.write_word(MINI_IO, point.mini_io, MINI_MASK)
+    if point.hand_io is not None:
+        memory.write_word(HAND_IO, point.hand_io, HAND_MASK)
+    if point.user_write is not None and point.user_write.data is not None:
+        start, stop = _run(point.user_write)
+        memory.io[start:stop] = point.user_write.data[: stop - start].ljust(stop - start, b"\0")
+
+
+def _run(run: UserIO) -> tuple[int, int]:
+    start, size = run.offset // 8, run.size // 8
+    if run.offset < FIRST_USER_IO or run.offset % 8 or run.size % 8 or not 0 < size <= IO_BYTES - start:
+        raise RefusedError(E_INVALIDARG)
+    return start, start + size
+
+
+def _feedback(context: Context, pose_type: PoseType, point: SetPoint) -> Variant:
+    """Make the result of slvMove as the receive format says."""
+    machine = context.machine
+    actual = machine.arm.actual(context.now)
+    form = machine.slave.receive
+    if form is None or form.bare_pose:
+        bare = (form.bare_pose if form else None) or pose_type
+        return row(machine.profile.real, pose_of(bare, actual))
+    parts = []
+    if form.timestamp:
+        parts.append(i4((context.now - machine.began) // (1000 if form.microseconds else MS)))
+    if form.poses:
+        parts.append(row(VT.R8, [value for each in form.poses for value in pose_of(each, actual)]))
+    parts += _words(context, form, point)
+    if form.current:
+        parts.append(row(VT.R8, currents(context)))
+    return variants(*parts)
+
+
+def _words(context: Context, form: ReceiveFormat, point: SetPoint) -> list[Variant]:
+    memory = context.machine.memory
+    parts = []
+    if form.mini_io:
+        parts.append(i4(memory.word(MINI_IO)))
+    if form.user_io:
+        start, stop = _run(point.user_read) if point.user_read else (0, 0)
+        parts.append(Variant.array(VT.UI1, bytes(memory.io[start:stop])))
+    if form.hand_io:
+        parts.append(i4(memory.word(HAND_IO)))
+    return parts
+
+
+def currents(context: Context) -> tuple[float, ...]:
+    """Return motor currents, a number for each axis: here what the encoders lag behind, in degrees."""
+    arm, now = context.machine.arm, context.now
+    return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
+
+
+SLAVE_COMMANDS: Commands = MappingProxyType(
+    {
+        "slvchangemode": change_mode,
+        "slvgetmode": get_mode,
+        "slvmove": slave_move,
+        "slvsendformat": send_format,
+        "slvrecvformat": receive_format,
+    }
+)
+"""Commands of Robot_Execute by their names in lower case."""

@@ -1,0 +1,172 @@
+"""A client that talks to a simulated controller in memory, with a clock of its own."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.functions import function_by_name
+from bcapscope.protocol.hresult import S_EXECUTING
+from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
+from bcapscope.simulator.machine import Machine, Start
+from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.simulator import Output, Simulator
+from bcapscope.simulator.values import bstr, i4, row
+
+MS = 1_000_000
+
+
+class Reply(NamedTuple):
+    """What a call was answered: result, value (None without argument), how long it took in ms."""
+
+    hresult: int
+    value: Value
+    vt: int | None
+    ms: float
+    notices: int
+    reserved: int
+
+
+class Desk:
+    """A controller and its time."""
+
+    def __init__(self, profile: str = "rc8", start: Start | None = None) -> None:
+        self.simulator = Simulator(PROFILES[profile], start)
+        self.now = 0
+
+    @property
+    def machine(self) -> Machine:
+        """The controller."""
+        return self.simulator.machine
+
+    def wait(self, ms: float) -> list[Output]:
+        """Let time pass as a server would: stop whenever something is due."""
+        end, outputs = self.now + round(ms * MS), []
+        while (due := self.simulator.due(self.now)) is not None and due <= end:
+            self.now = max(due, self.now + 1)
+            outputs += self.simulator.advance(self.now)
+        self.now = max(end, self.now)
+        return outputs + self.simulator.advance(self.now)
+
+
+class Person:
+    """One client, over UDP unless told."""
+
+    def __init__(self, desk: Desk, name: str = "client", tcp: bool = False) -> None:
+        self.desk = desk
+        self.name = name
+        self.serial = 0
+        self.tcp = tcp
+        if tcp:
+            assert desk.simulator.connect(name, desk.now)
+
+    def send(self, function: str, *arguments: Variant) -> list[Output]:
+        """Send a request and return what comes at once."""
+        self.serial += 1
+        found = function_by_name(function)
+        assert found is not None
+        raw = encode(self.serial, 0, found.id, arguments)
+        simulator, now = self.desk.simulator, self.desk.now
+        return simulator.segment(self.name, raw, now) if self.tcp else simulator.datagram(self.name, raw, now)
+
+    def call(self, function: str, *arguments: Variant, patience: float = 20_000) -> Reply:
+        """Send a request and wait for its reply."""
+        began, notices = self.desk.now, 0
+        outputs = self.send(function, *arguments)
+        while True:
+            for output in outputs:
+                frame = Frame(output.data)
+                if output.peer != self.name or frame.serial != self.serial:
+                    continue
+                if frame.code != S_EXECUTING:
+                    return self._reply(frame, began, notices)
+                notices += 1
+            due = self.desk.simulator.due(self.desk.now)
+            assert due is not None, "no answer, and nothing is under way"
+            assert due - began <= patience * MS, "no answer in time"
+            self.desk.now = max(due, self.desk.now + 1)
+            outputs = self.desk.simulator.advance(self.desk.now)
+
+    def _reply(self, frame: Frame, began: int, notices: int) -> Reply:
+        values = [argument.variant for argument in frame.arguments]
+        value = values[0] if values else None
+        ms = (self.desk.now - began) / MS
+        return Reply(
+            frame.code,
+            value.value if value else None,
+            value.vt if value else None,
+            ms,
+            notices,
+            frame.reserved,
+        )
+
+
+class Operator(Person):
+    """A client with a controller and a robot open."""
+
+    def __init__(self, desk: Desk, name: str = "client", tcp: bool = False, options: str = "") -> None:
+        super().__init__(desk, name, tcp)
+        provider = {"rc9": "CaoProv.DENSO.VRC9"}.get(desk.machine.profile.name, "CaoProv.DENSO.VRC")
+        assert self.call("Service_Start", bstr(options)).hresult == 0
+        texts = map(bstr, ("", provider, "localhost", ""))
+        self.controller = self.handle(self.call("Controller_Connect", *texts))
+        self.arm = self.get("Controller_GetRobot", self.controller, "Arm")
+
+    def handle(self, reply: Reply) -> Variant:
+        """Return the handle in a reply."""
+        assert reply.hresult == 0, hex(reply.hresult)
+        assert isinstance(reply.value, int)
+        return i4(reply.value)
+
+    def get(self, function: str, parent: Variant, name: str, option: str = "") -> Variant:
+        """Open an object."""
+        return self.handle(self.call(function, parent, bstr(name), bstr(option)))
+
+    def robot(self, command: str, parameter: Variant = EMPTY) -> Reply:
+        """Run a command of the robot."""
+        return self.call("Robot_Execute", self.arm, bstr(command), parameter)
+
+    def command(self, command: str, parameter: Variant = EMPTY) -> Reply:
+        """Run a command of the controller."""
+        return self.call("Controller_Execute", self.controller, bstr(command), parameter)
+
+    def read(self, name: str) -> Reply:
+        """Read a variable of the controller."""
+        variable = self.get("Controller_GetVariable", self.controller, name)
+        return self.call("Variable_GetValue", variable)
+
+    def write(self, name: str, value: Variant) -> Reply:
+        """Write a variable of the controller."""
+        variable = self.get("Controller_GetVariable", self.controller, name)
+        return self.call("Variable_PutValue", variable, value)
+
+    def move(self, pose: str, option: str = "") -> Reply:
+        """Move by PTP."""
+        return self.call("Robot_Move", self.arm, i4(1), bstr(pose), bstr(option))
+
+    def ready(self) -> None:
+        """Take the arm and switch the motor on; run RobSlave where it is needed."""
+        if self.desk.machine.profile.needs_robslave:
+            task = self.get("Controller_GetTask", self.controller, "RobSlave")
+            assert self.call("Task_Start", task, i4(1), bstr("")).hresult == 0
+        else:
+            assert self.robot("TakeArm", ints(0, 0)).hresult == 0
+        assert self.robot("Motor", ints(1, 0)).hresult == 0
+
+    def slave(self, mode: int) -> Reply:
+        """Switch slave mode."""
+        return self.robot("slvChangeMode", i4(mode))
+
+    def point(self, *values: float) -> Reply:
+        """Send a set point."""
+        return self.robot("slvMove", row(VT.R8, values))
+
+
+def ints(*numbers: int) -> Variant:
+    """Make an array of VT_I4."""
+    return Variant.array(VT.I4, numbers)
+
+
+def joints(*numbers: float) -> tuple[float, ...]:
+    """Fill joints up to eight."""
+    return (*numbers, *(0.0,) * (8 - len(numbers)))
