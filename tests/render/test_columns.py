@@ -1,0 +1,67 @@
+"""Text in columns, on terminals of any script."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.render.columns import columns, display_width, wrapped
+
+
+@pytest.mark.parametrize(
+    ("text", "width"),
+    [("", 0), ("slvMove", 7), ("軸１", 4), ("e\u0301", 1), ("ｶ", 1), ("…", 1), ("→ ×", 3)],
+)
+def test_display_width(text: str, width: int) -> None:
+    assert display_width(text) == width
+
+
+def test_columns_are_as_wide_as_their_widest_cell() -> None:
+    rows = [("name", "n"), ("軸", "10"), ("slvMove", "1")]
+    assert list(columns(rows, "<>")) == [
+        "name      n",
+        "軸       10",
+        "slvMove   1",
+    ]
+
+
+def test_the_last_column_is_not_filled_up() -> None:
+    assert list(columns([("a", ""), ("", "long"), ("", "")], "><")) == ["a", "   long", ""]
+
+
+def test_no_rows() -> None:
+    assert list(columns([], "<>")) == []
+
+
+@given(st.lists(st.lists(st.text("a軸 ", max_size=5), min_size=3, max_size=3), max_size=6))
+def test_columns_begin_and_end_below_each_other(rows: list[list[str]]) -> None:
+    framed = [[f"|{cell}|" for cell in row] for row in rows]
+    found = list(columns(framed, "<>>"))
+    assert len(found) == len(rows)
+    ends = {display_width(line) for line in found}
+    assert len(ends) <= 1
+    for line, row in zip(found, framed, strict=True):
+        assert line.startswith(row[0])
+        assert line.endswith(row[2])
+
+
+@pytest.mark.parametrize(
+    ("text", "width", "expected"),
+    [
+        ("", 10, [""]),
+        ("one two three", 7, ["one two", "three"]),
+        ("one two three", 6, ["one", "two", "three"]),
+        ("a_word_that_is_long x", 4, ["a_word_that_is_long", "x"]),
+        ("軸 軸 軸", 5, ["軸 軸", "軸"]),
+    ],
+)
+def test_wrapped(text: str, width: int, expected: list[str]) -> None:
+    assert list(wrapped(text, width)) == expected
+
+
+@given(st.text("ab ", max_size=60), st.integers(1, 20))
+def test_wrapping_loses_nothing(text: str, width: int) -> None:
+    lines = list(wrapped(text, width))
+    assert " ".join(lines).split() == text.split()
+    assert all(display_width(line) <= width or " " not in line for line in lines)
