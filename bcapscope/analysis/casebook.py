@@ -49,7 +49,7 @@ class Case:
 
     def add(self, incident: Incident) -> None:
         """Take one more."""
-        self.count += 1
+        self.count += incident.count
         (self._first if len(self._first) < MOST_KEPT else self._last).append(incident)
 
     def hold(self, incident: Incident) -> None:
@@ -242,8 +242,9 @@ def _sentence(case: Case, order: _Order, speech: Speech) -> str:
     chosen = case.chosen
     text = chosen.say(speech)
     if case.count > 1:
-        ends = f"from {speech.at(case.first.began)} to {speech.at(case.last.time)}"
-        text += f" ({times(case.count)} in all, {ends})"
+        listed = all(incident.count == 1 for incident in case)
+        first, last = speech.at(case.first.began), speech.at(case.last.time)
+        text += f" ({times(case.count)} in all, {f'from {first} to {last}' if listed else f'the first at {first}'})"
     if order.parent(case) is None:
         text += _story(case, order, speech)
     first = text.split(" ", 1)[0]
@@ -263,7 +264,10 @@ def _story(root: Case, order: _Order, speech: Speech) -> str:
         if order.explains_the_rest(root):
             return f"{text}; everything after that is a consequence"
         first, last = order.number(family[1]), order.number(family[-1])
-        text += f"; finding {first} follows" if first == last else f"; findings {first} to {last} follow"
+        between = "and" if last == first + 1 else "to"
+        text += (
+            f"; finding {first} follows" if first == last else f"; findings {first} {between} {last} follow"
+        )
         text += " from it"
     return text
 

@@ -89,7 +89,6 @@ _INVALID_CODES = (0x83201405, 0x84201547, 0x80201548, 0x8420151C, 0x83201401)
 
 _PERIOD_S = 0.008
 _FAR = 1.0
-_LEAST_JUMP = 0.5
 
 
 class Limits(Watcher):
@@ -111,8 +110,7 @@ class Limits(Watcher):
             if distance > _FAR and not stay.began_before_capture:
                 self._far(stay, axis.name, axis.unit, distance)
         for jump in motion.jump_list:
-            if abs(jump.step) >= _LEAST_JUMP:
-                self._jump(stay, jump)
+            self._jump(stay, jump)
 
     def _not_finite(self, stay: Stay, count: int, frames: tuple[int, ...]) -> None:
         def say(speech: Speech) -> str:

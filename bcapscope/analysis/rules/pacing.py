@@ -118,13 +118,8 @@ class Pacing(Watcher):
         )
 
     def stay(self, stay: Stay) -> None:
-        for starved in stay.buffer.starved_list:
-            if (
-                starved.moving is not False
-                and not stay.buffer.overwrites
-                and starved.before not in self._told
-            ):
-                self._starved(stay, starved)
+        if not stay.buffer.overwrites:
+            self._list_starved(stay)
         cycle = stay.timing.cycle
         if cycle is None or cycle.count < _FEW:
             return
@@ -138,7 +133,16 @@ class Pacing(Watcher):
             share = f", and {stay.timing.skipped} of {cycle.count} cycles took one and a half periods or more"
             self._off(OFF_GRID, stay, cycle.mean, share)
 
-    def _starved(self, stay: Stay, starved: Starved) -> None:
+    def _list_starved(self, stay: Stay) -> None:
+        listed = [starved for starved in stay.buffer.starved_list if starved.moving is not False]
+        more = max(stay.buffer.starved_moving - len(listed), 0)
+        untold = [starved for starved in listed if starved.before not in self._told]
+        for starved in untold[:-1]:
+            self._starved(stay, starved, 1)
+        for starved in untold[-1:]:
+            self._starved(stay, starved, 1 + more)
+
+    def _starved(self, stay: Stay, starved: Starved, count: int) -> None:
         wait = round((starved.late_ms + stay.timing.slack_ms) * MS)
 
         def say(speech: Speech) -> str:
@@ -154,7 +158,7 @@ class Pacing(Watcher):
 
         frames = (starved.after, starved.before)
         began = starved.time - round(stay.timing.slack_ms * MS)
-        self.report(Incident(GAP, began, starved.time, stay.conversation, frames, say, then))
+        self.report(Incident(GAP, began, starved.time, stay.conversation, frames, say, then, count=count))
 
     def _off(self, rule: Rule, stay: Stay, mean: float, more: str) -> None:
         first, last = stay.first, stay.last

@@ -58,6 +58,7 @@ class Incident:
         because: numbers of calls that explain it, if something is wrong with them.
         key: incidents of a rule with different keys are different findings.
         advice: what to do in this case; empty for what the rule says.
+        count: how many times it stands for, where not all are listed one by one.
         cause: what it follows from, once that is known.
     """
 
@@ -72,6 +73,7 @@ class Incident:
     because: tuple[int, ...] = ()
     key: str = ""
     advice: str = ""
+    count: int = 1
     cause: Incident | None = None
 
 
