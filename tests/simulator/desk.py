@@ -144,6 +144,11 @@ class Operator(Person):
         """Move by PTP."""
         return self.call("Robot_Move", self.arm, i4(1), bstr(pose), bstr(option))
 
+    def machine_error(self) -> int:
+        """Return the newest active error as the controller's own panel shows it; 0 for none."""
+        active = self.desk.machine.alarms.active
+        return active[0].code if active else 0
+
     def ready(self) -> None:
         """Take the arm and switch the motor on; run RobSlave where it is needed."""
         if self.desk.machine.profile.needs_robslave:
