@@ -18,10 +18,10 @@ from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant
 
 Numbers: TypeAlias = "tuple[int | float | bytes, ...]"
 
-LARGEST_FRAME = 2048
+LARGEST_FRAME = 1024
 """Longer frames are decoded one by one: they are rare, and keeping their bytes would cost more."""
 
-MOST_LAYOUTS = 2048
+MOST_LAYOUTS = 1024
 """Layouts kept in all; when more forms than that are met, all are forgotten and learnt again."""
 
 MOST_SHAPES = 8
