@@ -244,7 +244,8 @@ def _sentence(case: Case, order: _Order, speech: Speech) -> str:
     if case.count > 1:
         listed = all(incident.count == 1 for incident in case)
         first, last = speech.at(case.first.began), speech.at(case.last.time)
-        text += f" ({times(case.count)} in all, {f'from {first} to {last}' if listed else f'the first at {first}'})"
+        ends = f"from {first} to {last}" if listed else f"the first at {first}"
+        text += f" ({times(case.count)} in all, {ends})"
     if order.parent(case) is None:
         text += _story(case, order, speech)
     first = text.split(" ", 1)[0]

@@ -204,7 +204,7 @@ class Replies(Watcher):
             )
             if not answered:
                 return text
-            return f"{text} and sent it again ({counted(call.retries, 'retry', 'retries')} in all)"
+            return f"{text} and tried again ({counted(call.retries, 'retry', 'retries')})"
 
         def then(speech: Speech, after: int) -> str:
             return (
