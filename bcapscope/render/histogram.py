@@ -44,7 +44,7 @@ def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PL
         count = counts[row]
         share = f"{count / total:7.2%}" if count else ""
         bar = f"{palette.number}{_bar(count / most)}{palette.reset}"
-        yield f"{_span(edges, row)}  {bar}{' ' * bool(count)}{count:>{len(str(most))}}  {share}".rstrip()
+        yield f"{_span(edges, row)}  {bar} {count:>{len(str(most))}}  {share}".rstrip()
 
 
 def _bar(share: float) -> str:

@@ -84,16 +84,16 @@ def _oddities(motion: Motion, palette: Palette) -> Iterator[str]:
         yield more(f"first point {_distance(motion)} from where the robot stood,")
         yield more(f"by {motion.first_distance_known_by}")
     if motion.repeated:
-        text = f"{motion.repeated} points equal to the one before"
+        points = "1 point" if motion.repeated == 1 else f"{motion.repeated} points"
+        text = f"{points} equal to the one before"
         if motion.stutters:
             frames = frames_text(motion.stutter_list, motion.stutters)
             text = f"{text}, {motion.stutters} of them between two that move; {frames}"
         yield from wrapped(text)
     if motion.jumps:
         first = motion.jump_list[0]
-        text = (
-            f"{motion.jumps} steps far larger than those beside, the first {first.step:.4g} on {first.axis}"
-        )
+        steps = "1 step" if motion.jumps == 1 else f"{motion.jumps} steps"
+        text = f"{steps} far larger than those beside, the first {first.step:.4g} on {first.axis}"
         frames = frames_text([jump.frame for jump in motion.jump_list], motion.jumps)
         yield from wrapped(f"{text}; {frames}", palette.problem, palette.reset)
     if motion.figure_changes:

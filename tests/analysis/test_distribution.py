@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -74,14 +75,15 @@ def test_nothing_has_no_distribution() -> None:
 def test_bins_hold_each_value_once(values: list[float]) -> None:
     bins = spread(values, bins=True).bins
     assert sum(each.count for each in bins) == len(values)
-    assert all(a.high <= b.low for a, b in zip(bins, bins[1:], strict=False))
+    assert all(a.high <= b.low for a, b in pairwise(bins))
     for value in values:
         assert any(each.low <= value < each.high for each in bins)
 
 
 def test_values_beyond_all_bins_are_kept_in_the_outermost() -> None:
     found = spread([0.0, 5e-324, 1e300] + [1.0] * EXACT, bins=True)
-    assert (found.least, found.most, found.p50) == (0.0, 1e300, pytest.approx(1.0, rel=NEAR))
+    assert (found.least, found.most) == (0.0, 1e300)
+    assert found.p50 == pytest.approx(1.0, rel=NEAR)
     assert (found.bins[0].count, found.bins[-1].count) == (2, 1)
 
 

@@ -1,0 +1,144 @@
+"""Columns of many frames against each frame decoded on its own."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bcapscope.analysis.forms import MOST_FORMS, MOST_NUMBERS, Columns, Forms, Picked, Picker
+from bcapscope.protocol.frame import Framing, encode
+from bcapscope.protocol.setpoints import split_feedback, split_set_point
+from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
+
+R8S, R4S = ARRAY | VT.R8, ARRAY | VT.R4
+EXECUTE = 64
+
+
+def pick_command(parameter: Variant) -> Picked:
+    pose = split_set_point(parameter, PoseType.J).pose
+    return (pose.values if pose else ()), None
+
+
+def pick_result(result: Variant) -> Picked:
+    feedback = split_feedback(result, PoseType.J)
+    return (feedback.poses[0].values if feedback.poses else ()), feedback.timestamp
+
+
+def i4(value: int) -> Variant:
+    return Variant(VT.I4, value)
+
+
+def mixed(*parts: Variant) -> Variant:
+    return Variant.array(VT.VARIANT, parts)
+
+
+doubles = st.tuples(*[st.floats(-360, 360)] * 8).map(lambda row: Variant.array(VT.R8, row))
+singles = st.tuples(*[st.floats(-360, 360, width=32)] * 8).map(lambda row: Variant.array(VT.R4, row))
+words = st.integers(-(2**31), 2**31 - 1).map(i4)
+listed = st.tuples(*[st.integers(-180, 180).map(i4) | st.floats(-9, 9).map(lambda x: Variant(VT.R8, x))] * 8)
+parameters = st.one_of(
+    doubles,
+    singles,
+    st.tuples(doubles, words).map(lambda parts: mixed(*parts)),
+    listed.map(lambda parts: mixed(*parts)),
+    st.just(EMPTY),
+    st.just(Variant(VT.BSTR, "nowhere")),
+)
+data = st.binary(max_size=4).map(lambda raw: Variant(ARRAY | VT.UI1, raw, len(raw)))
+results = st.one_of(
+    doubles,
+    st.tuples(words, doubles).map(lambda parts: mixed(*parts)),
+    st.tuples(words, doubles, data, words).map(lambda parts: mixed(*parts)),
+    st.tuples(words, doubles, data).map(lambda parts: mixed(*parts)),
+    st.just(EMPTY),
+)
+
+
+def expected(picker: Picker, raws: list[bytes], variants: list[Variant], axes: int) -> Columns:
+    columns = Columns(len(raws), axes)
+    for row, (raw, variant) in enumerate(zip(raws, variants, strict=True)):
+        pose, stamp = picker.pick(variant) if raw else ((), None)
+        if len(pose) >= axes:
+            columns.poses[row], columns.posed[row] = pose[:axes], True
+        if stamp is not None:
+            columns.stamps[row] = stamp
+    return columns
+
+
+def assert_equal(found: Columns, wanted: Columns) -> None:
+    np.testing.assert_array_equal(found.poses, wanted.poses)
+    np.testing.assert_array_equal(found.posed, wanted.posed)
+    np.testing.assert_array_equal(found.stamps, wanted.stamps)
+
+
+@settings(deadline=None)
+@given(st.lists(parameters, max_size=30), st.integers(1, 8), st.integers(0, 30))
+def test_set_points_are_read_as_one_by_one(variants: list[Variant], axes: int, cut: int) -> None:
+    raws = [
+        encode(n, n % 3, EXECUTE, (i4(2), Variant(VT.BSTR, "slvMove"), variant))
+        for n, variant in enumerate(variants)
+    ]
+    picker = Picker(2, pick_command)
+    forms = Forms(picker)
+    for part in (slice(cut), slice(cut, None)):
+        assert_equal(forms.read(raws[part], axes), expected(picker, raws[part], variants[part], axes))
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(results, st.booleans()), max_size=30))
+def test_results_are_read_as_one_by_one(replies: list[tuple[Variant, bool]]) -> None:
+    variants = [variant for variant, _ in replies]
+    raws = [encode(n, 0, 0, (variant,)) if there else b"" for n, (variant, there) in enumerate(replies)]
+    picker = Picker(0, pick_result)
+    assert_equal(Forms(picker).read(raws, 8), expected(picker, raws, variants, 8))
+
+
+def test_a_handle_belongs_to_the_form() -> None:
+    pose = Variant.array(VT.R8, tuple(map(float, range(8))))
+    raws = [encode(n, 0, EXECUTE, (i4(n % 2), Variant(VT.BSTR, "slvMove"), pose)) for n in range(6)]
+    assert Forms(Picker(2, pick_command)).read(raws, 8).posed.all()
+
+
+def test_more_forms_than_are_kept() -> None:
+    pose = Variant.array(VT.R8, tuple(map(float, range(8))))
+    raws = [encode(n, 0, EXECUTE, (i4(n), Variant(VT.BSTR, "slvMove"), pose)) for n in range(MOST_FORMS * 3)]
+    columns = Forms(Picker(2, pick_command)).read(raws, 8)
+    assert columns.posed.all()
+    assert (columns.poses == np.arange(8)).all()
+
+
+@pytest.mark.parametrize("framing", [Framing.VERSION_1, Framing.VERSION_1_ZLIB, Framing.SERIAL_LINE])
+def test_other_framings_are_read_on_their_own(framing: Framing) -> None:
+    pose = Variant.array(VT.R8, tuple(map(float, range(8))))
+    reserved = 0 if framing is Framing.SERIAL_LINE else 1
+    raws = [encode(n, reserved, EXECUTE, (i4(1), EMPTY, pose), framing) for n in range(3)]
+    columns = Forms(Picker(2, pick_command)).read(raws, 8)
+    assert (columns.poses == np.arange(8)).all()
+
+
+def test_very_many_numbers() -> None:
+    row = tuple(map(float, range(MOST_NUMBERS + 1)))
+    raw = encode(1, 0, EXECUTE, (i4(1), EMPTY, Variant.array(VT.R8, row)))
+    columns = Forms(Picker(2, lambda variant: (variant.value, None))).read([raw, raw], 8)  # type: ignore[arg-type,return-value]  # a row
+    assert (columns.poses == np.arange(8)).all()
+
+
+@given(st.lists(st.binary(max_size=40).map(lambda tail: struct.pack("<BIHHIH", 1, 99, 0, 0, 64, 3) + tail)))
+def test_no_bytes_break_it(raws: list[bytes]) -> None:
+    columns = Forms(Picker(2, pick_command)).read(raws, 8)
+    assert len(columns.poses) == len(raws)
+
+
+@given(st.integers(0, 200), st.integers(0, 255))
+def test_a_damaged_frame_among_sound_ones(position: int, byte: int) -> None:
+    pose = Variant.array(VT.R8, tuple(map(float, range(8))))
+    sound = encode(1, 0, EXECUTE, (i4(1), Variant(VT.BSTR, "slvMove"), pose))
+    damaged = bytearray(sound)
+    damaged[position % len(sound)] = byte
+    columns = Forms(Picker(2, pick_command)).read([sound, bytes(damaged), sound], 8)
+    assert (columns.poses[[0, 2]] == np.arange(8)).all()
