@@ -22,6 +22,7 @@ _COMMANDS = {
     "stats": "Figures by client and command: rates, latencies, retries, refusals.",
     "compare": "What differs between a good capture and a bad one.",
     "extract": "Write the trajectories of slave mode to CSV or JSON.",
+    "report": "Write a page with findings, figures and pictures, to mail.",
     "fields": "List the fields and the language of --filter.",
 }
 

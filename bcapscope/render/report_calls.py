@@ -1,0 +1,318 @@
+"""Pictures of calls: who called when and what happened, how long replies took, what retries looked like."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import plotly.graph_objects as go
+
+from bcapscope.analysis.account import Account, Lane
+from bcapscope.analysis.marks import Mark, MarkKind
+from bcapscope.analysis.statistics import OTHERS, Row
+from bcapscope.analysis.stay import Stay
+from bcapscope.protocol.hresult import describe, hresult_name
+from bcapscope.render.report_figure import (
+    AMBER,
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    Picture,
+    axis,
+    label,
+    picture,
+)
+from bcapscope.render.statistics import question_text
+from bcapscope.traffic.exchange import Event, Exchange, Role
+from bcapscope.traffic.observation import Conversation
+
+MOST_LANES = 16
+"""Clients in the timeline, those that called most."""
+
+MOST_KINDS = 20
+"""Kinds of calls in the picture of latencies, those that took most time."""
+
+_NARROWEST = 0.0015  # of the whole width: what is shorter would not be seen
+_SHORTEST_MS = 0.001  # a logarithmic axis has no 0, and captures no finer clocks
+
+_BAR = "#2A74B2"  # white text on it is read at 4.9 to one
+_MANY = 100  # fewer have no 99.9% of their own
+
+_MARKS: dict[MarkKind, tuple[str, str, float]] = {
+    MarkKind.RETRIED: ("triangle-up-open", AMBER, 0.26),
+    MarkKind.LATE: ("triangle-down", PURPLE, 0.36),
+    MarkKind.EXECUTED_TWICE: ("star", PURPLE, 0.36),
+    MarkKind.REFUSED: ("x", ORANGE, 0.46),
+    MarkKind.UNANSWERED: ("circle-open", ORANGE, 0.46),
+    MarkKind.DAMAGED: ("diamond", GRAY, 0.46),
+    MarkKind.MISSING: ("line-ns-open", GRAY, 0.46),
+}
+_EVENTS: dict[Role, tuple[str, str]] = {
+    Role.REQUEST: ("triangle-right", BLUE),
+    Role.RETRY: ("triangle-right-open", AMBER),
+    Role.NOTICE: ("diamond-open", GRAY),
+    Role.REPLY: ("circle", GREEN),
+    Role.LATE: ("x", ORANGE),
+    Role.LOST: ("circle-x-open", ORANGE),
+    Role.DUPLICATE: ("square-open", GRAY),
+}
+_EVENT_NAMES = {Role.NOTICE: "S_EXECUTING", Role.LATE: "late reply, discarded"}
+
+
+def timeline(account: Account) -> Picture:
+    """Draw a lane for each client: calls, stays in slave mode, and what happened."""
+    lanes = account.lanes[:MOST_LANES]
+    rows = {lane.conversation: -index for index, lane in enumerate(lanes)}
+    drawn = [stay for stay in account.stays if stay.conversation in rows]
+    traces = [_spells(account, lanes), *_stays(account, drawn, rows), *_marks(account, lanes)]
+    lasted = _seconds(account, account.end) or 1.0
+    left_off = len(account.lanes) + account.lanes_left_off - len(lanes)
+    return picture(
+        "timeline",
+        "Who did what, and when",
+        "Each lane is a client. The thin bar shows when it made calls, the thick one a stay in slave mode. "
+        "Marks above show what happened; marks close to each other in a long capture are drawn as one, and "
+        "tell how many they are." + (f" {left_off} more clients made fewer calls." if left_off else ""),
+        130 + 76 * len(lanes),
+        traces,
+        barmode="overlay",
+        uniformtext={"minsize": 11, "mode": "hide"},
+        hovermode="closest",
+        xaxis=axis("time since the first frame, s", range=[-0.01 * lasted, 1.01 * lasted]),
+        yaxis={
+            "tickvals": list(rows.values()),
+            "ticktext": [ends(lane.conversation) for lane in lanes],
+            "range": [0.62 - len(lanes), 0.62],
+            "showgrid": False,
+            "zeroline": False,
+            "automargin": True,
+            "fixedrange": True,
+        },
+    )
+
+
+def latencies(rows: Sequence[Row]) -> Picture | None:
+    """Draw how long replies took, for each kind of call; None where nothing was answered."""
+    kinds = [
+        (label(question_text(row.question or OTHERS)), row.figures.calls, row.figures.latency)
+        for row in rows
+        if row.figures.latency is not None
+    ]
+    if not kinds:
+        return None
+    shown = kinds[:MOST_KINDS][::-1]
+    found = [(name, calls, latency) for name, calls, latency in shown if latency is not None]
+    points = [
+        (
+            index,
+            [max(value, _SHORTEST_MS) for value in (each.least, each.p50, each.p99, each.p999, each.most)],
+        )
+        for index, (_, _, each) in enumerate(found)
+    ]
+    some = [(at, v) for at, v in points if found[at][2].count > 1]
+    many = [(at, v) for at, v in points if found[at][2].count >= _MANY]
+    texts = [
+        f"{name}<br>{each.count} of {calls} answered<br>median {each.p50:.3f} ms, 99% {each.p99:.3f} ms, "
+        f"99.9% {each.p999:.3f} ms<br>from {each.least:.3f} to {each.most:.3f} ms"
+        for name, calls, each in found
+    ]
+    traces = [
+        _segments("shortest to longest", [(at, v[0], v[4]) for at, v in points], GRAY, 2),
+        _segments("median to 99%", [(at, v[1], v[2]) for at, v in points], BLUE, 9),
+        _dots("median", [(at, v[1]) for at, v in points], "circle", BLUE, texts),
+        _dots("99.9%", [(at, v[3]) for at, v in many], "diamond", PURPLE, [texts[at] for at, _ in many]),
+        _dots(
+            "longest", [(at, v[4]) for at, v in some], "line-ns-open", ORANGE, [texts[at] for at, _ in some]
+        ),
+    ]
+    more = len(kinds) - len(shown)
+    return picture(
+        "latencies",
+        "Time to the reply, by command",
+        "From the first request to the accepted reply, retries included; the commands that took most time "
+        "stand on top. The axis is logarithmic: each step to the right is ten times as long."
+        + (f" {more} more kinds of calls took less." if more else ""),
+        130 + 30 * len(found),
+        traces,
+        hovermode="closest",
+        xaxis=axis("time to the reply, ms", type="log", dtick=1),
+        yaxis={
+            "tickvals": list(range(len(found))),
+            "ticktext": [name for name, _, _ in found],
+            "range": [-0.7, len(found) - 0.3],
+            "showgrid": False,
+            "zeroline": False,
+            "automargin": True,
+            "fixedrange": True,
+        },
+    )
+
+
+def chains(account: Account) -> Picture | None:
+    """Draw the frames of the calls that were sent again most often; None where none was."""
+    if not account.chains:
+        return None
+    found = account.chains[::-1]
+    roles = [role for role in _EVENTS if any(event.role is role for call in found for event in call.events)]
+    lasting = [(index, 0.0, (call.activity - call.request.time) / 1e6) for index, call in enumerate(found)]
+    longest = max((end for _, _, end in lasting), default=0.0) or 1.0
+    traces = [_segments("", lasting, GRAY, 1), *(_role(found, role) for role in roles)]
+    more = account.retried - len(found)
+    return picture(
+        "chains",
+        "Retry chains",
+        "Each line is one call from its first request on, with every frame of it that was seen. "
+        + (
+            f"These are the {len(found)} that were sent again most often; {more} more were sent again."
+            if more
+            else "These are all calls that were sent again."
+        ),
+        130 + 34 * len(found),
+        traces,
+        hovermode="closest",
+        xaxis=axis("time since the first request, ms", range=[-0.02 * longest, 1.04 * longest]),
+        yaxis={
+            "tickvals": list(range(len(found))),
+            "ticktext": [f"call {call.call}, {label(question_text(call.question), 32)}" for call in found],
+            "range": [-0.7, len(found) - 0.3],
+            "showgrid": False,
+            "zeroline": False,
+            "automargin": True,
+            "fixedrange": True,
+        },
+    )
+
+
+def ends(conversation: Conversation) -> str:
+    """Name a client and its server in two lines of a label."""
+    return (
+        f"{label(str(conversation.client))}<br>→ {label(str(conversation.server))} "
+        f"{conversation.transport.upper()}"
+    )
+
+
+def _seconds(account: Account, time: int) -> float:
+    return round((time - account.start) / 1e9, 6)
+
+
+def _least_width(account: Account) -> float:
+    return max((account.end - account.start) / 1e9 * _NARROWEST, 1e-6)
+
+
+def _spells(account: Account, lanes: Sequence[Lane]) -> Any:
+    spells = [(-index, spell) for index, lane in enumerate(lanes) for spell in lane.spells]
+    least = _least_width(account)
+    return go.Bar(
+        name="calls",
+        orientation="h",
+        y=[row for row, _ in spells],
+        base=[_seconds(account, spell.begin) for _, spell in spells],
+        x=[max(round((spell.end - spell.begin) / 1e9, 6), least) for _, spell in spells],
+        width=0.12,
+        marker={"color": GRAY, "line": {"width": 0}},
+        customdata=[[spell.times, (spell.end - spell.begin) / 1e9] for _, spell in spells],
+        hovertemplate="%{customdata[0]} calls in %{customdata[1]:.3f} s, from %{base:.3f} s<extra></extra>",
+    )
+
+
+def _stays(account: Account, stays: Sequence[Stay], rows: dict[Conversation, int]) -> Iterator[Any]:
+    if not stays:
+        return
+    least = _least_width(account)
+    values = ["slave mode" if s.mode.value is None else f"mode 0x{s.mode.value:03X}" for s in stays]
+    yield go.Bar(
+        name="slave mode",
+        orientation="h",
+        y=[rows[stay.conversation] for stay in stays],
+        base=[_seconds(account, stay.entered) for stay in stays],
+        x=[max(round(stay.duration_ms / 1e3, 6), least) for stay in stays],
+        width=0.34,
+        marker={"color": _BAR, "line": {"width": 0}},
+        text=[f"{stay.number}: {value}" for stay, value in zip(stays, values, strict=True)],
+        textposition="inside",
+        insidetextanchor="middle",
+        insidetextfont={"color": "#FFFFFF"},
+        textangle=0,
+        customdata=[
+            [stay.number, value, stay.counts.sent, stay.duration_ms / 1e3, stay.exit.reason.value]
+            for stay, value in zip(stays, values, strict=True)
+        ],
+        hovertemplate="stay %{customdata[0]}, %{customdata[1]}<br>%{customdata[2]} set points in "
+        "%{customdata[3]:.3f} s from %{base:.3f} s<br>ended: %{customdata[4]}<extra></extra>",
+    )
+
+
+def _marks(account: Account, lanes: Sequence[Lane]) -> Iterator[Any]:
+    for kind, (symbol, color, above) in _MARKS.items():
+        found = [(-index, mark) for index, lane in enumerate(lanes) for mark in lane.marks.get(kind, ())]
+        if found:
+            yield go.Scatter(
+                name=kind.value,
+                mode="markers",
+                x=[_seconds(account, mark.begin) for _, mark in found],
+                y=[row + above for row, _ in found],
+                marker={"symbol": symbol, "color": color, "size": 9, "line": {"width": 1.6, "color": color}},
+                customdata=[[_mark_text(kind, mark)] for _, mark in found],
+                hovertemplate="%{customdata[0]}<br>at %{x:.3f} s<extra></extra>",
+            )
+
+
+def _mark_text(kind: MarkKind, mark: Mark) -> str:
+    text = kind.value if mark.times == 1 else f"{mark.times} times {kind.value}"
+    if mark.question is not None:
+        text = f"{label(question_text(mark.question))}: {text}"
+    if mark.hresult is not None and kind is MarkKind.REFUSED:
+        text += f"<br>{label(hresult_name(mark.hresult))}, {label(describe(mark.hresult).text, 80)}"
+    return f"{text}<br>{'frame' if mark.times == 1 else 'first in frame'} {mark.frame}"
+
+
+def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
+    """Draw a horizontal line for each height, beginning and end."""
+    return go.Scatter(
+        name=name,
+        mode="lines",
+        x=[value for _, begin, end in lines for value in (begin, end, None)],
+        y=[value for at, _, _ in lines for value in (at, at, None)],
+        line={"color": color, "width": width},
+        hoverinfo="skip",
+        showlegend=bool(name),
+    )
+
+
+def _dots(name: str, dots: Sequence[tuple[int, float]], symbol: str, color: str, texts: Sequence[str]) -> Any:
+    return go.Scatter(
+        name=name,
+        mode="markers",
+        x=[value for _, value in dots],
+        y=[at for at, _ in dots],
+        marker={"symbol": symbol, "color": color, "size": 10, "line": {"width": 2.4, "color": color}},
+        customdata=[[text] for text in texts],
+        hovertemplate="%{customdata[0]}<extra></extra>",
+    )
+
+
+def _role(calls: Sequence[Exchange], role: Role) -> Any:
+    """Draw all frames that are the same to their calls."""
+    symbol, color = _EVENTS[role]
+    found = [
+        (index, call, event)
+        for index, call in enumerate(calls)
+        for event in call.events
+        if event.role is role
+    ]
+    dots = [(index, (event.seen.time - call.request.time) / 1e6) for index, call, event in found]
+    texts = [_event_text(call, event) for _, call, event in found]
+    return _dots(_EVENT_NAMES.get(role, role.value), dots, symbol, color, texts)
+
+
+def _event_text(call: Exchange, event: Event) -> str:
+    seen = event.seen
+    elapsed = (seen.time - call.request.time) / 1e6
+    name = _EVENT_NAMES.get(event.role, event.role.value)
+    result = "" if event.role in (Role.REQUEST, Role.RETRY) else f", {label(hresult_name(seen.item.code))}"
+    return (
+        f"{label(question_text(call.question))}: {name}{result}<br>{elapsed:.3f} ms after the first request"
+        f"<br>frame {seen.number}, serial {seen.item.serial}, reserved {seen.item.reserved}"
+    )
