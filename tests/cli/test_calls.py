@@ -11,6 +11,8 @@ import pytest
 from bcapscope.cli.exits import Exit
 from bcapscope.traffic.fields import FIELDS
 from tests.cli.run import CAPTURES, run
+from tests.samples.calls import MS, START, Datagrams, reply, request
+from tests.samples.files import pcap
 
 RETRIES = CAPTURES / "retry-story.pcapng"
 ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
@@ -81,3 +83,41 @@ def test_fields_are_listed_with_their_meaning() -> None:
         assert field.name in out
         assert field.meaning in out
     assert "contains" in out
+
+
+@pytest.mark.parametrize("flag", ["-f", "--filter"])
+def test_a_filter_goes_with_every_form(flag: str) -> None:
+    path = CAPTURES / "slave-session.pcapng"
+    expression = "command == slvChangeMode and arg[2] == 0"
+    (line,) = run("calls", path, flag, expression).lines
+    head, *tree = run("calls", path, "--tree", flag, expression).lines
+    (record,) = map(json.loads, run("calls", path, "--json", flag, expression).lines)
+    assert line == head
+    assert [row.split()[1] for row in tree] == ["request", "reply"]
+    assert line.startswith(f"{record['call']:>6} ")
+    assert f"frames {record['requests'][0]} > {record['replies'][0]}" in line
+
+
+def test_a_filter_leaves_out_what_belongs_to_no_call() -> None:
+    traffic = Datagrams()
+    traffic.down(START, reply(8, 0))
+    traffic.up(START + MS, request(9, 0, "Service_Stop"))
+    capture = pcap(traffic.packets)
+    stray, call = run("calls", "-", stdin=capture).lines
+    assert "reply with serial 8 answers no request that was seen" in stray
+    done = run("calls", "-", "-f", "call > 0", stdin=capture)
+    assert done.lines == [call]
+    assert "1 reply to no open call, the first in frame 1" in done.err
+    assert len(run("calls", "-", "--json", stdin=capture).lines) == 1
+
+
+def test_a_bad_filter_is_shown_where_it_is_bad() -> None:
+    done = run("calls", RETRIES, "-f", "latency > 5 and comand == slvMove")
+    assert (done.code, done.out) == (Exit.USAGE, "")
+    assert "^" in done.err
+
+
+def test_sessions_that_were_not_ended_are_told() -> None:
+    err = run("calls", CAPTURES / "vlan-ipv6.pcap").err
+    assert "no Service_Stop seen; not released: Controller 1, Variable IO128, Variable S1" in err
+    assert "Service_Stop" not in run("calls", CAPTURES / "slave-session.pcapng").err

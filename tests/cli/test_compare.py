@@ -1,0 +1,94 @@
+"""``bcapscope compare`` from the outside."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from bcapscope.cli.exits import Exit
+from tests.cli.run import CAPTURES, run
+
+GOOD = CAPTURES / "slave-session.pcapng"
+BAD = CAPTURES / "slave-mode-lost.pcapng"
+
+
+def test_what_went_wrong_stands_first() -> None:
+    done = run("compare", GOOD, BAD)
+    assert done.code == Exit.OK
+    lines = done.lines
+    assert lines[0].startswith(f"good  {GOOD}")
+    assert lines[1].startswith(f"bad   {BAD}")
+    assert lines[3] == "notable"
+    assert "64.000 ms" in lines[5]
+    assert lines.index("notable") < lines.index("findings") < lines.index("other differences")
+    assert "  0 → 1  warning set-point-gap" in lines
+    assert f"asked only in {GOOD}" in lines
+    assert done.err.splitlines() == [
+        f"{GOOD}:",
+        "518 frames in 518 packets",
+        f"{BAD}:",
+        "70 frames in 70 packets",
+    ]
+
+
+def test_a_capture_does_not_differ_from_itself() -> None:
+    done = run("compare", BAD, BAD)
+    assert done.lines[2:] == ["", "nothing notable differs"]
+    (line,) = run("compare", BAD, BAD, "--json").lines
+    record = json.loads(line)
+    assert record["notable"] is False
+    assert not any(record[part] for part in ("differences", "only_good", "only_bad", "findings"))
+
+
+def test_json_is_one_object() -> None:
+    (line,) = run("compare", GOOD, BAD, "--json").lines
+    record = json.loads(line)
+    assert record["notable"] is True
+    assert (record["good"]["name"], record["good"]["calls"]) == (str(GOOD), 257)
+    assert (record["bad"]["calls"], record["bad"]["stays"]) == (35, 1)
+    assert record["differences"][0]["notable"] is True
+    assert {"function": "Service_Stop", "command": None, "calls": 1} in record["only_good"]
+    assert record["only_bad"] == []
+    assert record["findings"][0]["rule"] == "set-point-gap"
+
+
+def test_figures_agree_with_stats() -> None:
+    record = json.loads(run("compare", GOOD, BAD, "--json").out)
+    rows = [json.loads(run("stats", path, "--json").out)["commands"] for path in (GOOD, BAD)]
+    (good, bad) = (next(row for row in found if row["command"] == "slvMove") for found in rows)
+    (figure,) = [
+        each
+        for each in record["differences"]
+        if (each["command"], each["figure"]) == ("slvMove", "latency_ms.p99")
+    ]
+    assert (figure["good"], figure["bad"]) == (good["latency_ms"]["p99"], bad["latency_ms"]["p99"])
+    assert figure["ratio"] == figure["bad"] / figure["good"]
+
+
+def test_a_damaged_capture_is_compared_as_far_as_it_goes(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.pcapng"
+    cut.write_bytes(GOOD.read_bytes()[:20_000])
+    for paths in ((cut, BAD), (BAD, cut)):
+        done = run("compare", *paths)
+        assert done.code == Exit.DAMAGED
+        assert "breaks off" in done.err
+        assert "notable" in done.lines
+
+
+def test_standard_input_is_one_of_the_two() -> None:
+    assert run("compare", GOOD, "-", stdin=GOOD.read_bytes()).lines[2:] == ["", "nothing notable differs"]
+    assert run("compare", "-", "-").code == Exit.USAGE
+
+
+def test_what_cannot_be_read_is_not_compared() -> None:
+    for paths in ((GOOD, CAPTURES / "missing.pcap"), (CAPTURES / "README.md", BAD)):
+        done = run("compare", *paths)
+        assert (done.code, done.out) == (Exit.UNREADABLE, "")
+    assert run("compare", GOOD).code == Exit.USAGE
+
+
+def test_colours_and_hostile_names() -> None:
+    assert "\x1b[" in run("compare", GOOD, BAD, "--color", "always").out
+    out = run("compare", CAPTURES / "malformed.pcapng", GOOD).out
+    assert "\x1b" not in out
+    assert "\\x1b[2J" in out
