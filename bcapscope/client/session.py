@@ -1,0 +1,226 @@
+"""A conversation with one controller: calls by name, how long they may take, and what is to be let go."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.client.caller import Caller, Listener, Observer
+from bcapscope.client.values import arguments_of
+from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.functions import FUNCTIONS, Function, function_by_name, function_name
+from bcapscope.protocol.hresult import describe, hresult_name
+from bcapscope.protocol.requester import Answered, Pace, Refused, Settled
+from bcapscope.protocol.slavemode import mode_value
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.transport.link import Link, Receiver
+from bcapscope.transport.memory import MemoryLink
+from bcapscope.transport.tcp import open_tcp
+from bcapscope.transport.udp import open_udp
+
+PORT = 5007
+"""Where controllers listen (orin_bcap C/include/bcap_common.h)."""
+
+Opener: TypeAlias = Callable[[Receiver], Awaitable[Link]]
+
+_MS = 1_000_000
+_SERVICE_START, _ROBOT_EXECUTE = 1, 64
+_ASYNC = 0x100
+
+
+class Paces(NamedTuple):
+    """How long to wait and how often to ask again (DENSO Wave 2009, How to use the Slave mode).
+
+    Attributes:
+        others: for all calls but slvMove.
+        sync: for slvMove in a mode that is not Async: 2 ms, 7 retries, together two control periods.
+        asynchronous: for slvMove in an Async mode, where the next set point is due anyway.
+    """
+
+    others: Pace = Pace(1000 * _MS, 4)
+    sync: Pace = Pace(2 * _MS, 7)
+    asynchronous: Pace = Pace(2 * _MS, 0)
+
+
+PACES = Paces()
+"""What DENSO recommends."""
+
+
+def over_udp(host: str, port: int = PORT) -> Opener:
+    """Reach a controller over UDP."""
+    return lambda receiver: open_udp(host, port, receiver)
+
+
+def over_tcp(host: str, port: int = PORT) -> Opener:
+    """Reach a controller over TCP."""
+    return lambda receiver: open_tcp(host, port, receiver)
+
+
+def over_link(link: MemoryLink) -> Opener:
+    """Reach a controller in this process."""
+
+    async def open_it(receiver: Receiver) -> Link:
+        link.receiver = receiver
+        return link
+
+    return open_it
+
+
+class Session:
+    """Makes calls and remembers what they opened.
+
+    On TCP a call has one try, which is given the time of all tries, and slvMove is given that of other calls,
+    since TCP itself takes longer than a set point to send again what was lost.
+    """
+
+    def __init__(self, caller: Caller, paces: Paces) -> None:
+        self._caller = caller
+        self._paces = paces
+        self._open: list[tuple[Function, int | None]] = []
+        self._modes: dict[int, int] = {}
+
+    async def exchange(self, function_id: int, arguments: Sequence[Variant]) -> Settled:
+        """Make a call and return how it ended.
+
+        Raises:
+            LocalProtocolError: it cannot be sent, see `Requester.call`.
+            ConnectionError: the link is gone.
+        """
+        settled = await self._caller.exchange(function_id, arguments, self._pace(function_id, arguments))
+        if isinstance(settled, Answered):
+            self._note(function_id, arguments, settled.reply)
+        return settled
+
+    async def call(self, function_id: int, arguments: Sequence[Variant]) -> Frame:
+        """Make a call and return the reply.
+
+        Raises:
+            ControllerError: the controller refused it.
+            ExchangeTimeout: no try was answered in time.
+            LocalProtocolError: it cannot be sent, see `Requester.call`.
+            ConnectionError: the link is gone.
+        """
+        settled = await self.exchange(function_id, arguments)
+        if isinstance(settled, Answered):
+            return settled.reply
+        name = call_name(function_id, arguments)
+        if isinstance(settled, Refused):
+            code = settled.reply.code
+            raise ControllerError(name, code, hresult_name(code), describe(code).text)
+        raise ExchangeTimeout(name, settled.attempts)
+
+    async def invoke(self, name: str, *values: object) -> Frame:
+        """Call a function by its name; as `call`, with Python values for arguments."""
+        function = function_by_name(name)
+        assert function is not None, name
+        return await self.call(function.id, arguments_of(function, values))
+
+    async def close(self) -> None:
+        """Leave slave mode and let go of what is open, newest first; then close the link.
+
+        Where the peer no longer answers, the rest is left to it.
+        """
+        try:
+            for handle, mode in self._modes.items():
+                if mode:
+                    await self._leave("Robot_Execute", handle, "slvChangeMode", Variant(VT.I4, 0))
+            for function, opened in reversed(self._open.copy()):
+                await self._leave(function.name, *(() if opened is None else (opened,)))
+        except (ExchangeTimeout, OSError):
+            pass
+        finally:
+            self._caller.close()
+
+    async def _leave(self, name: str, *values: object) -> None:
+        try:
+            await self.invoke(name, *values)
+        except ExchangeTimeout:
+            raise
+        except BcapError:
+            pass  # what is refused here was let go before, by the controller or together with its owner
+
+    def _pace(self, function_id: int, arguments: Sequence[Variant]) -> Pace:
+        paces = self._paces
+        if not self._caller.link.datagrams:
+            return Pace(paces.others.timeout * (paces.others.retries + 1), 0)
+        if command_of(function_id, arguments) != "slvmove":
+            return paces.others
+        return paces.asynchronous if self._modes.get(_handle(arguments), 0) & _ASYNC else paces.sync
+
+    def _note(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
+        """Remember what a successful call opened, closed or changed."""
+        function = FUNCTIONS.get(function_id)
+        if function is None:
+            return
+        if function.creates is not None:
+            handle = None if function_id == _SERVICE_START else _result_handle(reply)
+            release = next(one for one in FUNCTIONS.values() if one.releases is function.creates)
+            self._open.append((release, handle))
+        if function.releases is not None:
+            gone = (function, _handle(arguments) if arguments else None)
+            if gone in self._open:
+                self._open.remove(gone)
+        if command_of(function_id, arguments) == "slvchangemode" and len(arguments) > 2:
+            self._modes[_handle(arguments)] = mode_value(arguments[2]) or 0
+
+
+def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
+    """Name a call for people: `Robot_Execute slvMove`."""
+    command = _command(function_id, arguments)
+    return function_name(function_id) + (f" {command}" if command else "")
+
+
+def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
+    """Return the command of a Robot_Execute in lower case, else nothing."""
+    return _command(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
+
+
+def _command(function_id: int, arguments: Sequence[Variant]) -> str:
+    function = FUNCTIONS.get(function_id)
+    for param, argument in zip(function.params if function else (), arguments, strict=False):
+        if param.name == "bstrCommand" and isinstance(argument.value, str):
+            return argument.value
+    return ""
+
+
+def _handle(arguments: Sequence[Variant]) -> int:
+    value = arguments[0].value if arguments else None
+    return value if isinstance(value, int) else 0
+
+
+def _result_handle(reply: Frame) -> int:
+    return _handle([argument.variant for argument in reply.arguments[:1]])
+
+
+@asynccontextmanager
+async def open_session(
+    open_link: Opener,
+    *,
+    convention: Convention | None = None,
+    paces: Paces = PACES,
+    observer: Observer | None = None,
+    listener: Listener | None = None,
+) -> AsyncIterator[Session]:
+    """Open a link, and at the end of the block let go of all that calls have opened, however it ends.
+
+    Args:
+        open_link: `over_udp`, `over_tcp` or `over_link`.
+        convention: of reserved; that of DENSO's slides on UDP and 0 on TCP unless given.
+        paces: how long to wait and how often to ask again.
+        observer: sees every frame.
+        listener: hears all that happens.
+
+    Raises:
+        OSError: there is no way to the controller, or it does not listen.
+    """
+    caller = Caller(observer, listener)
+    link = await open_link(caller)
+    caller.attach(link, convention or (Convention.SEED if link.datagrams else Convention.TCP0))
+    session = Session(caller, paces)
+    try:
+        yield session
+    finally:
+        await session.close()

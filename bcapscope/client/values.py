@@ -1,0 +1,95 @@
+"""Python values as VARIANTs and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+from bcapscope.errors import LocalProtocolError
+from bcapscope.protocol.functions import Function
+from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
+
+_DATE_ZERO = datetime(1899, 12, 30)
+_TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
+
+
+def variant_of(value: object) -> Variant:
+    """Choose a type for a value.
+
+    None is EMPTY, bool is BOOL, int is I4 (I8 where it does not fit), float R8, str BSTR, bytes an array of
+    UI1; lists of one of these are arrays, of int and float an array of R8, others arrays of VARIANT. A
+    Variant stays what it is.
+
+    Raises:
+        LocalProtocolError: there is no type for it.
+    """
+    if isinstance(value, Variant):
+        return value
+    if value is None:
+        return EMPTY
+    if isinstance(value, bytes):
+        return Variant.array(VT.UI1, value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return _array(value)
+    vt = _scalar_type(value)
+    if vt is None:
+        raise LocalProtocolError(f"b-CAP has no type for a {type(value).__name__}")
+    return Variant(vt, value)  # type: ignore[arg-type]  # it has one of the types that were asked for
+
+
+def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
+    """Make the arguments of a request, the handle first, with the types that the function has.
+
+    Raises:
+        LocalProtocolError: there is no type for one of them.
+    """
+    return tuple(
+        variant_of(value)
+        if isinstance(value, Variant) or param.type == "VARIANT"
+        else _typed(param.type, value)
+        for param, value in zip(function.params, values, strict=True)
+    )
+
+
+def plain(variant: Variant) -> Value:
+    """Return the value of a VARIANT without its type; elements of VARIANT arrays likewise."""
+    if isinstance(variant.value, tuple):
+        return tuple(plain(item) if isinstance(item, Variant) else item for item in variant.value)
+    return variant.value
+
+
+def date_of(days: float) -> datetime | None:
+    """Return a DATE, days since 1899-12-30, as a time without zone, which the peer alone knows.
+
+    None where the number is out of Python's calendar.
+    """
+    try:
+        return _DATE_ZERO + timedelta(days=days)
+    except (OverflowError, ValueError):
+        return None
+
+
+def _typed(type_: str, value: object) -> Variant:
+    return Variant(_TYPES[type_], value)  # type: ignore[arg-type]  # what does not fit is found when packed
+
+
+def _scalar_type(value: object) -> VT | None:
+    if isinstance(value, bool):
+        return VT.BOOL
+    if isinstance(value, int):
+        return VT.I4 if -(2**31) <= value < 2**31 else VT.I8
+    if isinstance(value, float):
+        return VT.R8
+    return VT.BSTR if isinstance(value, str) else None
+
+
+def _array(values: Sequence[object]) -> Variant:
+    types = {_scalar_type(value) for value in values}
+    if types and types <= {VT.I4, VT.I8, VT.R8} and VT.R8 in types:
+        return Variant.array(VT.R8, tuple(map(float, values)))  # type: ignore[arg-type]  # numbers, as just seen
+    if types == {VT.I4, VT.I8}:
+        types = {VT.I8}
+    if len(types) == 1 and None not in types:
+        (vt,) = types
+        return Variant.array(vt or VT.EMPTY, tuple(values))  # type: ignore[arg-type]  # all of this one type
+    return Variant.array(VT.VARIANT, tuple(map(variant_of, values)))

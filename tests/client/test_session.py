@@ -1,0 +1,252 @@
+"""Pace, retries, release and what goes wrong, between a client and a peer in memory under virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.client import Paces, Robot, Session, connect, open_session, over_link
+from bcapscope.errors import ControllerError, ExchangeTimeout, LocalProtocolError
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.hresult import E_HANDLE
+from bcapscope.protocol.requester import Event, Late, Pace
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.traffic.observation import Direction, Observation, Transport
+from bcapscope.transport.clock import run_virtually
+from bcapscope.transport.memory import Weather, calm, memory_pair
+from tests.client.peer import Peer
+
+
+def _lost(_: bytes) -> Iterable[float]:
+    return ()
+
+
+def _moment() -> float:
+    return asyncio.get_running_loop().time()
+
+
+@pytest.mark.parametrize(
+    ("command", "mode", "tries", "seconds"),
+    [
+        ("slvMove", 0x002, 8, 0.016),
+        ("SLVMOVE", 0x202, 8, 0.016),
+        ("slvMove", 0x102, 1, 0.002),
+        ("CurJnt", 0x102, 5, 5.0),
+    ],
+)
+def test_the_pace_is_that_of_the_slides(command: str, mode: int, tries: int, seconds: float) -> None:
+    async def play() -> None:
+        near, far = memory_pair()
+        peer = Peer(far)
+        async with open_session(over_link(near)) as session:
+            robot = Robot(session, 7)
+            await robot.slv_change_mode(mode)
+            peer.answers["Robot_Execute"] = None
+            began = _moment()
+            with pytest.raises(ExchangeTimeout, match=f"Robot_Execute {command} was not") as caught:
+                await robot.execute(command)
+            assert len(caught.value.attempts) == tries
+            assert _moment() - began == pytest.approx(seconds)
+
+    run_virtually(play())
+
+
+def test_tcp_tries_once_and_waits_as_long() -> None:
+    async def play() -> None:
+        near, far = memory_pair(datagrams=False)
+        peer = Peer(far)
+        peer.answers["Robot_Execute"] = None
+        async with open_session(over_link(near)) as session:
+            with pytest.raises(ExchangeTimeout) as caught:
+                await Robot(session, 7).execute("slvMove")
+            assert [attempt.serial for attempt in caught.value.attempts] == [1]
+            assert _moment() == pytest.approx(5.0)
+
+    run_virtually(play())
+
+
+def test_what_is_open_is_let_go_newest_first_when_the_block_fails() -> None:
+    near, far = memory_pair()
+    peer = Peer(far)
+
+    async def fail() -> None:
+        async with connect(over_link(near)) as service:
+            controller = await service.connect()
+            robot = await controller.get_robot("Arm")
+            await robot.slv_change_mode(1)
+            variable = await robot.get_variable("@TYPE")
+            await variable.release()
+            peer.answers["Robot_Release"] = E_HANDLE, ()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run_virtually(fail())
+    assert peer.executed[-4:] == [
+        ("Robot_Execute", 102, "slvChangeMode", 0),
+        ("Robot_Release", 102),
+        ("Controller_Disconnect", 101),
+        ("Service_Stop",),
+    ]
+
+
+def test_what_is_open_is_let_go_when_the_task_is_cancelled_in_a_call() -> None:
+    near, far = memory_pair()
+    peer = Peer(far)
+
+    async def use() -> None:
+        async with connect(over_link(near)) as service:
+            controller = await service.connect()
+            peer.answers["Controller_GetHelp"] = None
+            await controller.get_help()
+
+    async def play() -> None:
+        task = asyncio.create_task(use())
+        await asyncio.sleep(0.5)
+        peer.end()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    run_virtually(play())
+    assert peer.functions[-2:] == ["Controller_Disconnect", "Service_Stop"]
+
+
+def test_a_peer_that_is_gone_is_not_asked_to_release_everything() -> None:
+    async def play() -> float:
+        gone = False
+
+        def up(_: bytes) -> Iterable[float]:
+            return () if gone else (0.0,)
+
+        near, far = memory_pair(up=up)
+        Peer(far)
+        async with connect(over_link(near)) as service:
+            await service.connect()
+            await service.connect()
+            gone = True
+        return _moment()
+
+    assert run_virtually(play()) == pytest.approx(5.0)
+
+
+def test_a_stream_that_ends_fails_the_call_and_all_after_it() -> None:
+    async def play() -> None:
+        near, far = memory_pair(datagrams=False)
+        peer = Peer(far)
+        peer.answers["Service_Start"] = None
+        async with open_session(over_link(near)) as session:
+            asyncio.get_running_loop().call_later(1, far.close)
+            for _ in range(2):
+                with pytest.raises(ConnectionResetError, match="memory:5007: the peer closed"):
+                    await session.invoke("Service_Start", "")
+            assert _moment() == 1
+
+    run_virtually(play())
+
+
+def test_calls_of_several_tasks_wait_for_each_other() -> None:
+    async def play() -> None:
+        near, far = memory_pair(up=lambda _: (0.25,), down=lambda _: (0.25,))
+        peer = Peer(far)
+        async with open_session(over_link(near)) as session:
+            await asyncio.gather(*(session.invoke("Controller_GetHelp", handle) for handle in range(3)))
+            assert _moment() == pytest.approx(1.5)
+        assert peer.executed == [("Controller_GetHelp", handle) for handle in range(3)]
+
+    run_virtually(play())
+
+
+def test_the_observer_sees_every_frame() -> None:
+    seen: list[Observation] = []
+
+    async def play() -> None:
+        near, far = memory_pair(up=lambda raw: (0.0,) if Frame(raw).reserved else ())
+        Peer(far)
+        async with open_session(over_link(near), observer=seen.append) as session:
+            await session.invoke("Controller_GetHelp", 7)
+
+    run_virtually(play())
+    request, retry, reply = seen
+    assert [item.number for item in seen] == [1, 2, 3]
+    assert [item.flow.direction for item in seen] == [*[Direction.REQUEST] * 2, Direction.RESPONSE]
+    assert str(request.flow.dst) == "memory:5007"
+    assert request.flow.conversation.transport is Transport.UDP
+    assert retry.time - request.time == pytest.approx(1e9, abs=1000)
+    assert isinstance(retry.item, Frame)
+    assert (retry.item.serial, retry.item.reserved) == (2, 1)
+    assert reply.began == reply.time
+
+
+def test_a_listener_hears_of_late_replies() -> None:
+    heard: list[Event] = []
+
+    async def play() -> None:
+        near, far = memory_pair(down=lambda raw: (1.5 if Frame(raw).serial == 1 else 0.6,))
+        Peer(far)
+        async with open_session(over_link(near), listener=heard.append) as session:
+            await session.invoke("Controller_GetHelp", 7)
+
+    run_virtually(play())
+    assert [type(event).__name__ for event in heard] == ["Late", "Answered"]
+    assert isinstance(heard[0], Late)
+
+
+def test_too_large_for_udp_leaves_the_session_usable() -> None:
+    async def play() -> None:
+        near, far = memory_pair()
+        Peer(far)
+        async with open_session(over_link(near)) as session:
+            with pytest.raises(LocalProtocolError, match="connect over TCP"):
+                await session.invoke("Variable_PutValue", 7, bytes(500))
+            await session.invoke("Variable_PutValue", 7, b"")
+
+    run_virtually(play())
+
+
+_DELAYS = st.lists(st.sampled_from([0.0, 0.0005, 0.0015, 0.003, 0.009]), max_size=2)
+
+
+@given(
+    convention=st.sampled_from([Convention.SEED, Convention.OWN, Convention.CHAIN]),
+    up=st.lists(_DELAYS, max_size=40),
+    down=st.lists(_DELAYS, max_size=40),
+    retries=st.integers(0, 3),
+)
+def test_each_call_ends_in_one_way_and_none_is_executed_twice(
+    convention: Convention, up: list[list[float]], down: list[list[float]], retries: int
+) -> None:
+    async def play() -> tuple[Counter[object], list[object]]:
+        near, far = memory_pair(up=_forecast(up), down=_forecast(down))
+        peer = Peer(far)
+        paces = Paces(others=Pace(2_000_000, retries))
+        answered: list[object] = []
+        async with open_session(over_link(near), convention=convention, paces=paces) as session:
+            for number in range(8):
+                if await _ends(session, number):
+                    answered.append(number)
+            await asyncio.sleep(0.1)
+        return Counter(call[1] for call in peer.executed), answered
+
+    executed, answered = run_virtually(play())
+    assert all(times == 1 for times in executed.values())
+    assert set(answered) <= set(executed)
+
+
+def _forecast(weather: list[list[float]]) -> Weather:
+    """Let the packets have these fates in order, and the rest arrive."""
+    fates = iter(weather)
+    return lambda raw: next(fates, calm(raw))
+
+
+async def _ends(session: Session, number: int) -> bool:
+    try:
+        await session.call(23, (Variant(VT.I4, number), Variant(VT.I4, number)))
+    except (ExchangeTimeout, ControllerError):
+        return False
+    return True
