@@ -1,0 +1,149 @@
+"""VARIANTs as people type them: `i2:2`, `r4[]:10,20,30`, or bare where the type is known or is guessed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Value, Variant, vt_name
+
+_TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
+_TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
+
+
+def parse(text: str) -> Variant:
+    """Read a value: with its type before a colon, else an integer, a number, a list of them, or a string.
+
+    Types are those of b-CAP in any case (`i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty
+    null`), with ``[]`` for arrays, whose elements stand between commas. ``variant[]:`` takes elements between
+    semicolons, each with a type of its own. Nothing at all is EMPTY.
+
+    Raises:
+        ValueError: the value does not go with the type.
+    """
+    match = _TYPED.fullmatch(text)
+    vt = VT.__members__.get(match[1].upper()) if match else None
+    if match and vt is not None:
+        return _array(vt, match[3]) if match[2] else _scalar(vt, match[3])
+    return _guess(text)
+
+
+def parse_as(text: str, types: Sequence[str]) -> Variant:
+    """Read a value that is of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``; its text may choose.
+
+    Bare text becomes the first of the types that it goes with, a string only if it is nothing else. Text with
+    a type of its own keeps it, whether or not it is one of `types`, unless the only one is VT_BSTR: then all
+    text is taken as it stands.
+
+    Raises:
+        ValueError: it goes with none of them.
+    """
+    if tuple(types) == ("VT_BSTR",):
+        return Variant(VT.BSTR, text)
+    match = _TYPED.fullmatch(text)
+    if match and match[1].upper() in VT.__members__:
+        return parse(text)
+    known = [name for name in types if name in _BY_NAME]
+    reasons = []
+    for name in sorted(known, key="VT_BSTR".__eq__):
+        try:
+            return _as(_BY_NAME[name], text)
+        except ValueError as error:
+            reasons.append(str(error))
+    if reasons:
+        raise ValueError(reasons[0])
+    return _guess(text)
+
+
+def _as(vt: int, text: str) -> Variant:
+    return _array(VT(vt & ~ARRAY), text) if vt & ARRAY else _scalar(VT(vt), text)
+
+
+def _guess(text: str) -> Variant:
+    if not text:
+        return EMPTY
+    for vt in (VT.I4, VT.I8, VT.R8):
+        for read in (_scalar, _array) if "," in text else (_scalar,):
+            try:
+                return read(vt, text)
+            except ValueError:
+                continue
+    return Variant(VT.BSTR, text)
+
+
+def _scalar(vt: VT, text: str) -> Variant:
+    if vt in (VT.EMPTY, VT.NULL):
+        if text:
+            raise ValueError(f"{vt_name(vt)} has no value")
+        return Variant(vt, None)
+    if vt is VT.VARIANT:
+        raise ValueError("VT_VARIANT is always an array: variant[]:")
+    return Variant(vt, _read(vt, text))
+
+
+def _array(vt: VT, text: str) -> Variant:
+    if vt in (VT.EMPTY, VT.NULL):
+        raise ValueError(f"there are no arrays of {vt_name(vt)}")
+    if vt is VT.VARIANT:
+        return Variant.array(vt, tuple(parse(piece) for piece in text.split(";")) if text else ())
+    values = (
+        tuple(_read(vt, piece if vt is VT.BSTR else piece.strip()) for piece in text.split(","))
+        if text
+        else ()
+    )
+    if vt is VT.UI1:
+        return Variant.array(vt, bytes(value for value in values if isinstance(value, int)))
+    return Variant.array(vt, values)
+
+
+def _read(vt: VT, text: str) -> Value:
+    try:
+        return _READERS.get(vt, _integer)(vt, text)
+    except ValueError:
+        raise ValueError(f"{text!r} is no {vt_name(vt)}") from None
+
+
+def _integer(vt: VT, text: str) -> int:
+    value = int(text, 0)
+    low, high = _RANGES[vt]
+    if not low <= value <= high:
+        raise ValueError
+    return value
+
+
+def _bool(_: VT, text: str) -> bool:
+    word = text.casefold()
+    if word not in _TRUE + _FALSE:
+        raise ValueError
+    return word in _TRUE
+
+
+_READERS: dict[VT, Callable[[VT, str], Value]] = {
+    VT.R4: lambda _, text: float(text),
+    VT.R8: lambda _, text: float(text),
+    VT.DATE: lambda _, text: float(text),
+    VT.BSTR: lambda _, text: text,
+    VT.BOOL: _bool,
+}
+
+
+def _signed(bits: int) -> tuple[int, int]:
+    return -(1 << bits - 1), (1 << bits - 1) - 1
+
+
+def _unsigned(bits: int) -> tuple[int, int]:
+    return 0, (1 << bits) - 1
+
+
+_RANGES: dict[VT, tuple[int, int]] = {
+    VT.I2: _signed(16),
+    VT.I4: _signed(32),
+    VT.CY: _signed(64),
+    VT.ERROR: _signed(32),
+    VT.I8: _signed(64),
+    VT.UI1: _unsigned(8),
+    VT.UI2: _unsigned(16),
+    VT.UI4: _unsigned(32),
+    VT.UI8: _unsigned(64),
+}
+_BY_NAME = {vt_name(vt | flag): vt | flag for vt in VT for flag in (0, ARRAY)}
