@@ -14,6 +14,7 @@ from bcapscope.render import report_calls, report_stays
 from bcapscope.render.moment import utc_text
 from bcapscope.render.report_figure import Picture
 from bcapscope.render.report_html import Html, element, escaped, facts, joined, paragraph, table
+from bcapscope.render.slave import stay_lines
 from bcapscope.render.statistics import question_text
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.verdict import Verdict
@@ -103,6 +104,7 @@ def slave_mode(account: Account) -> Iterator[Html | Picture]:
         yield from (each for each in pictures if each is not None)
         if stay.timing.slowest:
             yield _slowest(stay, account.start)
+        yield _in_full(stay)
 
 
 def calls(account: Account) -> Iterator[Html | Picture]:
@@ -284,6 +286,13 @@ def _slowest(stay: Stay, start: int) -> Html:
     rows = [_slow_row(fact, start) for fact in stay.timing.slowest[:MOST_SLOW]]
     header = ("call", "frame", "at, s", "cycle, ms", "reply after, ms", "result")
     return table(f"Set points of stay {stay.number} with the slowest replies.", header, rows, ">>>>><")
+
+
+def _in_full(stay: Stay) -> Html:
+    """Say all that `slave` says of a stay, for those who want it."""
+    title = element("summary", escaped(f"Stay {stay.number} as bcapscope slave tells it"))
+    lines = joined(Html(f"{escaped(line)}\n") for line in stay_lines(stay))
+    return element("details", joined((title, element("pre", lines, tabindex="0"))))
 
 
 def _slow_row(fact: SetPointFact, start: int) -> list[Html]:

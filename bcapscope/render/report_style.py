@@ -80,6 +80,8 @@ th { vertical-align: bottom; }
 th.n, td.n { text-align: right; } td.n { white-space: nowrap; }
 td.t { overflow-wrap: anywhere; min-width: 8em; }
 .ends { white-space: nowrap; }
+details { margin: 12px 0; } summary { cursor: pointer; color: var(--link); }
+pre { overflow-x: auto; padding: 10px 12px; background: var(--panel); font-size: 0.82rem; line-height: 1.35; }
 footer { padding-top: 28px; padding-bottom: 40px; }
 .plot .main-svg text { fill: var(--ink) !important; }
 .plot .main-svg .hoverlayer text { fill: #ffffff !important; }
@@ -95,7 +97,7 @@ footer { padding-top: 28px; padding-bottom: 40px; }
     + _LIGHT
     + """ }
   body { font-size: 10.5pt; }
-  .skip, .theme, nav, .screen { display: none !important; }
+  .skip, .theme, nav, .screen, details { display: none !important; }
   header, main, footer { max-width: none; padding: 0; }
   .wide { overflow: visible; } table { font-size: 8pt; } th, td { padding: 2px 5px; }
   h2 { break-after: avoid; } h3 { break-after: avoid; }

@@ -1,0 +1,98 @@
+"""``bcapscope report`` from the outside, and in a browser where there is one."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from bcapscope.cli.exits import Exit
+from tests.cli.run import CAPTURES, run
+
+LOST = CAPTURES / "slave-mode-lost.pcapng"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+def test_a_page_is_written(tmp_path: Path) -> None:
+    out = tmp_path / "report.html"
+    ran = run("report", LOST, "-o", out)
+    assert (ran.code, ran.out) == (Exit.OK, "")
+    page = out.read_text("utf-8")
+    assert page.startswith("<!DOCTYPE html>")
+    assert "<title>b-CAP report: slave-mode-lost.pcapng</title>" in page
+    assert str(tmp_path) not in page
+    assert str(CAPTURES) not in page
+    assert len(page) < 6_000_000
+
+
+def test_the_same_capture_gives_the_same_page(tmp_path: Path) -> None:
+    first = run("report", LOST, "-o", "-").out
+    run("report", LOST, "-o", tmp_path / "report.html")
+    assert (tmp_path / "report.html").read_text("utf-8") == first
+
+
+def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:
+    out = tmp_path / "report.html"
+    out.write_text("mine")
+    ran = run("report", LOST, "-o", out)
+    assert (ran.code, out.read_text()) == (Exit.UNWRITABLE, "mine")
+    assert "exists already; --force overwrites it" in ran.err
+    assert run("report", LOST, "-o", out, "--force").code == Exit.OK
+    assert out.read_text("utf-8").startswith("<!DOCTYPE html>")
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_several_captures_are_one_report() -> None:
+    page = run("report", LOST, CAPTURES / "retry-story.pcapng", "-o", "-").out
+    assert "<title>b-CAP report: slave-mode-lost.pcapng, retry-story.pcapng</title>" in page
+
+
+def test_a_damaged_capture_is_told_on_the_page(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.pcapng"
+    cut.write_bytes(LOST.read_bytes()[:5000])
+    ran = run("report", cut, "-o", "-")
+    assert ran.code == Exit.DAMAGED
+    assert "Not all captures could be read to their end" in ran.out
+
+
+def test_without_bcap_there_is_no_page(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.pcap"
+    empty.write_bytes(bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000"))
+    ran = run("report", empty, "-o", tmp_path / "report.html")
+    assert ran.code == Exit.NOTHING
+    assert ran.err.splitlines()[-1] == "no b-CAP was seen, so there is no report"
+    assert not (tmp_path / "report.html").exists()
+    ran = run("report", tmp_path / "missing.pcap", "-o", tmp_path / "report.html")
+    assert ran.code == Exit.UNREADABLE
+
+
+def test_without_plotly_it_says_how_to_get_it(tmp_path: Path) -> None:
+    (tmp_path / "plotly").mkdir()
+    missing = "raise ModuleNotFoundError(\"No module named 'plotly'\", name='plotly')\n"
+    (tmp_path / "plotly" / "__init__.py").write_text(missing)
+    root = str(Path(__file__).parent.parent.parent)
+    ran = run("report", LOST, "-o", tmp_path / "report.html", PYTHONPATH=f"{tmp_path}:{root}")
+    assert ran.code == Exit.NOT_INSTALLED
+    assert ran.err == ("a report needs plotly, which is not installed: pip install 'bcapscope[report]'\n")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+@pytest.mark.parametrize("name", ["slave-mode-lost.pcapng", "retry-story.pcapng", "malformed.pcapng"])
+def test_a_browser_draws_every_picture(name: str, tmp_path: Path) -> None:
+    out = tmp_path / "report.html"
+    run("report", CAPTURES / name, "-o", out)
+    words = ("--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=30000", "--dump-dom")
+    quiet = ("--disable-background-networking", "--disable-component-update", "--disable-sync")
+    log = ("--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}")
+    argv = [str(CHROMIUM), *words, *quiet, *log, out.as_uri()]
+    done = subprocess.run(argv, capture_output=True, check=True, timeout=100)
+    dom = done.stdout.decode()
+    complaints = [line for line in done.stderr.decode().splitlines() if "CONSOLE" in line]
+    assert complaints == []
+    plots = re.findall(r'<div class="[^"]*"(?= data-from=)', dom)
+    assert plots
+    assert all("js-plotly-plot" in plot for plot in plots)
+    assert dom.count('class="xtick"') > 3 * len(plots)
