@@ -123,7 +123,7 @@ class Lane:
             self._learn_reply(exchange, frame)
         if (
             exchange.others
-            or exchange.reply
+            or exchange.reply is not None
             or exchange.gone_on
             or frame.code == S_EXECUTING
             or exchange.last.item.serial != serial

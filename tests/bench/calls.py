@@ -15,7 +15,9 @@ from tests.bench.traffic import Truth, write
 
 ALONE = "tshark, no b-CAP"
 CALLS, STATS = "bcapscope calls --json", "bcapscope stats --json"
-OURS = (CALLS, STATS)
+SLAVE, DIAGNOSE = "bcapscope slave --json", "bcapscope diagnose --json"
+OURS = (CALLS, STATS, SLAVE, DIAGNOSE)
+OPENING_CALLS = 5
 
 
 def truth() -> Truth:
@@ -27,10 +29,14 @@ def truth() -> Truth:
 def jobs(frames: int, long_frames: int) -> list[Job]:
     """List what to run: all on `frames`, ours on `long_frames` too."""
     calls = truth().calls
-    ours = [
-        Job(CALLS, 0, python("bcapscope", "calls", "--json", "{}"), b'{"call":', calls),
-        Job(STATS, 0, python("bcapscope", "stats", "--json", "{}"), b'"total":{"calls":%d,' % calls, 1),
-    ]
+    points = calls - OPENING_CALLS
+    marks = {
+        CALLS: (b'{"call":', calls),
+        STATS: (b'"total":{"calls":%d,' % calls, 1),
+        SLAVE: (b'"set_points":{"sent":%d,' % points, 1),
+        DIAGNOSE: (b'{"finding":', 3),  # sent again, replied to late, type not checked
+    }
+    ours = [Job(name, 0, python(*name.split(), "{}"), *mark) for name, mark in marks.items()]
     return [
         Job(ALONE, frames, tshark(), b"\n"),
         *(job._replace(frames=frames) for job in ours),
