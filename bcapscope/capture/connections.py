@@ -58,8 +58,12 @@ class Connections:
             time: when it was captured, in nanoseconds.
             packet: its number.
         """
-        found: list[tuple[Flow, Sighting]] = []
         known = self._calls.get(key)
+        if known is not None:
+            usual = self._listen_usual(*known, segment, time, packet)
+            if usual is not None:
+                return usual
+        found: list[tuple[Flow, Sighting]] = []
         if known is not None and known[0].connection.is_followed_by(known[1], segment):
             found = self._end(known[0], time, packet)
             known = None
@@ -69,12 +73,8 @@ class Connections:
             if len(self._calls) >= 2 * CONNECTIONS_LIMIT:
                 found += self._end(next(iter(self._calls.values()))[0], time, packet)
             known = self._begin(key)
-        call, sender = known
-        if call is not self._latest:
-            self._latest = call
-            for each in call.keys:
-                self._calls.move_to_end(each)
-        return found + self._listen(call, sender, segment, time, packet)
+        self._touch(known[0])
+        return found + self._listen(*known, segment, time, packet)
 
     def close(self, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
         """End the capture: give out what was held back and what was begun."""
@@ -82,6 +82,26 @@ class Connections:
         while self._calls:
             found += self._end(next(iter(self._calls.values()))[0], time, packet)
         return found
+
+    def _listen_usual(
+        self, call: _Call, sender: int, segment: Segment, time: int, packet: int
+    ) -> list[tuple[Flow, Sighting]] | None:
+        """Take in what nearly all segments of a known conversation are; None for any other."""
+        flows = None if call.talk is None or call.talk.tentative else call.talk.flows
+        if flows is None:
+            return None
+        said = call.connection.receive_usual(sender, segment, time, packet)
+        if said is None:
+            return None
+        self._touch(call)
+        return [(flows[sender], sighting) for sighting in said]
+
+    def _touch(self, call: _Call) -> None:
+        """Note that this is the call heard last."""
+        if call is not self._latest:
+            self._latest = call
+            for each in call.keys:
+                self._calls.move_to_end(each)
 
     def _begin(self, key: bytes) -> tuple[_Call, int]:
         call = _Call(key)

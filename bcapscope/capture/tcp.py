@@ -128,6 +128,27 @@ class Stream:
         """Tell whether `seq` is behind all that was given out."""
         return self._offset(seq) >= self._next
 
+    @property
+    def waiting(self) -> bool:
+        """Whether bytes are missed, or it is known where the stream ends."""
+        return bool(self._ahead) or self._end is not None
+
+    def receive_frame(self, segment: Segment, time: int, packet: int) -> Sighting | None:
+        """Take a segment in if it is the next one and one whole frame, while the stream is not `waiting`.
+
+        Returns:
+            None for anything else, of which nothing is taken: it is for `receive`.
+        """
+        _, seq, _, data, _ = segment
+        if (seq - self._origin - self._next) & 0xFFFFFFFF or self._marks or self.closed or not self.begun:
+            return None
+        frame = self._splitter.feed_frame(data)
+        if frame is None:
+            return None
+        self._recent.append(_Part(self._next, data, time, packet))
+        self._next += len(data)
+        return Sighting(time, time, packet, frame)
+
     def receive(self, segment: Segment, time: int, packet: int) -> list[Sighting]:
         """Take a segment in and return the frames that it completes."""
         if self.closed:
@@ -183,13 +204,10 @@ class Stream:
         start, data, time, packet = part
         self._next = stop = start + len(data)
         self._recent.append(part)
-        pieces = self._splitter.feed(data)
-        if not self._marks and len(pieces) == 1 and pieces[0].stop == stop:  # one frame in one segment
-            return [Sighting(time, time, packet, pieces[0].item)]
         self._marks.append(_Mark(start, stop, time, packet))
         if len(self._marks) > MARKS_LIMIT:
             self._thin_marks()
-        return self._time(pieces, time, packet)
+        return self._time(self._splitter.feed(data), time, packet)
 
     def _thin_marks(self) -> None:
         """Give every second segment the times of the one behind it, but for the first."""
@@ -271,6 +289,8 @@ class Stream:
                     break
                 last = max(last, mark, key=itemgetter(2))
             found.append(Sighting(first.time, last.time, last.packet, item))
+        while pieces and marks and marks[0].stop <= pieces[-1].stop:
+            marks.popleft()
         return found
 
 
@@ -300,6 +320,25 @@ class Connection:
             first = (segment.seq + 1) & 0xFFFFFFFF
             return not own.starts_at(first) and (own.begun or (other.begun and not segment.flags & ACK))
         return bool(segment.data) and own.closed and own.is_ahead(segment.seq)
+
+    def receive_usual(self, sender: int, segment: Segment, time: int, packet: int) -> list[Sighting] | None:
+        """Take in what nearly all segments are: one whole frame, or none, and all before it was seen.
+
+        Returns:
+            What `sender` said; None for any other segment, of which nothing is taken: it is for `receive`.
+        """
+        own, other = self.streams[sender], self.streams[1 - sender]
+        if segment.flags & (FIN | SYN | RST) or own.waiting or other.waiting:
+            return None
+        found = []
+        if segment.data:
+            sighting = own.receive_frame(segment, time, packet)
+            if sighting is None:
+                return None
+            found.append(sighting)
+        if segment.flags & ACK and other.begun:
+            other.acknowledge(segment.ack, time, packet)
+        return found
 
     def receive(self, sender: int, segment: Segment, time: int, packet: int) -> list[tuple[int, Sighting]]:
         """Take a segment in and return what it completes, with the sender of each."""

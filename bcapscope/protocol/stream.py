@@ -86,13 +86,24 @@ class Splitter:
 
     def feed(self, data: bytes) -> list[Piece]:
         """Take the next bytes of the stream and return the pieces that they complete."""
-        if not self._buffer and self._in_step and _is_one_frame(data) and len(data) <= self._limit:
-            start, self._base = self._base, self._base + len(data)
-            return [Piece(start, self._base, Frame(data))]
+        start, frame = self._base, self.feed_frame(data)
+        if frame is not None:
+            return [Piece(start, self._base, frame)]
         self._buffer += data
         if len(self._buffer) < self._enough:
             return []
         return self._cut(final=False)
+
+    def feed_frame(self, data: bytes) -> Frame | None:
+        """Take the next bytes of the stream if they are one whole frame, as they nearly always are.
+
+        Returns:
+            None for anything else, of which nothing is taken: it is for `feed`.
+        """
+        if self._buffer or not self._in_step or not _is_one_frame(data) or len(data) > self._limit:
+            return None
+        self._base += len(data)
+        return Frame(data)
 
     def gap(self, missing: int) -> list[Piece]:
         """End what was begun, then account for `missing` bytes that will never come."""

@@ -332,3 +332,55 @@ def test_a_handshake_after_a_stream_without_one_begins_anew() -> None:
     connection, _ = both((1, segment(500, FRAMES[1])))
     assert connection.is_followed_by(0, Segment(SYN, 10, 0, b"", 0))
     assert not connection.is_followed_by(0, Segment(SYN | ACK, 10, 0, b"", 0))
+
+
+PIECES = st.sampled_from(
+    [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (3, 4), (0, 0), (1, 1), (4, 4)]  # frames from and to
+)
+ODD_BYTES = st.sampled_from([0, 0, 0, 0, 3])
+SEGMENTS = st.lists(
+    st.tuples(
+        st.integers(0, 1),
+        PIECES,
+        ODD_BYTES,
+        st.integers(0, len(FRAMES)),
+        st.sampled_from([ACK] * 9 + [0, SYN, SYN | ACK, FIN | ACK, RST]),
+    ),
+    max_size=12,
+)
+STARTS = [len(b"".join(FRAMES[:count])) for count in range(len(FRAMES) + 1)]
+
+
+@given(SEGMENTS, st.sampled_from([0, 2**32 - 50]))
+def test_the_short_way_gives_what_the_long_way_gives(
+    drawn: list[tuple[int, tuple[int, int], int, int, int]], origin: int
+) -> None:
+    short, long = Connection(), Connection()
+    for number, (sender, (first, last), odd, acked, flags) in enumerate(drawn):
+        data = CONTENT[STARTS[first] : STARTS[last] + odd]
+        made = segment(origin + STARTS[first], data, flags, origin + STARTS[acked])
+        expected = long.receive(sender, made, number, number)
+        said = short.receive_usual(sender, made, number, number)
+        if said is None:
+            assert short.receive(sender, made, number, number) == expected
+        else:
+            assert [(sender, sighting) for sighting in said] == expected
+    assert short.close(99, 99) == long.close(99, 99)
+    assert short.contradictions == long.contradictions
+
+
+def test_the_short_way_is_for_the_next_frame_of_a_connection_that_has_begun() -> None:
+    connection = Connection()
+    first = segment(0, FRAMES[0])
+    assert connection.receive_usual(0, first, 1, 1) is None
+    connection.receive(0, first, 1, 1)
+    second = segment(STARTS[1], FRAMES[1])
+    assert connection.receive_usual(0, second, 2, 2) == [Sighting(2, 2, 2, Frame(FRAMES[1]))]
+    assert connection.receive_usual(0, segment(STARTS[2], b""), 3, 3) == []
+    begun = segment(STARTS[2], FRAMES[2][:20])
+    for other in (second, segment(STARTS[3], FRAMES[3]), begun):
+        assert connection.receive_usual(0, other, 4, 4) is None
+    connection.receive(0, begun, 4, 4)
+    connection.receive(0, segment(STARTS[2] + 20, FRAMES[2][20:]), 5, 5)
+    third = segment(STARTS[3], FRAMES[3])
+    assert connection.receive_usual(0, third, 6, 6) == [Sighting(6, 6, 6, Frame(FRAMES[3]))]

@@ -101,6 +101,19 @@ def test_a_stream_that_breaks_off_says_so(pair: FramePair) -> None:
         assert piece.item.problems
 
 
+def test_one_whole_frame_is_taken_at_once_and_nothing_else() -> None:
+    splitter = Splitter()
+    assert splitter.feed_frame(GOOD) == Frame(GOOD)
+    for other in (b"", GOOD[:-1], GOOD + GOOD, GOOD[:-1] + b"\x05", b"\x02" + GOOD[1:]):
+        assert splitter.feed_frame(other) is None
+    assert splitter.pending == 0
+    assert splitter.feed(GOOD + GOOD[:5]) == [Piece(len(GOOD), 2 * len(GOOD), Frame(GOOD))]
+    assert splitter.feed_frame(GOOD) is None
+    assert splitter.feed(GOOD[5:]) == [Piece(2 * len(GOOD), 3 * len(GOOD), Frame(GOOD))]
+    assert Splitter(in_step=False).feed_frame(GOOD) is None
+    assert Splitter(limit=len(GOOD) - 1).feed_frame(GOOD) is None
+
+
 @pytest.mark.parametrize("sample", DAMAGED[4:], ids=DAMAGED_IDS[4:])
 def test_a_damaged_frame_between_sound_ones_costs_only_itself(sample: Damaged) -> None:
     for way in (lambda data: [data], bytewise):
