@@ -102,7 +102,7 @@ footer { padding-top: 28px; padding-bottom: 40px; }
   .wide { overflow: visible; } table { font-size: 8pt; } th, td { padding: 2px 5px; }
   h2 { break-after: avoid; } h3 { break-after: avoid; }
   figure, .finding, .tiles, .verdict, tr { break-inside: avoid; }
-  caption { break-after: avoid; } thead { display: table-header-group; }
+  caption { break-after: avoid; } thead { display: table-header-group; break-after: avoid; }
   figure { border: none; padding: 0; } a { color: inherit; text-decoration: none; }
   * { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }

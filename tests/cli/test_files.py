@@ -1,0 +1,62 @@
+"""Files that appear when they are complete, and not at all when something fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.files import FileRefused, NewFile, check_free
+
+
+def test_a_file_has_its_name_when_it_is_complete(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with NewFile(path) as file:
+        file.write(b"one")
+        assert not path.exists()
+        file.write(b" two")
+        file.keep()
+    assert [each.name for each in tmp_path.iterdir()] == ["a.csv"]
+    assert path.read_bytes() == b"one two"
+
+
+def test_what_is_not_kept_leaves_nothing(tmp_path: Path) -> None:
+    with NewFile(tmp_path / "a.csv") as file:
+        file.write(b"one")
+        assert len(list(tmp_path.iterdir())) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_came_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with NewFile(path) as file:
+        file.write(b"one")
+        path.write_bytes(b"mine")
+        with pytest.raises(FileRefused, match="exists already") as refused:
+            file.keep()
+    assert refused.value.exit_code == Exit.UNWRITABLE
+    assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"mine"]
+
+
+def test_another_name_may_be_given_at_the_end(tmp_path: Path) -> None:
+    with NewFile(tmp_path / "a-1.csv") as file:
+        file.keep(tmp_path / "a.csv")
+    assert [each.name for each in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
+    with pytest.raises(FileRefused, match="something else"):
+        check_free(tmp_path, overwrite=True)
+    with pytest.raises(FileRefused, match="something else"):
+        check_free(Path("/dev/null"), overwrite=True)
+
+
+def test_reasons_are_told_and_names_are_harmless(tmp_path: Path) -> None:
+    with pytest.raises(FileRefused, match="no such file or directory"):
+        NewFile(tmp_path / "nowhere" / "a.csv")
+    with pytest.raises(FileRefused, match="name too long"):
+        NewFile(tmp_path / ("a" * 300))
+    with pytest.raises(FileRefused) as refused:
+        NewFile(tmp_path / "no\x1bwhere" / "a.csv")
+    assert "\x1b" not in refused.value.message

@@ -1,0 +1,59 @@
+"""The sections of a report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bcapscope.analysis.marks import MarkKind
+from bcapscope.render.report_page import report_page
+from bcapscope.render.report_sections import MOST_DRAWN, MOST_ROWS, drawn_stays
+from tests.render.reports import CAPTURES, Page, account_of, page_of
+
+
+def test_findings_stand_under_their_cause() -> None:
+    page = page_of("slave-mode-lost.pcapng")
+    items = {str(each["id"]): str(each["class"]) for each in page.of("li")}
+    assert items["finding-1"] == "finding warning depth-0"
+    assert items["finding-2"] == "finding error depth-1"
+    assert items["finding-3"] == "finding error depth-2"
+    verdict = next(each for each in page.of("div") if "verdict" in str(each.get("class")))
+    assert verdict["class"] == "verdict error"
+
+
+def test_a_clean_capture_says_so() -> None:
+    page = page_of("slave-session.pcapng")
+    assert "No problem found; 1 note." in page.text
+    assert "From 2023-11-14 22:13:20.000 UTC" in page.text
+    assert "never, by the model" in page.text
+
+
+def test_holes_in_a_capture_are_told() -> None:
+    page = page_of("tcp-gap.pcap")
+    assert "198 bytes missing in the capture" in page.text
+    assert MarkKind.MISSING in [trace.get("name") for trace in page.data["timeline-data"]["data"]]
+
+
+def test_of_many_stays_the_ones_with_trouble_are_drawn() -> None:
+    (bad,) = account_of(CAPTURES / "slave-mode-lost.pcapng").stays
+    account = account_of(CAPTURES / "slave-session.pcapng")
+    (good,) = account.stays
+    stays = tuple(replace(bad if number == 50 else good, number=number) for number in range(1, 61))
+    drawn = drawn_stays(stays)
+    assert len(drawn) == MOST_DRAWN
+    assert 50 in [stay.number for stay in drawn]
+    page = Page(report_page(replace(account, stays=stays), ["x"], "1"))
+    assert f"The first {MOST_ROWS} of 60 stays in slave mode." in page.text
+    assert f"Pictures follow of the {MOST_DRAWN} with most trouble." in page.text
+    assert len([name for name in page.data if name.startswith("pace-")]) == MOST_DRAWN
+
+
+def test_refusals_have_their_meaning_and_what_to_do() -> None:
+    text = page_of("slave-mode-lost.pcapng").text
+    assert "What the controller refused, and why." in text
+    assert "slvMove while slave mode is off" in text
+
+
+def test_what_slave_says_is_there_in_full() -> None:
+    page = page_of("slave-session.pcapng")
+    assert len(page.of("details")) == 1
+    assert "Stay 1  192.168.0.10:50001 > 192.168.0.1:5007 udp" in page.text
