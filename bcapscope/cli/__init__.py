@@ -24,6 +24,7 @@ _COMMANDS = {
     "compare": "What differs between a good capture and a bad one.",
     "extract": "Write the trajectories of slave mode to CSV or JSON.",
     "report": "Write a page with findings, figures and pictures, to mail.",
+    "call": "Call functions of a controller.",
     "fields": "List the fields and the language of --filter.",
 }
 

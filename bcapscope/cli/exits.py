@@ -22,5 +22,11 @@ class Exit(IntEnum):
     """A file was not written: it exists already, there is no room, or no right to."""
     NOT_INSTALLED = 7
     """A library that only this command needs is not installed."""
+    REFUSED = 8
+    """The controller refused a call."""
+    UNANSWERED = 9
+    """No way to the controller, or no answer in time."""
+    UNARMED = 10
+    """A call might move the robot, and nobody said `--arm`; it was not made."""
     INTERRUPTED = 130
     """Ctrl-C while there was something to do; shells name a program so that SIGINT ended."""

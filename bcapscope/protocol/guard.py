@@ -14,13 +14,6 @@ from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.protocol.variant import Variant
 
-SIMULATOR_VARIABLE = "@BCAPSCOPE_SIMULATOR"
-"""A controller variable that our simulator has and no real controller does, whatever address it is behind:
-who reads `SIMULATOR_TEXT` from it talks to a robot that cannot hurt anybody."""
-
-SIMULATOR_TEXT = "bcapscope simulator: nothing moves"
-"""Value of `SIMULATOR_VARIABLE`, a BSTR."""
-
 _EXECUTES = frozenset(function.id for function in FUNCTIONS.values() if function.name.endswith("_Execute"))
 _COMMAND_EXECUTE, _ROBOT_EXECUTE, _ROBOT_HALT = 112, 64, 70
 _GETS_FILE = (6, 37)

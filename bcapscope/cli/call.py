@@ -1,0 +1,179 @@
+"""``bcapscope call``: calls to a controller, one or several in one session."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TextIO
+
+import click
+
+from bcapscope.cli import options
+from bcapscope.cli.connection import Target, failures_told, target
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.request import Request, read_request, read_script
+from bcapscope.client.reach import Reach
+from bcapscope.client.session import call_name
+from bcapscope.errors import ExchangeTimeout
+from bcapscope.protocol.effects import Effect
+from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.protocol.requester import Refused, Settled, TimedOut
+from bcapscope.protocol.variant import Variant
+from bcapscope.render.answer import AnswerRenderer
+from bcapscope.render.hexdump import hexdump
+from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.traffic.question import Question
+
+_NAMED = (
+    ObjectClass.ROBOT,
+    ObjectClass.TASK,
+    ObjectClass.VARIABLE,
+    ObjectClass.FILE,
+    ObjectClass.EXTENSION,
+    ObjectClass.COMMAND,
+)
+
+
+@click.command(
+    short_help="Call functions of a controller.", context_settings={"ignore_unknown_options": True}
+)
+@target
+@click.argument("words", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
+@click.option("-e", "--exec", "more", metavar="CALL", multiple=True, help="One more call, as one word.")
+@click.option("--script", metavar="FILE", type=click.File(), help="Calls, one a line; - is standard input.")
+@click.option("--robot", help="Name of the robot that is opened where one is needed; Arm unless given.")
+@click.option("--task", help="Likewise of the task; RobSlave unless given.")
+@click.option("--variable", help="Likewise of the variable, of the robot if only robots have one.")
+@click.option("--file", help="Likewise of the file.")
+@click.option("--extension", help="Likewise of the extension.")
+@click.option("--command", "command_", help="Likewise of the command.")
+@click.option("--arm", is_flag=True, help="Allow what may move a robot.")
+@click.option("--hex", "dump", is_flag=True, help="Every packet that went out or came in, under its call.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a call: the reply.")
+@options.color
+def command(
+    *,
+    target: Target,
+    words: tuple[str, ...],
+    more: tuple[str, ...],
+    script: TextIO | None,
+    arm: bool,
+    dump: bool,
+    as_json: bool,
+    color: str,
+    **named: str | None,
+) -> None:
+    """Call functions of a controller, such as `Robot_Execute slvGetMode`.
+
+    What a function needs is opened before and released afterwards: service, controller, and the object whose
+    handle it takes, which is left out of the arguments. Arguments have the types that the function or command
+    has; others are named, as in i2:2 or r4[]:10,20,30. What is left out is empty. The first failure ends it.
+
+    What may move a robot is only sent with --arm, or to bcapscope's own simulator.
+
+    Exit codes: 0 all calls succeeded; 2 the command line makes no sense; 8 a call was refused; 9 no answer;
+    10 --arm is missing.
+    """
+    if dump and as_json:
+        raise click.UsageError("--hex and --json exclude each other")
+    requests = [read_request(words, target)] if words else []
+    requests += read_script(more, target)
+    requests += read_script(script, target) if script else []
+    if not requests:
+        raise click.UsageError("which function? Give FUNCTION, --exec or --script")
+    names = {owner: given for owner in _NAMED if (given := _given(named, owner)) is not None}
+    calls = _Calls(target, names, arm, _Printer(dump, as_json, color))
+    with failures_told():
+        try:
+            code = asyncio.run(calls.make(requests))
+        except ValueError as error:
+            raise click.UsageError(str(error)) from None
+    sys.exit(code)
+
+
+def _given(named: Mapping[str, str | None], owner: ObjectClass) -> str | None:
+    return named.get(owner.lower()) or named.get(f"{owner.lower()}_")
+
+
+class _Printer:
+    """Writes answers, and under them the packets that belong to them."""
+
+    def __init__(self, dump: bool, as_json: bool, color: str) -> None:
+        self._dump = dump
+        self._as_json = as_json
+        self._palette = palette(color)
+        self._renderer = AnswerRenderer(self._palette)
+        self.packets: list[Observation] = []
+
+    def answer(self, request: Request, arguments: Sequence[Variant], settled: Settled) -> None:
+        """Write one answer; `packets` are those of its call."""
+        function = request.function
+        name = call_name(function.id, arguments)
+        if isinstance(settled, TimedOut):
+            self._packets()
+            raise ExchangeTimeout(name, settled.attempts)
+        reply, attempts = settled.reply, settled.attempts
+        took = attempts[-1].came[-1].time - attempts[0].sent
+        if self._as_json:
+            seen = next(each for each in reversed(self.packets) if each.item is reply)
+            command_name = name.partition(" ")[2] or None
+            question = Question(function.id, command_name)
+            click.echo(self._renderer.record(seen, question, took, attempts))
+        else:
+            click.echo(self._renderer.line(name, function.id, reply, took, attempts))
+        self._packets()
+
+    def _packets(self) -> None:
+        if self._dump:
+            click.echo("".join(f"{line}\n" for line in self._dumped()), nl=False)
+
+    def _dumped(self) -> Iterator[str]:
+        for seen in self.packets:
+            sent = seen.flow.direction is Direction.REQUEST
+            yield f"  {'sent to' if sent else 'received from'} {seen.flow.dst if sent else seen.flow.src}"
+            yield from (f"  {line}" for line in hexdump(seen.item.raw, palette=self._palette))
+
+
+class _Calls:
+    """Makes calls in one session."""
+
+    def __init__(
+        self, target: Target, names: Mapping[ObjectClass, str], arm: bool, printer: _Printer
+    ) -> None:
+        self._target = target
+        self._names = names
+        self._armed = arm
+        self._printer = printer
+
+    async def make(self, requests: Sequence[Request]) -> Exit:
+        """Make all calls, up to the first that fails."""
+        printer = self._printer
+        async with self._target.session(observer=printer.packets.append) as session:
+            reach = Reach(session, self._target.service, self._target.connect, self._names)
+            for request in requests:
+                arguments = await request.arguments(reach)
+                if not await self._may(request, arguments, reach):
+                    return Exit.UNARMED
+                printer.packets.clear()
+                settled = await reach.exchange(request.function, arguments)
+                printer.answer(request, arguments, settled)
+                if isinstance(settled, Refused):
+                    return Exit.REFUSED
+        return Exit.OK
+
+    async def _may(self, request: Request, arguments: Sequence[Variant], reach: Reach) -> bool:
+        function_id = request.function.id
+        if self._armed or always_passes(function_id, arguments):
+            return True
+        if request_effect(function_id, arguments) < Effect.MOVES:
+            return True
+        self._armed = await reach.meets_simulator()
+        if not self._armed:
+            name = call_name(function_id, arguments)
+            narrate(
+                f"bcapscope: {name} may move a robot, and this is not the simulator: not sent without --arm"
+            )
+        return self._armed

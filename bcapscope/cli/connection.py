@@ -1,0 +1,148 @@
+"""Options that say how to reach a controller, for all commands that talk to one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractAsyncContextManager, contextmanager
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import Any
+
+import click
+
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate
+from bcapscope.client.caller import Listener, Observer
+from bcapscope.client.session import PACES, PORT, Paces, Session, open_session, over_tcp, over_udp
+from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.requester import Pace
+
+_MS = 1_000_000
+_ON_UDP = (Convention.SEED, Convention.OWN, Convention.CHAIN)
+_ON_TCP = (Convention.TCP0, Convention.TCP1)
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A controller, how to reach it, and what to say to it first.
+
+    Attributes:
+        host: name or address.
+        port: UDP or TCP.
+        tcp: TCP instead of UDP.
+        timeout: of each try, ms, for all calls but slvMove.
+        retries: after the first try, likewise.
+        convention: of reserved; None for the usual one.
+        service: option of Service_Start.
+        connect: name, provider, machine and option of Controller_Connect.
+    """
+
+    host: str
+    port: int
+    tcp: bool
+    timeout: float
+    retries: int
+    convention: Convention | None
+    service: str
+    name: str
+    provider: str
+    machine: str
+    connect_option: str
+
+    @property
+    def connect(self) -> tuple[str, str, str, str]:
+        """The four arguments of Controller_Connect."""
+        return self.name, self.provider, self.machine, self.connect_option
+
+    def session(
+        self, observer: Observer | None = None, listener: Listener | None = None
+    ) -> AbstractAsyncContextManager[Session]:
+        """Open a session."""
+        opener = (over_tcp if self.tcp else over_udp)(self.host, self.port)
+        paces = Paces(others=Pace(round(self.timeout * _MS), self.retries))
+        return open_session(
+            opener, convention=self.convention, paces=paces, observer=observer, listener=listener
+        )
+
+
+def _convention(context: click.Context, _: click.Parameter, value: str | None) -> Convention | None:
+    if value is None:
+        return None
+    convention = Convention(value)
+    if convention not in (_ON_TCP if context.params.get("tcp") else _ON_UDP):
+        raise click.BadParameter(f"{value} is not for {'TCP' if context.params.get('tcp') else 'UDP'}")
+    return convention
+
+
+_OPTIONS = (
+    click.argument("host"),
+    click.option("-p", "--port", type=click.IntRange(1, 65535), default=PORT, show_default=True),
+    click.option("--tcp/--udp", "tcp", is_eager=True, help="What to talk over; UDP unless given."),
+    click.option(
+        "--timeout",
+        metavar="MS",
+        type=click.FloatRange(min=0.1),
+        default=PACES.others.timeout / _MS,
+        show_default=True,
+        help="How long to wait for each try, slvMove apart, which has DENSO's 2 ms.",
+    ),
+    click.option(
+        "--retries",
+        type=click.IntRange(0, 100),
+        default=PACES.others.retries,
+        show_default=True,
+        help="Tries after the first, on UDP; on TCP their time is given to the only one.",
+    ),
+    click.option(
+        "--convention",
+        type=click.Choice([convention.value for convention in (*_ON_UDP, *_ON_TCP)]),
+        callback=_convention,
+        help="What goes into reserved: seed (0, then the first serial), own (the own serial first), chain "
+        "(the serial before), tcp0, tcp1.",
+    ),
+    click.option("--service", metavar="OPTION", default="", help="Of Service_Start, such as ,WDT=400."),
+    click.option("--name", default="", help="Of Controller_Connect; empty for an automatic one."),
+    click.option(
+        "--provider",
+        default="CaoProv.DENSO.VRC",
+        show_default=True,
+        help="Of Controller_Connect; CaoProv.DENSO.VRC9 for RC9 and COBOTTA PRO, RC7 takes any.",
+    ),
+    click.option("--machine", default="localhost", show_default=True, help="Of Controller_Connect."),
+    click.option("--connect-option", metavar="OPTION", default="", help="Of Controller_Connect."),
+)
+
+
+def target(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options; the command is given a `target`."""
+
+    @wraps(function)
+    def with_target(**given: Any) -> None:
+        own = {field.name: given.pop(field.name) for field in fields(Target)}
+        function(target=Target(**own), **given)
+
+    decorated: Callable[..., None] = with_target
+    for option in reversed(_OPTIONS):
+        decorated = option(decorated)
+    return decorated
+
+
+@contextmanager
+def failures_told() -> Iterator[None]:
+    """Turn what goes wrong between us and a controller into a sentence and an exit code."""
+    try:
+        yield
+    except ControllerError as error:
+        _end(error, Exit.REFUSED)
+    except (ExchangeTimeout, OSError) as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        _end(error, Exit.UNANSWERED)
+    except BcapError as error:
+        _end(error, Exit.USAGE)
+
+
+def _end(error: Exception, code: Exit) -> None:
+    narrate(f"bcapscope: {str(error) or type(error).__name__}")
+    raise SystemExit(code)

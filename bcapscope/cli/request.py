@@ -1,0 +1,101 @@
+"""A call as words on a command line: the name of a function and its arguments."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import click
+
+from bcapscope.cli.connection import Target
+from bcapscope.client.reach import Reach
+from bcapscope.protocol.commands import command
+from bcapscope.protocol.functions import FUNCTIONS, Function, Param, function_by_name
+from bcapscope.protocol.notation import parse_as
+from bcapscope.protocol.variant import EMPTY, VT, Variant
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A call that is to be made.
+
+    Attributes:
+        function: to call.
+        values: its arguments; without the handle if that is the last opened one's.
+        takes_handle: whether the handle is to be put before `values`.
+    """
+
+    function: Function
+    values: tuple[Variant, ...]
+    takes_handle: bool
+
+    async def arguments(self, reach: Reach) -> tuple[Variant, ...]:
+        """Return all arguments, opening what is missing."""
+        if self.takes_handle:
+            return (Variant(VT.I4, await reach.handle(self.function.owner)), *self.values)
+        if self.function.name == "Controller_Connect":
+            await reach.start()
+        return self.values
+
+
+def read_request(words: Sequence[str], target: Target) -> Request:
+    """Read one call.
+
+    Raises:
+        click.UsageError: there is no such function, or the arguments do not fit it.
+    """
+    name, *texts = words
+    function = function_by_name(name)
+    if function is None:
+        near = get_close_matches(name, [each.name for each in FUNCTIONS.values()], 1)
+        raise click.UsageError(f"there is no function {name!r}" + (f"; {near[0]}?" if near else ""))
+    params = function.params
+    has_handle = bool(params) and params[0].name.startswith("h")
+    takes_handle = has_handle and len(texts) < len(params)
+    if takes_handle:
+        params = params[1:]
+    if len(texts) > len(params):
+        raise click.UsageError(f"{function.name} takes {_names(function)}; that are {len(texts)} values")
+    defaults = {"Controller_Connect": target.connect, "Service_Start": (target.service,)}.get(
+        function.name, ()
+    )
+    texts = [*texts, *defaults[len(texts) :]]
+    values = tuple(_value(function, index, param, texts) for index, param in enumerate(params))
+    return Request(function, values, takes_handle)
+
+
+def read_script(lines: Iterable[str], target: Target) -> list[Request]:
+    """Read calls, one a line, words as in a shell; empty lines and what follows # do not count."""
+    requests = []
+    for number, line in enumerate(lines, 1):
+        try:
+            words = shlex.split(line, comments=True)
+            if words:
+                requests.append(read_request(words, target))
+        except (ValueError, click.UsageError) as error:
+            reason = error.message if isinstance(error, click.UsageError) else str(error)
+            raise click.UsageError(f"line {number}: {reason}") from None
+    return requests
+
+
+def _names(function: Function) -> str:
+    return " ".join(param.name for param in function.params) or "no arguments"
+
+
+def _value(function: Function, index: int, param: Param, texts: Sequence[str]) -> Variant:
+    if index >= len(texts):
+        if param.type == "VT_BSTR":
+            return Variant(VT.BSTR, "")
+        if param.type == "VARIANT":
+            return EMPTY
+        raise click.UsageError(f"{function.name} takes {_names(function)}; {param.name} is missing")
+    types = [param.type]
+    if param.name == "vntParam":
+        known = command(function.id, texts[index - 1])
+        types = list(known.parameter_types) if known else types
+    try:
+        return parse_as(texts[index], types)
+    except ValueError as error:
+        raise click.UsageError(f"{function.name}, {param.name}: {error}") from None

@@ -1,0 +1,194 @@
+"""``bcapscope call`` against a server on loopback, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bcapscope.cli.exits import Exit
+from bcapscope.protocol.hresult import E_HANDLE, S_OK
+from bcapscope.protocol.simulated import SIMULATOR_TEXT
+from bcapscope.protocol.variant import VT, Variant
+from tests.cli.run import Ran, run
+from tests.client.peer import Peer
+from tests.client.server import udp_server
+
+_CONNECT = ("Controller_Connect", "", "CaoProv.DENSO.VRC", "localhost", "")
+
+
+def _as_simulator(peer: Peer) -> None:
+    peer.answers["Variable_GetValue"] = S_OK, (Variant(VT.BSTR, SIMULATOR_TEXT),)
+
+
+def _call(*words: str, simulator: bool = False) -> tuple[Ran, list[tuple[object, ...]]]:
+    """Run ``bcapscope call``; return what it wrote and what the server executed."""
+
+    def prepare(peer: Peer) -> None:
+        peer.answers["Robot_GetHelp"] = E_HANDLE, ()
+        peer.answers["Robot_GetName"] = None
+        if simulator:
+            _as_simulator(peer)
+
+    with udp_server(prepare) as server:
+        ran = run("call", "127.0.0.1", "--port", str(server.port), *words)
+    executed = [call for peer in server.peers.values() for call in peer.executed]
+    return ran, executed
+
+
+def test_what_a_function_needs_is_opened_and_released() -> None:
+    ran, executed = _call("Robot_Execute", "slvGetMode")
+    assert ran.code == Exit.OK
+    assert ran.out.startswith("Robot_Execute slvGetMode S_OK pVal=R8[1.0,2.0]  ")
+    assert ran.out.endswith(" ms\n")
+    assert executed == [
+        ("Service_Start", ""),
+        _CONNECT,
+        ("Controller_GetRobot", 101, "Arm", ""),
+        ("Robot_Execute", 102, "slvGetMode", None),
+        ("Robot_Release", 102),
+        ("Controller_Disconnect", 101),
+        ("Service_Stop",),
+    ]
+
+
+def test_names_and_strings_can_be_chosen() -> None:
+    words = ("--service", ",WDT=400", "--provider", "P", "--robot", "Gundam", "--machine", "m")
+    _, executed = _call(*words, "robot_getattribute")
+    assert executed[:3] == [
+        ("Service_Start", ",WDT=400"),
+        ("Controller_Connect", "", "P", "m", ""),
+        ("Controller_GetRobot", 101, "Gundam", ""),
+    ]
+
+
+def test_a_robot_s_variable_is_opened_on_the_robot() -> None:
+    _, executed = _call("--variable", "@current_angle", "Variable_GetValue")
+    assert executed[3] == ("Robot_GetVariable", 102, "@current_angle", "")
+    _, executed = _call("--variable", "I7", "Variable_GetValue")
+    assert executed[2] == ("Controller_GetVariable", 101, "I7", "")
+
+
+def test_a_session_of_several_calls(tmp_path: Path) -> None:
+    script = tmp_path / "calls.txt"
+    script.write_text("# look\nVariable_GetValue   # the second\n\nVariable_Release\nVariable_GetName\n")
+    words = (
+        "Controller_GetVariable",
+        "I1",
+        "--exec",
+        'Controller_GetVariable "I 2"',
+        "--script",
+        str(script),
+    )
+    ran, executed = _call(*words)
+    assert [line.split()[0] for line in ran.lines] == [
+        *["Controller_GetVariable"] * 2,
+        *["Variable_GetValue", "Variable_Release"],
+    ]
+    assert executed[2:6] == [
+        ("Controller_GetVariable", 101, "I1", ""),
+        ("Controller_GetVariable", 101, "I 2", ""),
+        ("Variable_GetValue", 103),
+        ("Variable_Release", 103),
+    ]
+    assert ran.code == Exit.USAGE
+    assert "which Variable?" in ran.err
+    assert executed[6] == ("Variable_Release", 102)
+
+
+def test_arguments_have_the_types_of_the_catalogue_or_their_own() -> None:
+    _, executed = _call("--arm", "Robot_Execute", "slvChangeMode", "2")
+    assert executed[3] == ("Robot_Execute", 102, "slvChangeMode", 2)
+    assert executed[4] == ("Robot_Execute", 102, "slvChangeMode", 0)
+    _, executed = _call("--arm", "Robot_Execute", "slvMove", "r4[]:10,20,-30")
+    assert executed[3] == ("Robot_Execute", 102, "slvMove", (10.0, 20.0, -30.0))
+    _, executed = _call("Robot_Speed", "-1", "50")
+    assert executed[3] == ("Robot_Speed", 102, -1, 50.0)
+
+
+def test_an_explicit_handle() -> None:
+    _, executed = _call("Robot_Execute", "55", "slvGetMode", "empty:")
+    assert executed == [("Robot_Execute", 55, "slvGetMode", None)]
+
+
+@pytest.mark.parametrize("words", [("Robot_Move", "1", "@E J(1)"), ("Robot_Execute", "NoSuchCommand")])
+def test_motion_needs_arming_or_the_simulator(words: tuple[str, ...]) -> None:
+    ran, executed = _call(*words)
+    assert ran.code == Exit.UNARMED
+    assert "may move a robot" in ran.err
+    assert words[0] not in [call[0] for call in executed]
+    assert executed[-1] == ("Service_Stop",)
+    ran, executed = _call(*words, "--arm")
+    assert ran.code == Exit.OK
+    assert "Controller_GetVariable" not in [call[0] for call in executed]
+    ran, executed = _call(*words, simulator=True)
+    assert ran.code == Exit.OK
+    assert words[0] in [call[0] for call in executed]
+
+
+@pytest.mark.parametrize(
+    "words", [("Robot_Halt",), ("Robot_Execute", "slvChangeMode", "0"), ("Robot_Execute", "CurJnt")]
+)
+def test_stopping_and_reading_need_no_arming(words: tuple[str, ...]) -> None:
+    ran, executed = _call(*words)
+    assert ran.code == Exit.OK
+    assert "Controller_GetVariable" not in [call[0] for call in executed]
+
+
+def test_a_refusal() -> None:
+    ran, executed = _call("Robot_GetHelp", "--exec", "Robot_GetTag")
+    assert ran.code == Exit.REFUSED
+    assert ran.out.startswith("Robot_GetHelp E_HANDLE (")
+    assert ("Robot_GetTag", 102) not in executed
+
+
+def test_no_answer_lists_the_tries() -> None:
+    ran, _ = _call("Robot_GetName", "--timeout", "20", "--retries", "1")
+    assert ran.code == Exit.UNANSWERED
+    assert "Robot_GetName was not answered in time, 2 tries:" in ran.err
+    assert "serial 5, reserved 4" in ran.err
+
+
+def test_json() -> None:
+    ran, _ = _call("Robot_Execute", "CurJnt", "--json")
+    (record,) = map(json.loads, ran.lines)
+    assert record["kind"] == "response"
+    assert record["function"] == "Robot_Execute"
+    assert record["command"] == "CurJnt"
+    assert record["hresult"] == 0
+    assert record["args"] == [{"name": "pVal", "type": "VT_R8|VT_ARRAY", "value": [1.0, 2.0]}]
+    assert record["tries"] == 1
+    assert 0 < record["took_ms"] < 60_000
+
+
+def test_hex() -> None:
+    ran, _ = _call("Robot_GetAttribute", "--hex")
+    assert ran.lines[1].startswith("  sent to 127.0.0.1:")
+    assert "01 1e 00 00 00 04 00 00" in ran.out.lower()
+    assert sum("received from" in line for line in ran.lines) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ((), "which function?"),
+        (("Robot_Mov",), "Robot_Move?"),
+        (("Robot_Move",), "lComp is missing"),
+        (("Robot_GoHome", "1", "2"), "Robot_GoHome takes hRobot"),
+        (("Robot_Speed", "x", "1"), "Robot_Speed, lAxis: 'x' is no VT_I4"),
+        (("--exec", "Robot_Mov"), "line 1: there is no function"),
+        (("--tcp", "--convention", "seed", "Service_Start"), "seed is not for TCP"),
+        (("--hex", "--json", "Service_Start"), "exclude each other"),
+    ],
+)
+def test_what_makes_no_sense(words: tuple[str, ...], reason: str) -> None:
+    ran = run("call", "127.0.0.1", *words)
+    assert ran.code == Exit.USAGE
+    assert reason in ran.err
+
+
+def test_nobody_listens() -> None:
+    ran = run("call", "127.0.0.1", "--tcp", "--port", "1", "Service_Start")
+    assert ran.code == Exit.UNANSWERED
+    assert len(ran.err.splitlines()) == 1
