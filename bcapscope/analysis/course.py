@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from bcapscope.analysis.batch import Batch
 from bcapscope.analysis.buffer import Arrivals, BufferModel, BufferRules
 from bcapscope.analysis.clock import ControllerClock
 from bcapscope.analysis.distribution import Floats
@@ -15,7 +16,7 @@ from bcapscope.analysis.forms import Columns, Forms, Picked, Picker
 from bcapscope.analysis.generation import Clue
 from bcapscope.analysis.motion import MotionModel, Poses, Start
 from bcapscope.analysis.points import Heed, Points
-from bcapscope.analysis.rows import Row, Rows, frame_of, request_of, row_of, rows_of, sent_at
+from bcapscope.analysis.rows import Rows, rows_of
 from bcapscope.analysis.samples import Sampler
 from bcapscope.analysis.slices import Slicer
 from bcapscope.analysis.stay import (
@@ -42,7 +43,7 @@ from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation, Transport
 
 BATCH = 4096
-"""Set points that are looked at together: enough for columns to pay, some 2 MB of them."""
+"""Set points that are looked at together: enough for columns to pay, a MB or two of them."""
 
 MOST_CODES = 256
 """Different HRESULTs of refused set points that are counted apart; further ones count under 0."""
@@ -50,6 +51,7 @@ MOST_CODES = 256
 _PARAMETER = 2
 _RESULT = 0
 _UNKNOWN = -1
+_FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
 
 Key: TypeAlias = "tuple[Conversation, bytes]"
@@ -101,10 +103,11 @@ class Course:
         mode: value, and what told it.
         entry: what began it; None where that was not seen.
         entered: when, by the reply to that.
-        rows: set points that wait to be looked at, in order.
-        odd: of them, place and call of those that have more to tell than their row.
+        batch: set points that wait to be looked at.
         setting: fixed when the first set points are looked at.
         after_end: set points refused as a consequence.
+        last_accepted: when the latest of the set points looked at that were accepted was sent; None as long
+            as there is none.
     """
 
     def __init__(
@@ -122,14 +125,15 @@ class Course:
         self.mode = mode
         self.entry = entry
         self.entered: int | None = None if entry is None else entry.replied or entry.time
-        self.rows: list[Row] = []
-        self.odd: list[tuple[int, Exchange]] = []
+        self.batch = Batch()
         self.setting: Setting | None = None
         self.after_end = 0
+        self.last_accepted: int | None = None
         self._window = window
         self._heed = heed
-        self._first: Row | None = None
-        self._last: Row | None = None
+        self._first: Spot | None = None
+        self._last: Spot | None = None
+        self._last_seen = 0
         self._figures: _Figures | None = None
 
     @property
@@ -143,36 +147,37 @@ class Course:
         return self.key[1]
 
     @property
-    def last(self) -> Row | None:
-        """The latest set point; None as long as there is none."""
-        return self.rows[-1] if self.rows else self._last
-
-    def add(self, call: Exchange) -> None:
-        """Take in a set point of any kind."""
-        self.odd.append((len(self.rows), call))
-        self.rows.append(row_of(call))
+    def last_seen(self) -> int:
+        """When the latest set point was answered or else sent, or the stay entered; 0 where nothing tells."""
+        if self.batch:
+            return max(self.batch.times[-1], self.batch.replied[-1])
+        return self._last_seen or self.entered or 0
 
     def began(self, ended: int) -> int:
         """Return when it began; where nothing tells, when it ended."""
         if self.entered is not None:
             return self.entered
-        first = self._first or (self.rows[0] if self.rows else None)
-        return ended if first is None else sent_at(first)
+        if self._first is not None:
+            return self._first.time
+        return self.batch.times[0] if self.batch else ended
 
     def flush(self, setting: Setting) -> None:
         """Look at the set points that wait; `setting` counts where none were looked at before."""
-        if not self.rows:
+        batch = self.batch
+        if not batch:
             return
         if self._figures is None:
-            self._first = self.rows[0]
+            self._first = Spot(batch.frames[0], batch.times[0])
             self.setting = setting
-            self._figures = _Figures(self.conversation.transport, setting, self.rows, self._window)
-        self._last = self.rows[-1]
-        rows = rows_of(self.rows, self.odd, self._figures.origin)
-        self.rows.clear()
-        self.odd.clear()
+            self._figures = _Figures(self.conversation.transport, setting, batch, self._window)
+        self._last, self._last_seen = Spot(batch.frames[-1], batch.times[-1]), self.last_seen
+        rows = rows_of(batch, self._figures.origin)
+        accepted = np.flatnonzero(rows.answered & (rows.codes < _FAILURES))
+        if len(accepted):
+            self.last_accepted = rows.origin + int(rows.times[accepted[-1]])
         with np.errstate(all="ignore"):  # numbers from the wire may be infinite or too large to square
-            commanded, returned = self._figures.add(rows)
+            commanded, returned = self._figures.add(rows, batch)
+        batch.clear()
         if self._heed is not None:
             self._heed(self._points(self._figures, rows, commanded, returned))
 
@@ -198,7 +203,7 @@ class Course:
         """Tell all that is known; nothing is taken in afterwards."""
         self.flush(setting)
         setting = self.setting or setting
-        figures = self._figures or _Figures(self.conversation.transport, setting, (), self._window)
+        figures = self._figures or _Figures(self.conversation.transport, setting, Batch(), self._window)
         slices, left_off = figures.slices()
         first = self._first
         return Stay(
@@ -210,8 +215,8 @@ class Course:
             mode=figures.mode,
             send_format=setting.send,
             receive_format=setting.receive,
-            first=_spot(first),
-            last=_spot(self._last),
+            first=first,
+            last=self._last,
             exit=exit_,
             counts=figures.counts(self.after_end),
             timing=figures.timing.facts(),
@@ -232,10 +237,6 @@ def _handle_value(argument: bytes) -> int | None:
     return int.from_bytes(argument[-4:], "little", signed=True) if known else None
 
 
-def _spot(row: Row | None) -> Spot | None:
-    return None if row is None else Spot(frame_of(row), sent_at(row))
-
-
 def mode_of(setting: Setting, pose_type: PoseType | None) -> Mode:
     """Say what a mode means on this controller, as far as that is known."""
     value, generation = setting.value, setting.clue.generation
@@ -254,12 +255,10 @@ def mode_of(setting: Setting, pose_type: PoseType | None) -> Mode:
 class _Figures:
     """All models of a stay, fed together."""
 
-    def __init__(
-        self, transport: Transport, setting: Setting, rows: Sequence[Row], window: int | None
-    ) -> None:
+    def __init__(self, transport: Transport, setting: Setting, batch: Batch, window: int | None) -> None:
         self._setting = setting
-        self.origin = sent_at(rows[0]) if rows else 0
-        pose = next(_poses_in(rows, setting), None)
+        self.origin = batch.times[0] if batch else 0
+        pose = next(_poses_in(batch, setting), None)
         self._pose_type = pose.type if pose else _pose_type(setting)
         self.axes: tuple[Axis, ...] = pose.axes if pose else ()
         self.mode = mode_of(setting, self._pose_type)
@@ -285,9 +284,9 @@ class _Figures:
         self._late = self._lost = 0
         self._refused: Counter[int] = Counter()
 
-    def add(self, rows: Rows) -> tuple[Columns, Columns]:
-        commanded = self._commands.read(rows.raws, self._axes)
-        returned = self._results.read(rows.results, self._axes)
+    def add(self, rows: Rows, batch: Batch) -> tuple[Columns, Columns]:
+        commanded = self._commands.read(batch.requests, len(batch), self._axes)
+        returned = self._results.read(batch.results, len(batch), self._axes)
         cycles = self.timing.add(rows)
         slacks = self._add_to_buffer(rows, commanded)
         self._count(rows, cycles)
@@ -424,12 +423,12 @@ def _pose_type(setting: Setting) -> PoseType | None:
     return None if setting.value is None else mode_pose_type(setting.value)
 
 
-def _poses_in(rows: Sequence[Row], setting: Setting) -> Iterator[Pose]:
+def _poses_in(batch: Batch, setting: Setting) -> Iterator[Pose]:
     """Yield the poses of the first set points that have one of a known type."""
     send, receive = _formats(setting)
     pose_type = _pose_type(setting)
-    for row in rows[:16]:
-        parameter = parameter_of(Frame(request_of(row)))
+    for place in range(min(len(batch), 16)):
+        parameter = parameter_of(Frame(batch.requests[place]))
         if parameter is not None:
             pose = split_set_point(parameter, pose_type, send, receive).pose
             if pose is not None and pose.type is not None:

@@ -15,6 +15,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from bcapscope.analysis.batch import Bodies
 from bcapscope.analysis.distribution import Bools
 from bcapscope.protocol.arguments import Argument, Number
 from bcapscope.protocol.content import Content, Framing
@@ -114,21 +115,24 @@ class Forms:
         self._forms: dict[int, list[_Form]] = {}
         self._learnt = 0
 
-    def read(self, raws: Sequence[bytes], axes: int) -> Columns:
-        """Read frames; an empty one stands for a frame that is missing.
-
-        Args:
-            raws: frames with at least a header, or nothing.
-            axes: how many numbers of each pose are wanted.
-        """
-        columns = Columns(len(raws), axes)
-        lengths = np.fromiter(map(len, raws), np.int64, len(raws))
-        for length in np.unique(lengths).tolist():
+    def read(self, bodies: Bodies, count: int, axes: int) -> Columns:
+        """Read `count` frames, each with at least a header; `axes` numbers of each pose are wanted."""
+        columns = Columns(count, axes)
+        rows = np.arange(count)
+        if bodies.size:
+            data = np.frombuffer(bodies.data, np.uint8).reshape(count, bodies.size)
+            if bodies.others:
+                rows = np.delete(rows, list(bodies.others))
+                data = data[rows]
+            self._read_equally_long(data, rows, columns)
+        by_length: dict[int, list[int]] = {}
+        for place, raw in bodies.others.items():
+            by_length.setdefault(len(raw), []).append(place)
+        for length, places in by_length.items():
             if length:
-                rows = np.flatnonzero(lengths == length)
-                whole = raws if len(rows) == len(raws) else [raws[row] for row in rows.tolist()]
-                data = np.frombuffer(b"".join(whole), np.uint8).reshape(-1, length)
-                self._read_equally_long(data, rows, columns)
+                raws = b"".join(bodies.others[place] for place in places)
+                data = np.frombuffer(raws, np.uint8).reshape(-1, length)
+                self._read_equally_long(data, np.array(places), columns)
         return columns
 
     def _read_equally_long(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: Columns) -> None:

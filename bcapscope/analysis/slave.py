@@ -6,13 +6,12 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
+from bcapscope.analysis.batch import HANDLE_VALUE, LARGE, Batch
 from bcapscope.analysis.controller import Controller, fact_of, mode_asked
 from bcapscope.analysis.course import BATCH, Course, Key, Setting, parameter_of
 from bcapscope.analysis.generation import better, clue_of_call, clue_of_set_point
 from bcapscope.analysis.points import Heed
-from bcapscope.analysis.rows import Row, replied_at, sent_at
 from bcapscope.analysis.stay import MOST_LISTED, Exit, ExitReason, Stay
-from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, describe, is_failure
 from bcapscope.protocol.slavemode import mode_value
@@ -44,18 +43,15 @@ MOST_ENDED = 256
 
 MOST_CONTROLLERS = 64
 
-LARGE = 2048
-"""Bytes; a set point has a tenth. Larger ones are not kept waiting for others, to spare memory."""
-
 _BY_NAME = {function.name: function.id for function in FUNCTIONS.values()}
 _ROBOT_EXECUTE, _ROBOT_RELEASE = _BY_NAME["Robot_Execute"], _BY_NAME["Robot_Release"]
 _ENDS = frozenset(_BY_NAME[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
 _LEAVES_MODE = 3  # errors of this level and above end slave mode
-_HANDLE, _HANDLE_VALUE = slice(15, 29), slice(25, 29)
+_HANDLE = slice(15, 29)
 
 
-_Latest: TypeAlias = "tuple[Question | None, Conversation | None, bytes, list[Row]]"
-_NOTHING: _Latest = (None, None, b"", [])
+_Latest: TypeAlias = "tuple[Question | None, Conversation | None, Batch]"
+_NOTHING: _Latest = (None, None, Batch())
 
 
 class _Ended(NamedTuple):
@@ -94,32 +90,20 @@ class SlaveWatcher:
 
     def take(self, call: Exchange) -> Sequence[Stay]:
         """Take in a call that settled; return the stays of which no more is to be expected."""
-        question, conversation, handle, rows = self._latest
+        question, conversation, batch = self._latest
         reply = call.reply
         if (
             call.question is question
             and call.conversation is conversation
             and reply is not None
             and not call.others
+            and batch.keep(call, reply)
         ):
-            frame: int
-            time: int
-            reply_frame: int
-            replied: int
-            item: Frame
-            result: Frame
-            # observations are tuples, and taken apart so in less time than attribute by attribute
-            frame, time, _, _, item, _ = call.request  # type: ignore[misc]
-            reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]
-            raw, reserved = item.raw, item.reserved
-            is_first = not reserved or reserved == item.serial or call.origin_seen
-            if not result.code and raw[_HANDLE_VALUE] == handle and len(raw) <= LARGE and is_first:
-                rows.append((call.call, frame, time, raw, reply_frame, replied, result.raw))
-                return () if len(rows) < BATCH else self._look(call, kept=True)
+            return () if len(batch.calls) < BATCH else self._look(call, kept=True)
         return self._look(call)
 
     def _look(self, call: Exchange, kept: bool = False) -> Sequence[Stay]:
-        """Take in a call of any kind, or one that was `kept` as a row already."""
+        """Take in a call of any kind, or one that is `kept` already."""
         if kept and self._course is not None:
             self._flush(self._course)
         elif is_set_point(call):
@@ -133,7 +117,7 @@ class SlaveWatcher:
         """Return the stays that were not given out yet; the traffic has ended."""
         waiting = (course for known in self._controllers.values() for course in known.waiting.values())
         courses = (*self._courses.values(), *waiting)
-        ends = [_last_seen(course) for course in courses]
+        ends = [course.last_seen for course in courses]
         seen = max((self._seen, *ends))
         for course, last in zip(courses, ends, strict=True):
             reason = ExitReason.SILENT if seen - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
@@ -158,13 +142,13 @@ class SlaveWatcher:
                 course.after_end += 1
                 return
             del self._closing[course]
-        course.add(call)
+        course.batch.add(call)
         if failed:
             self._closing[course] = Exit(
                 ExitReason.ERROR, _end_of(call), _frames_of(call), code, fact_of(call)
             )
         self._look_at(None if failed else course, call)
-        if len(course.rows) >= BATCH or len(call.request.item.raw) > LARGE:
+        if len(course.batch) >= BATCH or len(call.request.item.raw) > LARGE:
             self._flush(course)
 
     def _is_outside(self, key: Key, call: Exchange, failed: bool) -> bool:
@@ -191,8 +175,8 @@ class SlaveWatcher:
         self._courses[key] = course
         self._over.pop(key, None)
         if len(self._courses) > MOST_STAYS:
-            silent = min(self._courses.values(), key=_last_seen)
-            self._close(silent, Exit(ExitReason.SILENT, _last_seen(silent), (), None, None))
+            silent = min(self._courses.values(), key=lambda each: each.last_seen)
+            self._close(silent, Exit(ExitReason.SILENT, silent.last_seen, (), None, None))
         return course
 
     def _found_off(self, key: Key, course: Course | None, call: Exchange) -> None:
@@ -211,7 +195,8 @@ class SlaveWatcher:
         raw = call.request.item.raw
         if course is not None and call.request.item.body is raw:
             self._course = course
-            self._latest = call.question, call.conversation, raw[_HANDLE_VALUE], course.rows
+            course.batch.handle = raw[HANDLE_VALUE]
+            self._latest = call.question, call.conversation, course.batch
         else:
             self._course, self._latest = None, _NOTHING
 
@@ -261,7 +246,7 @@ class SlaveWatcher:
             entered = Course(self._started, key, fact_of(call), mode, window=self._window, heed=self._heed)
             dropped = controller.wait(key, entered)
             if dropped is not None:
-                self._close(dropped, Exit(ExitReason.SILENT, _last_seen(dropped), (), None, None))
+                self._close(dropped, Exit(ExitReason.SILENT, dropped.last_seen, (), None, None))
 
     def _note_mode(self, call: Exchange, controller: Controller) -> None:
         arguments = () if call.reply is None else call.reply.item.arguments
@@ -346,25 +331,22 @@ def _frames_of(call: Exchange) -> tuple[int, ...]:
     return (call.request.number,) if call.reply is None else (call.request.number, call.reply.number)
 
 
-def _last_seen(course: Course) -> int:
-    last = course.last
-    return course.entered or 0 if last is None else max(sent_at(last), replied_at(last))
-
-
 def _explain(ended: _Ended, controller: Controller) -> Exit:
     """Look for what ended a stay of which the set points do not tell it."""
     course, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
-    last = course.began(exit_.time) if course.last is None else sent_at(course.last)
+    began = course.began(exit_.time)
+    last = began if course.last_accepted is None else course.last_accepted
     found_off = exit_.reason is ExitReason.FOUND_OFF
     until = exit_.time if found_off else max(exit_.time, last) + SILENCE_NS
-    changes = [call for call in controller.between(last, until) if _leaves(call, course)]
+    suspects = [call for call in controller.between(last, until) if last <= _end_of(call) <= until]
+    changes = [call for call in suspects if _leaves(call, course)]
     if changes:
         return _exit_by(ExitReason.OTHER_CLIENT, changes[-1], exit_)
-    suspects = controller.between(exit_.time - SUSPICION_NS, exit_.time) if found_off else []
-    failures = [call for call in suspects if _ends_mode(call)]
-    return _exit_by(ExitReason.OTHER_CALL, failures[-1], exit_) if failures else exit_
+    recent = max(last, exit_.time - SUSPICION_NS)
+    failures = [call for call in suspects if _end_of(call) >= recent and _ends_mode(call)]
+    return _exit_by(ExitReason.OTHER_CALL, failures[-1], exit_) if failures and found_off else exit_
 
 
 def _exit_by(reason: ExitReason, call: Exchange, told: Exit) -> Exit:

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bcapscope.analysis.batch import Bodies
 from bcapscope.analysis.forms import MOST_FORMS, MOST_NUMBERS, Columns, Forms, Picked, Picker
 from bcapscope.protocol.frame import Framing, encode
+from bcapscope.protocol.poses import numbers
 from bcapscope.protocol.setpoints import split_feedback, split_set_point
 from bcapscope.protocol.slavemode import PoseType
 from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
@@ -86,7 +88,10 @@ def test_set_points_are_read_as_one_by_one(variants: list[Variant], axes: int, c
     picker = Picker(2, pick_command)
     forms = Forms(picker)
     for part in (slice(cut), slice(cut, None)):
-        assert_equal(forms.read(raws[part], axes), expected(picker, raws[part], variants[part], axes))
+        assert_equal(
+            forms.read(Bodies(raws[part]), len(raws[part]), axes),
+            expected(picker, raws[part], variants[part], axes),
+        )
 
 
 @settings(deadline=None)
@@ -95,19 +100,23 @@ def test_results_are_read_as_one_by_one(replies: list[tuple[Variant, bool]]) -> 
     variants = [variant for variant, _ in replies]
     raws = [encode(n, 0, 0, (variant,)) if there else b"" for n, (variant, there) in enumerate(replies)]
     picker = Picker(0, pick_result)
-    assert_equal(Forms(picker).read(raws, 8), expected(picker, raws, variants, 8))
+    assert_equal(read(picker, raws), expected(picker, raws, variants, 8))
+
+
+def read(picker: Picker, raws: list[bytes]) -> Columns:
+    return Forms(picker).read(Bodies(raws), len(raws), 8)
 
 
 def test_a_handle_belongs_to_the_form() -> None:
     pose = Variant.array(VT.R8, tuple(map(float, range(8))))
     raws = [encode(n, 0, EXECUTE, (i4(n % 2), Variant(VT.BSTR, "slvMove"), pose)) for n in range(6)]
-    assert Forms(Picker(2, pick_command)).read(raws, 8).posed.all()
+    assert read(Picker(2, pick_command), raws).posed.all()
 
 
 def test_more_forms_than_are_kept() -> None:
     pose = Variant.array(VT.R8, tuple(map(float, range(8))))
     raws = [encode(n, 0, EXECUTE, (i4(n), Variant(VT.BSTR, "slvMove"), pose)) for n in range(MOST_FORMS * 3)]
-    columns = Forms(Picker(2, pick_command)).read(raws, 8)
+    columns = read(Picker(2, pick_command), raws)
     assert columns.posed.all()
     assert (columns.poses == np.arange(8)).all()
 
@@ -117,20 +126,20 @@ def test_other_framings_are_read_on_their_own(framing: Framing) -> None:
     pose = Variant.array(VT.R8, tuple(map(float, range(8))))
     reserved = 0 if framing is Framing.SERIAL_LINE else 1
     raws = [encode(n, reserved, EXECUTE, (i4(1), EMPTY, pose), framing) for n in range(3)]
-    columns = Forms(Picker(2, pick_command)).read(raws, 8)
+    columns = read(Picker(2, pick_command), raws)
     assert (columns.poses == np.arange(8)).all()
 
 
 def test_very_many_numbers() -> None:
     row = tuple(map(float, range(MOST_NUMBERS + 1)))
     raw = encode(1, 0, EXECUTE, (i4(1), EMPTY, Variant.array(VT.R8, row)))
-    columns = Forms(Picker(2, lambda variant: (variant.value, None))).read([raw, raw], 8)  # type: ignore[arg-type,return-value]  # a row
+    columns = read(Picker(2, lambda variant: (numbers(variant) or (), None)), [raw, raw])
     assert (columns.poses == np.arange(8)).all()
 
 
 @given(st.lists(st.binary(max_size=40).map(lambda tail: struct.pack("<BIHHIH", 1, 99, 0, 0, 64, 3) + tail)))
 def test_no_bytes_break_it(raws: list[bytes]) -> None:
-    columns = Forms(Picker(2, pick_command)).read(raws, 8)
+    columns = read(Picker(2, pick_command), raws)
     assert len(columns.poses) == len(raws)
 
 
@@ -140,5 +149,5 @@ def test_a_damaged_frame_among_sound_ones(position: int, byte: int) -> None:
     sound = encode(1, 0, EXECUTE, (i4(1), Variant(VT.BSTR, "slvMove"), pose))
     damaged = bytearray(sound)
     damaged[position % len(sound)] = byte
-    columns = Forms(Picker(2, pick_command)).read([sound, bytes(damaged), sound], 8)
+    columns = read(Picker(2, pick_command), [sound, bytes(damaged), sound])
     assert (columns.poses[[0, 2]] == np.arange(8)).all()

@@ -479,3 +479,13 @@ def test_no_sequence_of_calls_breaks_it(played: list[Step], release: int) -> Non
         assert stay.exit.time >= stay.entered or stay.first is None
         assert (stay.motion is None) == (stay.first is None)
     assert sorted(stay.number for stay in stays) == list(range(1, len(stays) + 1))
+
+
+def test_a_call_that_failed_while_set_points_were_still_accepted_did_not_end_it() -> None:
+    plan = Plan()
+    driver, other = plan.driver(), plan.driver(50002)
+    driver.change(0, ENTER)
+    driver.moves(PACE)
+    other.execute(100, "HandMoveA", code=NOT_ALLOWED)
+    driver.move(168, code=NOT_IN_SLAVE_MODE)
+    assert only(plan).exit.reason is ExitReason.FOUND_OFF

@@ -1,0 +1,159 @@
+"""Set points that wait until many are looked at together, in as little memory as they take."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable
+
+from bcapscope.protocol.frame import Frame
+from bcapscope.traffic.exchange import Exchange, FrameObservation
+
+LARGE = 2048
+"""Bytes; a set point has a tenth. Larger ones are kept aside."""
+
+FURTHEST = (1 << 62) - 1
+"""Nanoseconds since 1970, in the year 2116: the difference of two times no further off fits 64 bits. What a
+damaged capture claims beyond counts as this."""
+
+HANDLE_VALUE = slice(25, 29)
+"""Where a request that is not compressed has the value of its first argument."""
+
+
+class Bodies:
+    """Frames of one direction, one behind the other.
+
+    Attributes:
+        size: of each in `data`; 0 as long as there is none.
+        data: the frames, with zeros in the place of each that has another size.
+        others: those, by place; b"" for one that is missing.
+    """
+
+    __slots__ = ("data", "others", "size")
+
+    def __init__(self, raws: Iterable[bytes] = ()) -> None:
+        self.size = 0
+        self.data = bytearray()
+        self.others: dict[int, bytes] = {}
+        for place, raw in enumerate(raws):
+            self.add(place, raw)
+
+    def add(self, place: int, raw: bytes) -> None:
+        """Add a frame behind `place` others; the first that is not large decides about the size of most."""
+        if not self.size and 0 < len(raw) <= LARGE:
+            self.size = len(raw)
+            self.data += bytes(self.size * place)
+        if len(raw) == self.size:
+            self.data += raw
+        else:
+            self.others[place] = raw
+            self.data += bytes(self.size)
+
+    def __getitem__(self, place: int) -> bytes:
+        found = self.others.get(place)
+        return bytes(self.data[place * self.size : (place + 1) * self.size]) if found is None else found
+
+    def clear(self) -> None:
+        """Forget all; the size of most is expected to stay."""
+        self.data.clear()
+        self.others.clear()
+
+
+class Batch:
+    """Set points in the order in which they were sent.
+
+    Attributes:
+        handle: value of the robot's handle, as it stands in the requests; set by who knows it.
+        calls: numbers of the calls.
+        frames: of the first requests.
+        times: of those, nanoseconds since 1970-01-01 UTC.
+        reply_frames: of the accepted replies; 0 where there is none.
+        replied: times of those; that of the request where there is none.
+        requests: bytes of the first requests.
+        results: bytes of the accepted replies.
+        odd: place and call of those that have more to tell: not answered, not with S_OK, or sent or answered
+            more than once.
+    """
+
+    __slots__ = (
+        "calls",
+        "frames",
+        "handle",
+        "odd",
+        "replied",
+        "reply_frames",
+        "requests",
+        "results",
+        "times",
+    )
+
+    def __init__(self) -> None:
+        self.handle = b""
+        self.calls, self.frames, self.reply_frames = array("q"), array("q"), array("q")
+        self.times, self.replied = array("q"), array("q")
+        self.requests, self.results = Bodies(), Bodies()
+        self.odd: list[tuple[int, Exchange]] = []
+
+    def __len__(self) -> int:
+        return len(self.calls)
+
+    def keep(self, call: Exchange, reply: FrameObservation) -> bool:
+        """Add a set point that was sent once and answered with S_OK, if it looks like the others.
+
+        Returns:
+            False, with nothing done, where it has more to tell, another handle or another size.
+        """
+        frame: int
+        time: int
+        reply_frame: int
+        replied: int
+        item: Frame
+        result: Frame
+        # observations are tuples, and taken apart so in less time than attribute by attribute
+        frame, time, _, _, item, _ = call.request  # type: ignore[misc]
+        reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]
+        raw, answer, reserved = item.raw, result.raw, item.reserved
+        requests, results = self.requests, self.results
+        if (
+            result.code
+            or raw[HANDLE_VALUE] != self.handle
+            or len(raw) != requests.size
+            or len(answer) != results.size
+            or (reserved and reserved != item.serial and not call.origin_seen)
+        ):
+            return False
+        try:
+            self.times.append(time)
+            self.replied.append(replied)
+        except OverflowError:
+            del self.times[len(self.calls) :]
+            return False
+        self.calls.append(call.call)
+        self.frames.append(frame)
+        self.reply_frames.append(reply_frame)
+        requests.data += raw
+        results.data += answer
+        return True
+
+    def add(self, call: Exchange) -> None:
+        """Add a set point of any kind."""
+        place, request, reply = len(self), call.request, call.reply
+        self.odd.append((place, call))
+        self.calls.append(call.call)
+        self.frames.append(request.number)
+        self.times.append(_clipped(request.time))
+        self.reply_frames.append(0 if reply is None else reply.number)
+        self.replied.append(_clipped(request.time if reply is None else reply.time))
+        self.requests.add(place, request.item.raw)
+        self.results.add(place, b"" if reply is None else reply.item.raw)
+
+    def clear(self) -> None:
+        """Forget all set points."""
+        for column in (self.calls, self.frames, self.times, self.reply_frames, self.replied):
+            del column[:]
+        self.requests.clear()
+        self.results.clear()
+        self.odd.clear()
+
+
+def _clipped(time: int) -> int:
+    return min(max(time, -FURTHEST), FURTHEST)
