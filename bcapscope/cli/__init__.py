@@ -25,6 +25,7 @@ _COMMANDS = {
     "extract": "Write the trajectories of slave mode to CSV or JSON.",
     "report": "Write a page with findings, figures and pictures, to mail.",
     "call": "Call functions of a controller.",
+    "ping": "Is a controller there, what is it, how fast does it answer?",
     "fields": "List the fields and the language of --filter.",
 }
 

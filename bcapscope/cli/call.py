@@ -86,7 +86,7 @@ def command(
         raise click.UsageError("which function? Give FUNCTION, --exec or --script")
     names = {owner: given for owner in _NAMED if (given := _given(named, owner)) is not None}
     calls = _Calls(target, names, arm, _Printer(dump, as_json, color))
-    with failures_told():
+    with failures_told(target):
         try:
             code = asyncio.run(calls.make(requests))
         except ValueError as error:
@@ -115,8 +115,7 @@ class _Printer:
         if isinstance(settled, TimedOut):
             self._packets()
             raise ExchangeTimeout(name, settled.attempts)
-        reply, attempts = settled.reply, settled.attempts
-        took = attempts[-1].came[-1].time - attempts[0].sent
+        reply, attempts, took = settled.reply, settled.attempts, settled.took
         if self._as_json:
             seen = next(each for each in reversed(self.packets) if each.item is reply)
             command_name = name.partition(" ")[2] or None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractAsyncContextManager, contextmanager
 from dataclasses import dataclass, fields
@@ -54,6 +55,10 @@ class Target:
     def connect(self) -> tuple[str, str, str, str]:
         """The four arguments of Controller_Connect."""
         return self.name, self.provider, self.machine, self.connect_option
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{host}:{self.port} over {'TCP' if self.tcp else 'UDP'}"
 
     def session(
         self, observer: Observer | None = None, listener: Listener | None = None
@@ -129,20 +134,31 @@ def target(function: Callable[..., None]) -> Callable[..., None]:
 
 
 @contextmanager
-def failures_told() -> Iterator[None]:
+def failures_told(target: Target) -> Iterator[None]:
     """Turn what goes wrong between us and a controller into a sentence and an exit code."""
     try:
         yield
+    except BrokenPipeError:
+        raise
     except ControllerError as error:
-        _end(error, Exit.REFUSED)
-    except (ExchangeTimeout, OSError) as error:
-        if isinstance(error, BrokenPipeError):
-            raise
-        _end(error, Exit.UNANSWERED)
+        _end(str(error), Exit.REFUSED)
+    except ExchangeTimeout as error:
+        _end(f"{target}: {error}", Exit.UNANSWERED)
+    except OSError as error:
+        _end(f"{target}: {_reason(error)}", Exit.UNANSWERED)
     except BcapError as error:
-        _end(error, Exit.USAGE)
+        _end(str(error), Exit.USAGE)
 
 
-def _end(error: Exception, code: Exit) -> None:
-    narrate(f"bcapscope: {str(error) or type(error).__name__}")
+def _reason(error: OSError) -> str:
+    """Return what went wrong without what asyncio says around it."""
+    if isinstance(error, TimeoutError):
+        return "no answer"
+    if error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno).lower()
+    return str(error.strerror or error).lower()
+
+
+def _end(text: str, code: Exit) -> None:
+    narrate(f"bcapscope: {text}")
     raise SystemExit(code)

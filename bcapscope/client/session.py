@@ -74,11 +74,14 @@ class Session:
 
     On TCP a call has one try, which is given the time of all tries, and slvMove is given that of other calls,
     since TCP itself takes longer than a set point to send again what was lost.
+
+    Attributes:
+        paces: of the calls to come.
     """
 
     def __init__(self, caller: Caller, paces: Paces) -> None:
+        self.paces = paces
         self._caller = caller
-        self._paces = paces
         self._open: list[tuple[Function, int | None]] = []
         self._modes: dict[int, int] = {}
 
@@ -143,7 +146,7 @@ class Session:
             pass  # what is refused here was let go before, by the controller or together with its owner
 
     def _pace(self, function_id: int, arguments: Sequence[Variant]) -> Pace:
-        paces = self._paces
+        paces = self.paces
         if not self._caller.link.datagrams:
             return Pace(paces.others.timeout * (paces.others.retries + 1), 0)
         if command_of(function_id, arguments) != "slvmove":

@@ -41,11 +41,20 @@ class Pace(NamedTuple):
     retries: int
 
 
+def _took(attempts: tuple[Attempt, ...]) -> int:
+    return attempts[-1].came[-1].time - attempts[0].sent
+
+
 class Answered(NamedTuple):
     """The call succeeded: `reply` carries a code that is no failure, S_OK or another."""
 
     reply: Frame
     attempts: tuple[Attempt, ...]
+
+    @property
+    def took(self) -> int:
+        """Nanoseconds from the first try to the reply."""
+        return _took(self.attempts)
 
 
 class Refused(NamedTuple):
@@ -53,6 +62,11 @@ class Refused(NamedTuple):
 
     reply: Frame
     attempts: tuple[Attempt, ...]
+
+    @property
+    def took(self) -> int:
+        """Nanoseconds from the first try to the reply."""
+        return _took(self.attempts)
 
 
 class TimedOut(NamedTuple):

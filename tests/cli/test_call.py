@@ -191,4 +191,8 @@ def test_what_makes_no_sense(words: tuple[str, ...], reason: str) -> None:
 def test_nobody_listens() -> None:
     ran = run("call", "127.0.0.1", "--tcp", "--port", "1", "Service_Start")
     assert ran.code == Exit.UNANSWERED
-    assert len(ran.err.splitlines()) == 1
+    assert ran.err == "bcapscope: 127.0.0.1:1 over TCP: connection refused\n"
+    ran = run("call", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "0", "Service_Start")
+    assert ran.code == Exit.UNANSWERED
+    assert ran.err.startswith("bcapscope: 127.0.0.1:1 over UDP: Service_Start was not answered")
+    assert "connection refused at" in ran.err

@@ -99,9 +99,9 @@ def test_a_success_is_an_answer(code: int) -> None:
 def test_a_failure_is_a_refusal() -> None:
     requester = _calling()
     requester.receive(_reply(1, E_HANDLE), MS)
-    assert requester.events() == [
-        Refused(_reply(1, E_HANDLE), (Attempt(1, 0, 0, (Arrival(MS, "E_HANDLE"),)),))
-    ]
+    refused = Refused(_reply(1, E_HANDLE), (Attempt(1, 0, 0, (Arrival(MS, "E_HANDLE"),)),))
+    assert requester.events() == [refused]
+    assert refused.took == MS
 
 
 def test_only_the_reply_to_the_last_try_counts() -> None:
@@ -115,6 +115,7 @@ def test_only_the_reply_to_the_last_try_counts() -> None:
     assert late == Late(_reply(0x04D1), 7 * MS, 2 * MS)
     assert isinstance(answered, Answered)
     assert [len(attempt.came) for attempt in answered.attempts] == [0, 1, 0, 1]
+    assert answered.took == 8 * MS - 1
 
 
 def test_still_executing_begins_the_wait_again() -> None:

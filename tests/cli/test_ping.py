@@ -1,0 +1,82 @@
+"""``bcapscope ping`` against a server on loopback."""
+
+from __future__ import annotations
+
+import json
+
+from bcapscope.cli.exits import Exit
+from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
+from bcapscope.protocol.simulated import SIMULATOR_TEXT
+from bcapscope.protocol.variant import VT, Variant
+from tests.cli.run import run
+from tests.client.peer import Peer
+from tests.client.server import udp_server
+
+_FEW = ("-n", "5", "--interval", "1")
+
+
+def test_what_is_there_and_how_fast() -> None:
+    def prepare(peer: Peer) -> None:
+        peer.answers["Variable_GetValue"] = S_OK, (Variant(VT.BSTR, "1.2\x1b[31m"),)
+
+    with udp_server(prepare) as server:
+        ran = run("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
+    assert ran.code == Exit.OK
+    first, calls, spread, *verdicts = ran.lines
+    said = "1.2\\x1b[31m"
+    assert first == (
+        f"127.0.0.1:{server.port} over UDP: a controller, version {said}, robot type {said}, "
+        f"robot type number {said}"
+    )
+    assert calls == "5 calls, 0 lost"
+    assert spread.startswith("round trip, ms: p50 ")
+    assert [line.partition(" for ")[2][:20] for line in verdicts] == [
+        "set points each 8 ms",
+        "set points each 1 ms",
+    ]
+    (peer,) = server.peers.values()
+    assert peer.functions.count("Controller_GetAttribute") == 5
+    assert peer.functions[-1] == "Service_Stop"
+
+
+def test_json_and_the_simulator() -> None:
+    def prepare(peer: Peer) -> None:
+        peer.answers["Variable_GetValue"] = S_OK, (Variant(VT.BSTR, SIMULATOR_TEXT),)
+
+    with udp_server(prepare) as server:
+        ran = run("ping", "127.0.0.1", "--port", str(server.port), "--json", *_FEW)
+    record = json.loads(ran.out)
+    assert record["simulator"] is True
+    assert record["calls"] == 5
+    assert record["round_trip_ms"]["count"] == 5
+    assert set(record["fit"]) == {"8 ms", "1 ms"}
+
+
+def test_a_controller_that_refuses_the_connection_answers_all_the_same() -> None:
+    def prepare(peer: Peer) -> None:
+        peer.answers["Controller_Connect"] = E_INVALIDARG, ()
+
+    with udp_server(prepare) as server:
+        ran = run("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
+    assert ran.code == Exit.OK
+    assert "not connected to: Controller_Connect was refused: E_INVALIDARG" in ran.out
+    assert "5 calls, 0 lost" in ran.out
+
+
+def test_losses_are_counted_and_not_repeated() -> None:
+    def prepare(peer: Peer) -> None:
+        peer.answers["Controller_GetAttribute"] = None
+
+    with udp_server(prepare) as server:
+        words = ("--timeout", "20", *_FEW)
+        ran = run("ping", "127.0.0.1", "--port", str(server.port), *words)
+    assert ran.code == Exit.UNANSWERED
+    assert "5 calls, 5 lost" in ran.lines
+    assert ran.lines[-1] == "not fit for set points each 1 ms: nothing was answered"
+
+
+def test_nobody_is_there() -> None:
+    ran = run("ping", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "1")
+    assert ran.code == Exit.UNANSWERED
+    assert "Service_Start was not answered in time, 2 tries" in ran.err
+    assert ran.out == ""
