@@ -22,6 +22,9 @@ from bcapscope.simulator.outcome import Answer, Running
 MOST_WAITING = 16
 """Requests of one client that are held while a call runs; our bound."""
 
+MOST_REMEMBERED = 8
+"""Answers kept for retries: more than the seven tries of any client, and each costs time in every call."""
+
 
 class Report(NamedTuple):
     """A call that was answered.
@@ -58,7 +61,10 @@ class Conversation:
         self._udp = udp
         self._report = report
         self._responder = Responder(
-            retries=udp, replies=machine.profile.replies, defects=machine.profile.defects
+            retries=udp,
+            replies=machine.profile.replies,
+            remembered=MOST_REMEMBERED,
+            defects=machine.profile.defects,
         )
         self._waiting: deque[Frame] = deque()
         self._request: tuple[int, tuple[Variant, ...], int] = (0, (), 0)

@@ -7,6 +7,7 @@ UDP service ends when a datagram begins like a frame and is none; here such a da
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame, parse_datagram
@@ -45,7 +46,7 @@ class _Link(NamedTuple):
     splitter: Splitter | None
 
 
-def _ignore(report: Report) -> None:
+def _ignore(peer: Peer, report: Report) -> None:
     """Take no notice of a call."""
 
 
@@ -63,7 +64,7 @@ class Simulator:
         profile: Profile,
         start: Start | None = None,
         now: int = 0,
-        report: Callable[[Report], None] = _ignore,
+        report: Callable[[Peer, Report], None] = _ignore,
     ) -> None:
         """Switch the controller on.
 
@@ -71,7 +72,7 @@ class Simulator:
             profile: what kind it is.
             start: its state at the beginning.
             now: ns; all later times count on the same clock.
-            report: called with each call that is answered.
+            report: called with the client and each call that is answered.
         """
         self.machine = Machine(profile, start, now)
         self.dropped = 0
@@ -176,7 +177,7 @@ class Simulator:
 
     def _add(self, peer: Peer, splitter: Splitter | None, now: int) -> _Link:
         self._number += 1
-        conversation = Conversation(self.machine, self._number, splitter is None, self._report)
+        conversation = Conversation(self.machine, self._number, splitter is None, partial(self._report, peer))
         conversation.heard = now
         link = self._links[peer] = _Link(conversation, splitter)
         return link

@@ -1,0 +1,186 @@
+"""``bcapscope sim``: a controller without a robot."""
+
+from __future__ import annotations
+
+import gc
+import ipaddress
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from types import FrameType
+
+import click
+
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate
+from bcapscope.render.service import report_line
+from bcapscope.simulator.conversation import Report
+from bcapscope.simulator.machine import Start
+from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.server import ListenError, Server, serve
+from bcapscope.simulator.simulator import Peer, Simulator
+
+_HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit; the first letter will do"
+
+
+@click.command(short_help="A controller without a robot, to try things on.")
+@click.option(
+    "--profile",
+    type=click.Choice(list(PROFILES)),
+    default="rc8",
+    show_default=True,
+    help="What kind of controller it is.",
+)
+@click.option(
+    "--listen", metavar="HOST", default="127.0.0.1", show_default=True, help="Address of this machine."
+)
+@click.option(
+    "-p",
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=5007,
+    show_default=True,
+    help="For UDP and TCP; 0 takes one that is free.",
+)
+@click.option("-q", "--quiet", is_flag=True, help="Do not write a line a call.")
+def command(*, profile: str, listen: str, port: int, quiet: bool) -> None:
+    """Answer b-CAP clients over UDP and TCP as a DENSO controller does, until Ctrl-C.
+
+    A line a call goes to stdout. Commands can be typed meanwhile: reset forgets all clients, as the button
+    on the pendant does; stop presses the emergency stop and go lets it go; quit ends.
+
+    Exit codes: 0 it was ended; 4 the address cannot be listened on.
+    """
+    log = _Log(not quiet)
+    start = Start(epoch=time.time_ns() - time.monotonic_ns())
+    simulator = Simulator(PROFILES[profile], start, time.monotonic_ns(), log.take)
+    try:
+        server = Server(simulator, listen, port)
+    except ListenError as error:
+        narrate(f"{error}")
+        sys.exit(Exit.UNREADABLE)
+    narrate(_greeting(simulator, server))
+    _run(simulator, server, log)
+    log.flush()
+    narrate(f"{log.calls} calls; {simulator.dropped} datagrams were no sound requests and were dropped")
+
+
+def _run(simulator: Simulator, server: Server, log: _Log) -> None:
+    keys = _Keys(_actions(simulator, server))
+    signal.signal(signal.SIGTERM, _terminate)
+    # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
+    gc.collect()
+    gc.freeze()
+    try:
+        serve(server, log.idle, keys.take, keys.watched)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.close()
+
+
+def _greeting(simulator: Simulator, server: Server) -> str:
+    host, port = server.address
+    profile = simulator.machine.profile
+    reach = "only this machine reaches it" if _is_loopback(host) else _warning(host)
+    return f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reach}\n{_HELP}"
+
+
+def _warning(host: str) -> str:
+    whole = ipaddress.ip_address(host).is_unspecified
+    whom = "every network of this machine" if whole else f"the network of {host}"
+    return f"everyone on {whom} reaches it"
+
+
+def _is_loopback(host: str) -> bool:
+    return ipaddress.ip_address(host.partition("%")[0]).is_loopback
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _quit() -> None:
+    raise KeyboardInterrupt
+
+
+def _actions(simulator: Simulator, server: Server) -> dict[str, Callable[[], None]]:
+    machine = simulator.machine
+
+    def let_go() -> None:
+        machine.emergency = False
+
+    return {
+        "reset": server.reset,
+        "stop": lambda: machine.press_emergency_stop(time.monotonic_ns()),
+        "go": let_go,
+        "quit": _quit,
+    }
+
+
+class _Keys:
+    """Commands typed, or piped, while it runs."""
+
+    def __init__(self, actions: dict[str, Callable[[], None]]) -> None:
+        self._actions = actions
+        self._rest = b""
+        self.watched = [0] if _can_be_read() else []
+
+    def take(self, descriptor: int) -> None:
+        """Read what was typed and do it."""
+        data = os.read(descriptor, 1024)
+        if not data:
+            self.watched.clear()
+        *lines, self._rest = (self._rest + data)[-1024:].split(b"\n")
+        for line in lines:
+            self._do(line.decode(errors="replace").strip().casefold())
+
+    def _do(self, word: str) -> None:
+        found = [action for name, action in self._actions.items() if word and name.startswith(word)]
+        if len(found) == 1:
+            found[0]()
+        elif word:
+            narrate(_HELP)
+
+
+def _can_be_read() -> bool:
+    """Tell whether stdin can be waited for: not on Windows, and not by a job in the background."""
+    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
+        return False
+    try:
+        return not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()
+    except OSError:
+        return False
+
+
+class _Log:
+    """Lines for stdout, written when there is time, at the latest after `_PATIENCE`."""
+
+    _PATIENCE = 20_000_000
+
+    def __init__(self, wanted: bool) -> None:
+        self.calls = 0
+        self._wanted = wanted
+        self._lines: list[str] = []
+        self._written = 0
+
+    def take(self, peer: Peer, report: Report) -> None:
+        """Note a call."""
+        self.calls += 1
+        if self._wanted:
+            self._lines.append(report_line(peer, report))
+
+    def idle(self) -> None:
+        """Write if the last time is long ago."""
+        if self._lines and time.monotonic_ns() - self._written > self._PATIENCE:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what there is."""
+        self._written = time.monotonic_ns()
+        if self._lines:
+            lines, self._lines = self._lines, []
+            sys.stdout.write("\n".join(lines) + "\n")
+            sys.stdout.flush()

@@ -1,0 +1,49 @@
+"""The simulator's log: one line a call."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.functions import function_name
+from bcapscope.protocol.hresult import describe, hresult_name, is_failure
+from bcapscope.protocol.variant import Variant
+from bcapscope.render.escape import printable
+from bcapscope.render.meaning import value_text
+from bcapscope.simulator.conversation import Report
+from bcapscope.simulator.simulator import Peer
+
+LONGEST_VALUE = 60
+"""Characters of each argument."""
+
+
+def report_line(peer: Peer, report: Report) -> str:
+    """Return a line: client, function, arguments, result and how long it took.
+
+    Args:
+        peer: transport and address of the client.
+        report: the call.
+    """
+    words = [_end(peer), function_name(report.function_id)]
+    words += [_value(argument) for argument in report.arguments]
+    words += ["->", _result(report.answer.hresult)]
+    if report.answer.value is not None:
+        words.append(_value(report.answer.value))
+    took = (report.ended - report.began) / 1e6
+    return " ".join([*words, f"{took:.1f} ms"] if took else words)
+
+
+def _end(peer: Peer) -> str:
+    if not isinstance(peer, tuple):
+        return str(peer)
+    transport, (host, port, *_) = peer
+    return f"{transport} {host}:{port}"
+
+
+def _result(code: int) -> str:
+    text = describe(code).text if is_failure(code) else ""
+    return f"{hresult_name(code)} ({text})" if text else hresult_name(code)
+
+
+def _value(variant: Variant) -> str:
+    if variant.value is None:
+        return "-"
+    text = printable(value_text(variant.value, variant.vt, LONGEST_VALUE))
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 1] + "…"

@@ -1,0 +1,225 @@
+"""The sockets of the simulator: UDP and TCP on one port, one thread, no more waiting than needed.
+
+`select` is used as it keeps time to the microsecond, where epoll counts milliseconds: the replies of the
+modes that wait for the 8 ms grid go out on time. There are never more sockets than clients, 20 on TCP.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+
+from bcapscope.errors import BcapError
+from bcapscope.simulator.simulator import Output, Simulator
+
+LARGEST_DATAGRAM = 65535
+LARGEST_BACKLOG = 1 << 20
+"""Bytes that a client may leave unread before its connection is closed."""
+
+LONGEST_WAIT = 0.5
+"""Seconds; an interrupt is noticed after that at the latest on every system."""
+
+_AT_ONCE = 64  # datagrams that are taken before TCP has its turn
+_RECEIVE_BUFFER = 1 << 20
+
+
+class ListenError(BcapError):
+    """An address cannot be listened on."""
+
+
+class _Connection:
+    """A TCP client: its socket and what could not be sent yet."""
+
+    __slots__ = ("backlog", "peer", "socket")
+
+    def __init__(self, sock: socket.socket, peer: tuple[str, object]) -> None:
+        self.socket = sock
+        self.peer = peer
+        self.backlog = bytearray()
+
+
+class Server:
+    """Moves bytes between sockets and a simulator.
+
+    Attributes:
+        address: host and port that it listens on.
+    """
+
+    def __init__(self, simulator: Simulator, host: str, port: int) -> None:
+        """Listen on UDP and TCP.
+
+        Args:
+            simulator: whose clock is `time.monotonic_ns`.
+            host: address or name of this machine.
+            port: 0 for any that is free on both.
+
+        Raises:
+            ListenError: that cannot be done.
+        """
+        self._simulator = simulator
+        self._connections: dict[socket.socket, _Connection] = {}
+        self._by_peer: dict[object, _Connection] = {}
+        self._udp, self._tcp = _listen(host, port)
+        self.address: tuple[str, int] = self._tcp.getsockname()[:2]
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for connection in list(self._connections.values()):
+            self._drop(connection)
+        self._udp.close()
+        self._tcp.close()
+
+    def step(self, until: float = LONGEST_WAIT, also: Iterable[int] = ()) -> list[int]:
+        """Wait for one thing to do and do it.
+
+        Args:
+            until: seconds to wait at most.
+            also: other file descriptors to wait for.
+
+        Returns:
+            Those of `also` that can be read.
+        """
+        extra = list(also)
+        # A client that does not read is not read from either.
+        listened = [sock for sock, each in self._connections.items() if not each.backlog]
+        readers: list[socket.socket | int] = [self._udp, self._tcp, *listened, *extra]
+        writers = [sock for sock, each in self._connections.items() if each.backlog]
+        readable, writable, _ = select.select(readers, writers, [], self._wait(until))
+        for blocked in writable:
+            self._flush(self._connections[blocked])
+        for sock in readable:
+            if sock is self._udp:
+                self._take_datagrams()
+            elif sock is self._tcp:
+                self._accept()
+            elif isinstance(sock, socket.socket):
+                self._take_segment(sock)
+        self._send(self._simulator.advance(time.monotonic_ns()))
+        return [each for each in extra if each in readable]
+
+    def reset(self) -> None:
+        """Press the pendant's Reset button."""
+        self._send(self._simulator.reset(time.monotonic_ns()))
+
+    def _wait(self, until: float) -> float:
+        now = time.monotonic_ns()
+        due = self._simulator.due(now)
+        return until if due is None else min(until, max(0, due - now) / 1e9)
+
+    def _take_datagrams(self) -> None:
+        take, receive, clock = self._simulator.datagram, self._udp.recvfrom, time.monotonic_ns
+        for _ in range(_AT_ONCE):
+            try:
+                data, address = receive(LARGEST_DATAGRAM)
+            except OSError:  # nothing left; on Windows also an earlier client's closed port
+                return
+            self._send(take(("udp", address), data, clock()))
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            sock, address = self._tcp.accept()
+            peer = ("tcp", address)
+            if not self._simulator.connect(peer, time.monotonic_ns()):
+                sock.close()
+                return
+            sock.setblocking(False)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._connections[sock] = self._by_peer[peer] = _Connection(sock, peer)
+
+    def _take_segment(self, sock: socket.socket) -> None:
+        connection = self._connections.get(sock)
+        if connection is None:
+            return
+        try:
+            data = sock.recv(LARGEST_DATAGRAM)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._send(self._simulator.segment(connection.peer, data, time.monotonic_ns()))
+        else:
+            self._drop(connection)
+
+    def _send(self, outputs: list[Output]) -> None:
+        for peer, data in outputs:
+            connection = self._by_peer.get(peer)
+            if connection is None:
+                assert isinstance(peer, tuple)
+                if peer[0] == "udp":
+                    with suppress(OSError):  # the client is gone, or its socket's buffer is full
+                        self._udp.sendto(data, peer[1])
+            elif not data or len(connection.backlog) > LARGEST_BACKLOG:
+                self._drop(connection)
+            else:
+                connection.backlog += data
+                self._flush(connection)
+
+    def _flush(self, connection: _Connection) -> None:
+        try:
+            sent = connection.socket.send(connection.backlog)
+            del connection.backlog[:sent]
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(connection)
+
+    def _drop(self, connection: _Connection) -> None:
+        if self._connections.pop(connection.socket, None) is None:
+            return
+        del self._by_peer[connection.peer]
+        self._simulator.disconnect(connection.peer, time.monotonic_ns())
+        connection.socket.close()
+
+
+def _listen(host: str, port: int) -> tuple[socket.socket, socket.socket]:
+    """Open both sockets; with port 0 the one that TCP gets, tried again where UDP has it already."""
+    tries = 1 if port else 20
+    for last in range(tries - 1, -1, -1):
+        tcp = _bind(host, port, socket.SOCK_STREAM)
+        try:
+            return _bind(host, tcp.getsockname()[1], socket.SOCK_DGRAM), tcp
+        except ListenError:
+            tcp.close()
+            if not last:
+                raise
+    raise AssertionError("one of the tries returns or raises")
+
+
+def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+    word = "TCP" if kind == socket.SOCK_STREAM else "UDP"
+    sock = None
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=socket.AI_PASSIVE)[0]
+        sock = socket.socket(family, kind)
+        sock.setblocking(False)
+        if kind == socket.SOCK_STREAM:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        else:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        sock.bind(address)
+        if kind == socket.SOCK_STREAM:
+            sock.listen(32)
+    except OSError as error:
+        if sock is not None:
+            sock.close()
+        raise ListenError(f"cannot listen on {host} {word} port {port}: {error.strerror or error}") from error
+    return sock
+
+
+def serve(server: Server, idle: Callable[[], None], also: Callable[[int], None], watch: list[int]) -> None:
+    """Serve until interrupted.
+
+    Args:
+        server: that listens.
+        idle: called after each step.
+        also: called with each of `watch` that can be read.
+        watch: file descriptors; `also` may change it.
+    """
+    while True:
+        for ready in server.step(also=watch):
+            also(ready)
+        idle()

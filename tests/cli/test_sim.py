@@ -1,0 +1,81 @@
+"""``bcapscope sim`` as a user runs it."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.simulator.values import bstr
+from tests.cli.run import run
+
+
+@contextmanager
+def simulator(*words: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """Run it on a free port; yield the process and the port."""
+    argv = [sys.executable, "-m", "bcapscope", "sim", "--port", "0", *words]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stderr is not None
+        try:
+            greeting = process.stderr.readline()
+            match = re.search(r"port (\d+)", greeting)
+            assert match, greeting
+            process.stderr.readline()
+            yield process, int(match[1])
+        finally:
+            process.kill()
+
+
+def ask(port: int) -> Frame:
+    """Start a service session."""
+    with socket.create_connection(("127.0.0.1", port), 20) as sock:
+        sock.sendall(encode(1, 0, 1, [bstr(",WDT=400")]))
+        return Frame(sock.recv(4096))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_answers_logs_and_ends(number: signal.Signals) -> None:
+    with simulator("--profile", "rc7") as (process, port):
+        assert ask(port).code == 0
+        process.send_signal(number)
+        out, err = process.communicate(timeout=30)
+        assert process.returncode == 0
+        assert re.fullmatch(r'tcp 127\.0\.0\.1:\d+ Service_Start "?,WDT=400"? -> S_OK\n', out), out
+        assert err.startswith("1 calls; 0 datagrams")
+
+
+def test_commands_are_taken_while_it_runs() -> None:
+    with simulator("-q") as (process, port):
+        with socket.create_connection(("127.0.0.1", port), 20) as sock:
+            sock.sendall(encode(1, 0, 1, [bstr("")]))
+            assert sock.recv(4096)
+            assert process.stdin is not None
+            process.stdin.write("reset\n")
+            process.stdin.flush()
+            assert sock.recv(4096) == b""
+        out, err = process.communicate("nonsense\nq\n", timeout=30)
+        assert (process.returncode, out) == (0, "")
+        assert err.startswith("reset (forget all clients)")
+
+
+def test_a_port_in_use_is_one_sentence() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        ran = run("sim", "--port", str(port))
+    assert (ran.code, ran.out) == (4, "")
+    assert ran.err == f"cannot listen on 127.0.0.1 TCP port {port}: Address already in use\n"
+
+
+def test_who_reaches_it_is_said() -> None:
+    argv = [sys.executable, "-m", "bcapscope", "sim", "--port", "0", "--listen", "0.0.0.0"]
+    done = subprocess.run(argv, input="quit\n", capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0
+    assert "everyone on every network of this machine reaches it" in done.stderr

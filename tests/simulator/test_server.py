@@ -1,0 +1,108 @@
+"""Real sockets on loopback."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.server import ListenError, Server
+from bcapscope.simulator.simulator import MOST_CLIENTS, Simulator
+from bcapscope.simulator.values import bstr
+
+START = encode(1, 0, 1, [bstr("")])
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    made = Server(Simulator(PROFILES["rc8"], now=time.monotonic_ns()), "127.0.0.1", 0)
+    yield made
+    made.close()
+
+
+def client(server: Server, kind: socket.SocketKind) -> socket.socket:
+    """Connect to the server."""
+    made = socket.socket(socket.AF_INET, kind)
+    made.settimeout(5)
+    made.connect(server.address)
+    return made
+
+
+def exchange(server: Server, sock: socket.socket, data: bytes) -> bytes:
+    """Send bytes and return what is answered; the server makes as many steps as it needs."""
+    sock.sendall(data)
+    sock.setblocking(False)
+    for _ in range(100):
+        server.step(0.05)
+        try:
+            return sock.recv(4096)
+        except BlockingIOError:
+            continue
+    raise AssertionError("no answer")
+
+
+@pytest.mark.parametrize("kind", [socket.SOCK_STREAM, socket.SOCK_DGRAM])
+def test_both_transports_answer_on_one_port(server: Server, kind: socket.SocketKind) -> None:
+    with client(server, kind) as sock:
+        assert Frame(exchange(server, sock, START)).code == 0
+        assert Frame(exchange(server, sock, encode(2, 0, 2))).code == 0
+
+
+def test_a_bad_datagram_stops_nobody(server: Server) -> None:
+    with client(server, socket.SOCK_DGRAM) as sock:
+        for bad in (b"", b"\x01" * 40, b"\x01" + bytes(600), START[:-1]):
+            sock.send(bad)
+        assert Frame(exchange(server, sock, START)).code == 0
+
+
+def test_a_bad_frame_closes_its_connection_only(server: Server) -> None:
+    with client(server, socket.SOCK_STREAM) as bad, client(server, socket.SOCK_STREAM) as good:
+        assert exchange(server, bad, START[:-1] + b"\x05" + b"\x01" * 40) == b""
+        assert Frame(exchange(server, good, START)).code == 0
+
+
+def test_one_connection_too_many_is_closed(server: Server) -> None:
+    socks = [client(server, socket.SOCK_STREAM) for _ in range(MOST_CLIENTS)]
+    for sock in socks:
+        assert exchange(server, sock, START)
+    with client(server, socket.SOCK_STREAM) as more:
+        assert exchange(server, more, b"") == b""
+    socks.pop().close()
+    server.step(0.05)
+    with client(server, socket.SOCK_STREAM) as more:
+        assert Frame(exchange(server, more, START)).code == 0
+    for sock in socks:
+        sock.close()
+
+
+def test_reset_closes_all_connections(server: Server) -> None:
+    with client(server, socket.SOCK_STREAM) as sock:
+        exchange(server, sock, START)
+        server.reset()
+        assert exchange(server, sock, b"") == b""
+
+
+def test_a_client_that_does_not_read_stops_nobody(server: Server) -> None:
+    with client(server, socket.SOCK_STREAM) as lazy, client(server, socket.SOCK_STREAM) as good:
+        lazy.setblocking(False)
+        for _ in range(200):
+            try:
+                lazy.send(START * 200)
+            except BlockingIOError:
+                break
+            server.step(0)
+        assert Frame(exchange(server, good, START)).code == 0
+
+
+def test_a_port_in_use_is_said(server: Server) -> None:
+    with pytest.raises(ListenError, match=f"port {server.address[1]}: Address already in use"):
+        Server(Simulator(PROFILES["rc8"]), *server.address)
+
+
+def test_an_address_of_another_machine_is_said() -> None:
+    with pytest.raises(ListenError, match=r"cannot listen on 192\.0\.2\.1 TCP port 5007"):
+        Server(Simulator(PROFILES["rc8"]), "192.0.2.1", 5007)
