@@ -68,7 +68,7 @@ def test_losses_are_counted_and_not_repeated() -> None:
         peer.answers["Controller_GetAttribute"] = None
 
     with udp_server(prepare) as server:
-        words = ("--timeout", "20", *_FEW)
+        words = ("--timeout", "250", *_FEW)
         ran = run("ping", "127.0.0.1", "--port", str(server.port), *words)
     assert ran.code == Exit.UNANSWERED
     assert "5 calls, 5 lost" in ran.lines
