@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import threading
 
 from bcapscope.cli.exits import Exit
 from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
@@ -80,3 +84,18 @@ def test_nobody_is_there() -> None:
     assert ran.code == Exit.UNANSWERED
     assert "Service_Start was not answered in time, 2 tries" in ran.err
     assert ran.out == ""
+
+
+def test_ctrl_c_releases_everything() -> None:
+    with udp_server() as server:
+        words = ["ping", "127.0.0.1", "--port", str(server.port), "-n", "99999"]
+        argv = [sys.executable, "-m", "bcapscope", *words]
+        with subprocess.Popen(argv, stdout=subprocess.PIPE) as program:
+            while not any(len(peer.executed) > 12 for peer in list(server.peers.values())):
+                assert program.poll() is None
+                threading.Event().wait(0.02)
+            program.send_signal(signal.SIGINT)
+            out, _ = program.communicate()
+    (peer,) = server.peers.values()
+    assert (program.returncode, out) == (Exit.INTERRUPTED, b"")
+    assert peer.functions[-3:] == ["Robot_Release", "Controller_Disconnect", "Service_Stop"]
