@@ -133,17 +133,21 @@ def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...]) -
 
     Where no source says, reading is and everything else is not.
     """
-    if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
-        return True
     if function_id in _EXECUTES:
         name = arguments[1].value if len(arguments) > 1 and arguments[1].vt == VT.BSTR else ""
-        known = command(function_id, str(name))
-        if known is None:
-            return True
-        if known.name.casefold() in _SLAVE_MODE_OWN:
-            return True
-        return known.effect <= Effect.READS if known.in_slave_mode is None else known.in_slave_mode
+        return _is_command_allowed(function_id, str(name).casefold())
+    if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
+        return True
     return function_effect(function_id) < Effect.MOVES
+
+
+def _is_command_allowed(function_id: int, name: str) -> bool:
+    if name in _SLAVE_MODE_OWN:
+        return True
+    known = command(function_id, name)
+    if known is None:
+        return True
+    return known.effect <= Effect.READS if known.in_slave_mode is None else known.in_slave_mode
 
 
 def parse_options(text: str) -> dict[str, str]:

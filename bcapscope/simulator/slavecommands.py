@@ -147,13 +147,13 @@ def _joints(context: Context, pose_type: PoseType, point: SetPoint) -> Joints:
     """Return where a set point goes; one that cannot be ends slave mode."""
     if point.problems or point.pose is None:
         raise RefusedError(E_INVALIDARG)
-    values = (*point.pose.values, *point.pose.extra)
-    if not is_pose_length(pose_type, len(values)):
+    values = point.pose.values
+    if not is_pose_length(pose_type, len(values) + len(point.pose.extra)):
         raise RefusedError(E_INVALIDARG)
     machine = context.machine
     try:
         finite = all(abs(value) < 1e9 for value in values)
-        joints = joints_of(pose_type, point.pose.values) if finite else None
+        joints = joints_of(pose_type, values) if finite else None
         code = INVALID_SET_POINT if joints is None else _limit(joints, context)
     except RefusedError as refusal:
         joints, code = None, refusal.hresult
