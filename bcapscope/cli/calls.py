@@ -76,7 +76,9 @@ def settle(observations: Iterable[Observation]) -> Iterator[Settled]:
     tracker = Tracker()
     observe = tracker.observe
     for observation in observations:
-        yield from observe(observation)
+        settled = observe(observation)
+        if settled:
+            yield from settled
     yield from tracker.close()
 
 
