@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from array import array
+import struct
 from collections.abc import Iterable
+from struct import Struct
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bcapscope.protocol.frame import Frame
 from bcapscope.traffic.exchange import Exchange, FrameObservation
@@ -42,7 +47,7 @@ class Bodies:
         if not self.size and 0 < len(raw) <= LARGE:
             self.size = len(raw)
             self.data += bytes(self.size * place)
-        if len(raw) == self.size:
+        if raw and len(raw) == self.size:
             self.data += raw
         else:
             self.others[place] = raw
@@ -54,8 +59,31 @@ class Bodies:
 
     def clear(self) -> None:
         """Forget all; the size of most is expected to stay."""
-        self.data.clear()
-        self.others.clear()
+        self.data = bytearray()
+        self.others = {}
+
+
+class Row(NamedTuple):
+    """What is kept of a set point besides its bytes.
+
+    Attributes:
+        call: its number.
+        frame: of the first request.
+        time: of that, nanoseconds since 1970-01-01 UTC.
+        reply_frame: of the accepted reply; 0 where there is none.
+        replied: time of that; that of the request where there is none.
+    """
+
+    call: int
+    frame: int
+    time: int
+    reply_frame: int
+    replied: int
+
+
+_ROW = Struct("=5q")
+_pack = _ROW.pack
+HEAD_SIZE = _ROW.size
 
 
 class Batch:
@@ -63,38 +91,27 @@ class Batch:
 
     Attributes:
         handle: value of the robot's handle, as it stands in the requests; set by who knows it.
-        calls: numbers of the calls.
-        frames: of the first requests.
-        times: of those, nanoseconds since 1970-01-01 UTC.
-        reply_frames: of the accepted replies; 0 where there is none.
-        replied: times of those; that of the request where there is none.
+        heads: a row each, as 64-bit integers.
         requests: bytes of the first requests.
         results: bytes of the accepted replies.
         odd: place and call of those that have more to tell: not answered, not with S_OK, or sent or answered
             more than once.
     """
 
-    __slots__ = (
-        "calls",
-        "frames",
-        "handle",
-        "odd",
-        "replied",
-        "reply_frames",
-        "requests",
-        "results",
-        "times",
-    )
+    __slots__ = ("handle", "heads", "odd", "requests", "results")
 
     def __init__(self) -> None:
         self.handle = b""
-        self.calls, self.frames, self.reply_frames = array("q"), array("q"), array("q")
-        self.times, self.replied = array("q"), array("q")
+        self.heads = bytearray()
         self.requests, self.results = Bodies(), Bodies()
         self.odd: list[tuple[int, Exchange]] = []
 
     def __len__(self) -> int:
-        return len(self.calls)
+        return len(self.heads) // _ROW.size
+
+    def __getitem__(self, place: int) -> Row:
+        start = (place if place >= 0 else len(self) + place) * _ROW.size
+        return Row(*_ROW.unpack_from(self.heads, start))
 
     def keep(self, call: Exchange, reply: FrameObservation) -> bool:
         """Add a set point that was sent once and answered with S_OK, if it looks like the others.
@@ -122,14 +139,9 @@ class Batch:
         ):
             return False
         try:
-            self.times.append(time)
-            self.replied.append(replied)
-        except OverflowError:
-            del self.times[len(self.calls) :]
+            self.heads += _pack(call.call, frame, time, reply_frame, replied)
+        except struct.error:  # a time beyond 64 bits
             return False
-        self.calls.append(call.call)
-        self.frames.append(frame)
-        self.reply_frames.append(reply_frame)
         requests.data += raw
         results.data += answer
         return True
@@ -138,18 +150,20 @@ class Batch:
         """Add a set point of any kind."""
         place, request, reply = len(self), call.request, call.reply
         self.odd.append((place, call))
-        self.calls.append(call.call)
-        self.frames.append(request.number)
-        self.times.append(_clipped(request.time))
-        self.reply_frames.append(0 if reply is None else reply.number)
-        self.replied.append(_clipped(request.time if reply is None else reply.time))
         self.requests.add(place, request.item.raw)
         self.results.add(place, b"" if reply is None else reply.item.raw)
+        sent = _clipped(request.time)
+        replied = sent if reply is None else _clipped(reply.time)
+        self.heads += _pack(call.call, request.number, sent, 0 if reply is None else reply.number, replied)
+
+    def columns(self) -> NDArray[np.int64]:
+        """Return calls, frames, times, reply frames and times of replies, one behind the other."""
+        rows = np.frombuffer(self.heads, np.int64).reshape(-1, len(Row._fields))
+        return np.ascontiguousarray(rows.T)
 
     def clear(self) -> None:
-        """Forget all set points."""
-        for column in (self.calls, self.frames, self.times, self.reply_frames, self.replied):
-            del column[:]
+        """Forget all set points; columns made of them stay as they are."""
+        self.heads = bytearray()
         self.requests.clear()
         self.results.clear()
         self.odd.clear()

@@ -150,7 +150,7 @@ class Course:
     def last_seen(self) -> int:
         """When the latest set point was answered or else sent, or the stay entered; 0 where nothing tells."""
         if self.batch:
-            return max(self.batch.times[-1], self.batch.replied[-1])
+            return max(self.batch[-1].time, self.batch[-1].replied)
         return self._last_seen or self.entered or 0
 
     def began(self, ended: int) -> int:
@@ -159,7 +159,7 @@ class Course:
             return self.entered
         if self._first is not None:
             return self._first.time
-        return self.batch.times[0] if self.batch else ended
+        return self.batch[0].time if self.batch else ended
 
     def flush(self, setting: Setting) -> None:
         """Look at the set points that wait; `setting` counts where none were looked at before."""
@@ -167,10 +167,10 @@ class Course:
         if not batch:
             return
         if self._figures is None:
-            self._first = Spot(batch.frames[0], batch.times[0])
+            self._first = Spot(batch[0].frame, batch[0].time)
             self.setting = setting
             self._figures = _Figures(self.conversation.transport, setting, batch, self._window)
-        self._last, self._last_seen = Spot(batch.frames[-1], batch.times[-1]), self.last_seen
+        self._last, self._last_seen = Spot(batch[-1].frame, batch[-1].time), self.last_seen
         rows = rows_of(batch, self._figures.origin)
         accepted = np.flatnonzero(rows.answered & (rows.codes < _FAILURES))
         if len(accepted):
@@ -257,7 +257,7 @@ class _Figures:
 
     def __init__(self, transport: Transport, setting: Setting, batch: Batch, window: int | None) -> None:
         self._setting = setting
-        self.origin = batch.times[0] if batch else 0
+        self.origin = batch[0].time if batch else 0
         pose = next(_poses_in(batch, setting), None)
         self._pose_type = pose.type if pose else _pose_type(setting)
         self.axes: tuple[Axis, ...] = pose.axes if pose else ()

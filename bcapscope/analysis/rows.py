@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -60,19 +59,18 @@ class Rows:
 
 def rows_of(batch: Batch, origin: int) -> Rows:
     """Make columns of a batch, which holds at least one set point; `origin` is taken off all times."""
-    count = len(batch)
-    times = _column(batch.times) - origin
-    reply_frames = _column(batch.reply_frames)
+    calls, frames, times, reply_frames, replied = batch.columns()
+    count = len(calls)
     rows = Rows(
         origin=origin,
-        calls=batch.calls.tolist(),
-        times=times,
-        arrivals=times.copy(),
-        replies=_column(batch.replied) - origin,
+        calls=calls.tolist(),
+        times=times - origin,
+        arrivals=times - origin,
+        replies=replied - origin,
         answered=reply_frames > 0,
         open=np.zeros(count, np.bool_),
         codes=np.zeros(count, np.int64),
-        frames=_column(batch.frames),
+        frames=frames,
         reply_frames=reply_frames,
         retries=np.zeros(count, np.int64),
         odd=tuple(batch.odd),
@@ -80,11 +78,6 @@ def rows_of(batch: Batch, origin: int) -> Rows:
     for index, call in batch.odd:
         _fill(rows, index, call)
     return rows
-
-
-def _column(numbers: array[int]) -> NDArray[np.int64]:
-    """Copy numbers: an array that somebody looks into cannot grow."""
-    return np.frombuffer(numbers, np.int64).copy()
 
 
 def _fill(rows: Rows, index: int, call: Exchange) -> None:

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.analysis.batch import HANDLE_VALUE, LARGE, Batch
+from bcapscope.analysis.batch import HANDLE_VALUE, HEAD_SIZE, LARGE, Batch
 from bcapscope.analysis.controller import Controller, fact_of, mode_asked
 from bcapscope.analysis.course import BATCH, Course, Key, Setting, parameter_of
 from bcapscope.analysis.generation import better, clue_of_call, clue_of_set_point
@@ -46,6 +46,7 @@ MOST_CONTROLLERS = 64
 _BY_NAME = {function.name: function.id for function in FUNCTIONS.values()}
 _ROBOT_EXECUTE, _ROBOT_RELEASE = _BY_NAME["Robot_Execute"], _BY_NAME["Robot_Release"]
 _ENDS = frozenset(_BY_NAME[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
+_FULL = BATCH * HEAD_SIZE
 _LEAVES_MODE = 3  # errors of this level and above end slave mode
 _HANDLE = slice(15, 29)
 
@@ -99,7 +100,7 @@ class SlaveWatcher:
             and not call.others
             and batch.keep(call, reply)
         ):
-            return () if len(batch.calls) < BATCH else self._look(call, kept=True)
+            return () if len(batch.heads) < _FULL else self._look(call, kept=True)
         return self._look(call)
 
     def _look(self, call: Exchange, kept: bool = False) -> Sequence[Stay]:
