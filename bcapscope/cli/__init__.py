@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import gc
 import importlib
-import os
 import sys
 
 import click
 
 from bcapscope import __version__
 from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import forget_stdout
 
 _COMMANDS = {
     "decode": "Read frames, one line each.",
@@ -74,6 +74,5 @@ def main() -> None:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(Exit.INTERRUPTED)
-    except BrokenPipeError:
-        # The reader of stdout has seen enough. What is still buffered must not be tried again at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of stdout has seen enough
+        forget_stdout()

@@ -10,7 +10,17 @@ from typing import TypeGuard, cast
 
 import click
 
+from bcapscope.cli.exits import Exit
 from bcapscope.render.palette import ANSI, PLAIN, Palette
+
+
+class OutputRefused(click.ClickException):
+    """Standard output takes no more, for another reason than that its reader has seen enough."""
+
+    exit_code = Exit.UNWRITABLE
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(f"standard output: {(error.strerror or str(error)).lower()}")
 
 
 class Output:
@@ -22,12 +32,31 @@ class Output:
         self._stdout = sys.stdout.buffer
 
     def write_lines(self, lines: Iterable[str] | Iterable[bytes], pause: Callable[[], None]) -> None:
-        """Write each line; call `pause` whenever some were written."""
+        """Write each line; call `pause` whenever some were written.
+
+        Raises:
+            BrokenPipeError: the reader has gone.
+            OutputRefused: there is no room, or the like.
+        """
         source = iter(cast("Iterable[str | bytes]", lines))
         while batch := list(islice(source, self._most)):
-            self._stdout.write(_joined(batch))
-            self._stdout.flush()
+            self._write(_joined(batch))
             pause()
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self._stdout.write(data)
+            self._stdout.flush()
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            forget_stdout()
+            raise OutputRefused(error) from None
+
+
+def forget_stdout() -> None:
+    """Give up what standard output did not take, which would else be tried again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _joined(lines: list[str | bytes]) -> bytes:

@@ -159,6 +159,16 @@ def test_a_truncated_capture_gives_all_before_the_cut(tmp_path: Path, kept: int)
     assert "byte" in sentence
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full on this system")
+@pytest.mark.parametrize("style", [[], ["--json"], ["--csv"], ["--tree"]])
+def test_a_full_disk_is_told_in_one_sentence(style: list[str]) -> None:
+    argv = [sys.executable, "-m", "bcapscope", "decode", str(SESSION), *style]
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert done.returncode == Exit.UNWRITABLE
+    assert done.stderr == b"Error: standard output: no space left on device\n"
+
+
 def test_a_truncated_compressed_capture_gives_all_before_the_cut(tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng.gz"
     cut.write_bytes(gzip.compress(SESSION.read_bytes())[:-1000])
