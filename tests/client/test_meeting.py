@@ -1,0 +1,120 @@
+"""Client and simulator meet in memory, under virtual time and over networks of every kind."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.client import Paces, Session, connect, open_session, over_link
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.requester import Answered, Pace, Refused, TimedOut
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.simulator.conversation import Report
+from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.simulator import Peer, Simulator
+from bcapscope.transport.clock import run_virtually
+from bcapscope.transport.memory import memory_pair
+from tests.client.simulated import Controller
+
+_PUT_TAG, _GET_TAG = 23, 22
+_UDP = [Convention.SEED, Convention.OWN, Convention.CHAIN]
+
+
+@pytest.mark.parametrize("profile", sorted(PROFILES))
+@pytest.mark.parametrize("datagrams", [True, False])
+def test_a_session(profile: str, datagrams: bool) -> None:
+    async def play() -> None:
+        simulator = Simulator(PROFILES[profile])
+        near, far = memory_pair(datagrams=datagrams)
+        Controller(simulator).plug("client", far)
+        async with connect(over_link(near)) as service:
+            provider = "CaoProv.DENSO.VRC9" if profile == "rc9" else "CaoProv.DENSO.VRC"
+            controller = await service.connect("", provider, "localhost")
+            robot = await controller.get_robot("Arm")
+            assert await robot.slv_get_mode() == 0
+            variable = await controller.get_variable("I1")
+            await variable.put_value(7)
+            assert await variable.get_value() == 7
+
+    run_virtually(play())
+
+
+class _Network:
+    """Loses, delays and doubles packets, as drawn; later ones go through."""
+
+    def __init__(self, fates: Iterable[list[float]]) -> None:
+        self._fates: Iterator[list[float]] = iter(fates)
+
+    def fate(self, _: bytes) -> Iterable[float]:
+        """Return when the copies of a packet arrive."""
+        return next(self._fates, [0.0])
+
+
+_FATES = st.lists(st.lists(st.sampled_from([0.0, 0.0005, 0.0015, 0.003, 0.009]), max_size=2), max_size=60)
+_ACTIONS = st.lists(st.sampled_from(["put", "put", "put", "get", "restart"]), min_size=1, max_size=14)
+
+
+@given(st.sampled_from(_UDP), st.integers(0, 7), _ACTIONS, _FATES, _FATES)
+def test_every_call_ends_in_one_way_and_none_runs_twice(
+    convention: Convention,
+    retries: int,
+    actions: list[str],
+    up: list[list[float]],
+    down: list[list[float]],
+) -> None:
+    ran: Counter[object] = Counter()
+
+    def note(_: Peer, report: Report) -> None:
+        if report.function_id == _PUT_TAG:
+            ran[report.arguments[1].value] += 1
+
+    paces = Paces(others=Pace(2_000_000, retries))
+    simulator = Simulator(PROFILES["rc8"], report=note)
+    networks = _Network(up), _Network(down)
+    succeeded = run_virtually(_client(simulator, convention, paces, actions, networks))
+    assert all(times == 1 for times in ran.values())
+    assert succeeded <= set(ran)
+
+
+async def _client(
+    simulator: Simulator,
+    convention: Convention,
+    paces: Paces,
+    actions: list[str],
+    networks: tuple[_Network, _Network],
+) -> set[object]:
+    """Act over the network, a restart being a new program from the same port; return what was put."""
+    controller = Controller(simulator)
+    todo = list(enumerate(actions))
+    put: set[object] = set()
+    while todo:
+        near, far = memory_pair(networks[0].fate, networks[1].fate)
+        controller.plug("client", far)
+        async with open_session(over_link(near), convention=convention, paces=paces) as session:
+            handle = await _begin(session)
+            while todo and todo[0][1] != "restart":
+                number, action = todo.pop(0)
+                value = Variant(VT.I4, number)
+                function, arguments = (
+                    (_PUT_TAG, (handle, value)) if action == "put" else (_GET_TAG, (handle,))
+                )
+                settled = await session.exchange(function, arguments)
+                assert isinstance(settled, Answered | Refused | TimedOut)
+                if isinstance(settled, Answered) and action == "put":
+                    put.add(number)
+            todo = todo[1:]
+    return put
+
+
+async def _begin(session: Session) -> Variant:
+    """Start and connect; return the handle, a wrong one where that did not succeed."""
+    await session.exchange(1, (Variant(VT.BSTR, ""),))
+    names = ("", "CaoProv.DENSO.VRC", "localhost", "")
+    settled = await session.exchange(3, [Variant(VT.BSTR, name) for name in names])
+    if isinstance(settled, Answered) and settled.reply.arguments:
+        return settled.reply.arguments[0].variant
+    return Variant(VT.I4, -1)
