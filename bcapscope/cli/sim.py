@@ -13,6 +13,7 @@ from types import FrameType
 
 import click
 
+from bcapscope.capture.recording import Address, Recording
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.render.service import report_line
@@ -44,20 +45,27 @@ _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit
     show_default=True,
     help="For UDP and TCP; 0 takes one that is free.",
 )
+@click.option(
+    "--record",
+    metavar="FILE.pcapng",
+    type=click.Path(dir_okay=False),
+    help="Write what passes to a new capture.",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Do not write a line a call.")
-def command(*, profile: str, listen: str, port: int, quiet: bool) -> None:
+def command(*, profile: str, listen: str, port: int, record: str | None, quiet: bool) -> None:
     """Answer b-CAP clients over UDP and TCP as a DENSO controller does, until Ctrl-C.
 
     A line a call goes to stdout. Commands can be typed meanwhile: reset forgets all clients, as the button
     on the pendant does; stop presses the emergency stop and go lets it go; quit ends.
 
-    Exit codes: 0 it was ended; 4 the address cannot be listened on.
+    Exit codes: 0 it was ended; 4 the address cannot be listened on; 6 the capture cannot be written.
     """
     log = _Log(not quiet)
     start = Start(epoch=time.time_ns() - time.monotonic_ns())
     simulator = Simulator(PROFILES[profile], start, time.monotonic_ns(), log.take)
+    tap = _Tap(record) if record else None
     try:
-        server = Server(simulator, listen, port)
+        server = Server(simulator, listen, port, tap)
     except ListenError as error:
         narrate(f"{error}")
         sys.exit(Exit.UNREADABLE)
@@ -153,6 +161,42 @@ def _can_be_read() -> bool:
         return not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()
     except OSError:
         return False
+
+
+class _Tap:
+    """Writes the capture; when that fails, the simulator goes on without."""
+
+    def __init__(self, path: str) -> None:
+        try:
+            # Each packet is in the file at once, so that a kill loses none.
+            self._recording: Recording | None = Recording(open(path, "xb", buffering=0))  # noqa: SIM115
+        except OSError as error:
+            narrate(f"{path} cannot be written: {error.strerror or error}")
+            sys.exit(Exit.UNWRITABLE)
+        self._path = path
+
+    def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Write a UDP datagram."""
+        if self._recording:
+            self._try(lambda recording: recording.datagram(source, target, data, time))
+
+    def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Write bytes of a TCP connection."""
+        if self._recording:
+            self._try(lambda recording: recording.segment(source, target, data, time))
+
+    def ended(self, client: Address, server: Address) -> None:
+        """Forget a TCP connection."""
+        if self._recording:
+            self._recording.ended(client, server)
+
+    def _try(self, write: Callable[[Recording], None]) -> None:
+        try:
+            if self._recording:
+                write(self._recording)
+        except OSError as error:
+            self._recording = None
+            narrate(f"{self._path} is not written any more: {error.strerror or error}")
 
 
 class _Log:

@@ -11,6 +11,7 @@ import socket
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from typing import Protocol, TypeAlias
 
 from bcapscope.errors import BcapError
 from bcapscope.simulator.simulator import Output, Simulator
@@ -26,18 +27,35 @@ _AT_ONCE = 64  # datagrams that are taken before TCP has its turn
 _RECEIVE_BUFFER = 1 << 20
 
 
+Address: TypeAlias = tuple[str, int]
+
+
 class ListenError(BcapError):
     """An address cannot be listened on."""
+
+
+class Tap(Protocol):
+    """Is shown what passes; addresses are host and port, times ns since 1970."""
+
+    def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Take a UDP datagram."""
+
+    def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Take bytes of a TCP connection."""
+
+    def ended(self, client: Address, server: Address) -> None:
+        """Take notice of the end of a TCP connection."""
 
 
 class _Connection:
     """A TCP client: its socket and what could not be sent yet."""
 
-    __slots__ = ("backlog", "peer", "socket")
+    __slots__ = ("backlog", "client", "peer", "socket")
 
-    def __init__(self, sock: socket.socket, peer: tuple[str, object]) -> None:
+    def __init__(self, sock: socket.socket, address: Address) -> None:
         self.socket = sock
-        self.peer = peer
+        self.client: Address = address[:2]
+        self.peer = ("tcp", address)
         self.backlog = bytearray()
 
 
@@ -48,18 +66,20 @@ class Server:
         address: host and port that it listens on.
     """
 
-    def __init__(self, simulator: Simulator, host: str, port: int) -> None:
+    def __init__(self, simulator: Simulator, host: str, port: int, tap: Tap | None = None) -> None:
         """Listen on UDP and TCP.
 
         Args:
             simulator: whose clock is `time.monotonic_ns`.
             host: address or name of this machine.
             port: 0 for any that is free on both.
+            tap: is shown all that passes.
 
         Raises:
             ListenError: that cannot be done.
         """
         self._simulator = simulator
+        self._tap = tap
         self._connections: dict[socket.socket, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._udp, self._tcp = _listen(host, port)
@@ -116,6 +136,8 @@ class Server:
                 data, address = receive(LARGEST_DATAGRAM)
             except OSError:  # nothing left; on Windows also an earlier client's closed port
                 return
+            if self._tap:
+                self._tap.datagram(address[:2], self.address, data, time.time_ns())
             self._send(take(("udp", address), data, clock()))
 
     def _accept(self) -> None:
@@ -127,7 +149,7 @@ class Server:
                 return
             sock.setblocking(False)
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._connections[sock] = self._by_peer[peer] = _Connection(sock, peer)
+            self._connections[sock] = self._by_peer[peer] = _Connection(sock, address)
 
     def _take_segment(self, sock: socket.socket) -> None:
         connection = self._connections.get(sock)
@@ -140,6 +162,8 @@ class Server:
         except OSError:
             data = b""
         if data:
+            if self._tap:
+                self._tap.segment(connection.client, self.address, data, time.time_ns())
             self._send(self._simulator.segment(connection.peer, data, time.monotonic_ns()))
         else:
             self._drop(connection)
@@ -150,6 +174,8 @@ class Server:
             if connection is None:
                 assert isinstance(peer, tuple)
                 if peer[0] == "udp":
+                    if self._tap:
+                        self._tap.datagram(self.address, peer[1][:2], data, time.time_ns())
                     with suppress(OSError):  # the client is gone, or its socket's buffer is full
                         self._udp.sendto(data, peer[1])
             elif not data or len(connection.backlog) > LARGEST_BACKLOG:
@@ -161,6 +187,9 @@ class Server:
     def _flush(self, connection: _Connection) -> None:
         try:
             sent = connection.socket.send(connection.backlog)
+            if self._tap:
+                data = bytes(connection.backlog[:sent])
+                self._tap.segment(self.address, connection.client, data, time.time_ns())
             del connection.backlog[:sent]
         except BlockingIOError:
             return
@@ -171,6 +200,8 @@ class Server:
         if self._connections.pop(connection.socket, None) is None:
             return
         del self._by_peer[connection.peer]
+        if self._tap:
+            self._tap.ended(connection.client, self.address)
         self._simulator.disconnect(connection.peer, time.monotonic_ns())
         connection.socket.close()
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -64,6 +65,35 @@ def test_commands_are_taken_while_it_runs() -> None:
         out, err = process.communicate("nonsense\nq\n", timeout=30)
         assert (process.returncode, out) == (0, "")
         assert err.startswith("reset (forget all clients)")
+
+
+def test_what_passes_is_recorded(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcapng"
+    with simulator("--record", str(path), "-q") as (process, port):
+        assert ask(port).code == 0
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.settimeout(20)
+            sock.connect(("127.0.0.1", port))
+            sock.send(encode(1, 0, 1, [bstr("")]))
+            assert sock.recv(4096)
+        process.kill()
+        process.communicate(timeout=30)
+    ran = run("decode", path, "--port", str(port))
+    assert ran.code == 0, ran.err
+    assert [(" tcp " in line, " response " in line) for line in ran.lines] == [
+        (True, False),
+        (True, True),
+        (False, False),
+        (False, True),
+    ]
+
+
+def test_a_capture_is_never_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcapng"
+    path.write_bytes(b"mine")
+    ran = run("sim", "--port", "0", "--record", path)
+    assert (ran.code, ran.err) == (6, f"{path} cannot be written: File exists\n")
+    assert path.read_bytes() == b"mine"
 
 
 def test_a_port_in_use_is_one_sentence() -> None:

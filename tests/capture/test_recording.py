@@ -1,0 +1,45 @@
+"""What is recorded is read back as the traffic that it was."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+
+from bcapscope.capture.recording import Recording
+from bcapscope.protocol.frame import encode
+from tests.cli.run import run
+
+CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
+TIME = 1_700_000_000_123_456_789
+REQUEST, REPLY = encode(7, 0, 2), encode(7, 0, 0)
+
+
+@pytest.mark.parametrize("transport", ["udp", "tcp"])
+@pytest.mark.parametrize("hosts", [("10.0.0.2", "10.0.0.1"), ("fd00::2", "fd00::1")])
+def test_both_transports_over_both_versions(tmp_path: Path, transport: str, hosts: tuple[str, str]) -> None:
+    client, server = (hosts[0], 50001), (hosts[1], 5007)
+    file = BytesIO()
+    recording = Recording(file)
+    write = recording.datagram if transport == "udp" else recording.segment
+    for number in range(3):
+        write(client, server, REQUEST, TIME + number)
+        write(server, client, REPLY, TIME + number)
+    path = tmp_path / "a.pcapng"
+    path.write_bytes(file.getvalue())
+    ran = run("decode", path, "--json")
+    assert ran.code == 0, ran.err
+    assert len(ran.lines) == 6
+    assert '"time":1700000000.123456789' in ran.lines[0].replace(" ", "")
+    assert all(f'"{transport}"' in line and '"problems":[]' in line.replace(" ", "") for line in ran.lines)
+
+
+def test_a_long_segment_becomes_several(tmp_path: Path) -> None:
+    file = BytesIO()
+    Recording(file).segment(CLIENT, SERVER, REQUEST * 5000, TIME)
+    path = tmp_path / "a.pcapng"
+    path.write_bytes(file.getvalue())
+    ran = run("decode", path)
+    assert ran.code == 0, ran.err
+    assert len(ran.lines) == 5000
