@@ -32,6 +32,10 @@ SILENCE_NS = 1_000_000_000
 SUSPICION_NS = 2_000_000_000
 """A call of anyone that failed so long before slave mode was found off may be why."""
 
+DROPPING_NS = 200_000_000
+"""How long a controller may go on taking set points after the error that makes it leave slave mode. No paper
+says; 25 cycles leave room for one that stops on its path first."""
+
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
 """How long before and after a stay other calls are told with it."""
 
@@ -341,12 +345,12 @@ def _explain(ended: _Ended, controller: Controller) -> Exit:
     last = began if course.last_accepted is None else course.last_accepted
     found_off = exit_.reason is ExitReason.FOUND_OFF
     until = exit_.time if found_off else max(exit_.time, last) + SILENCE_NS
-    suspects = [call for call in controller.between(last, until) if last <= _end_of(call) <= until]
-    changes = [call for call in suspects if _leaves(call, course)]
+    recent = max(began, last - DROPPING_NS, exit_.time - SUSPICION_NS)
+    told = [call for call in controller.between(min(recent, last), until) if _end_of(call) <= until]
+    changes = [call for call in told if _end_of(call) >= last and _leaves(call, course)]
     if changes:
         return _exit_by(ExitReason.OTHER_CLIENT, changes[-1], exit_)
-    recent = max(last, exit_.time - SUSPICION_NS)
-    failures = [call for call in suspects if _end_of(call) >= recent and _ends_mode(call)]
+    failures = [call for call in told if _end_of(call) >= recent and _ends_mode(call)]
     return _exit_by(ExitReason.OTHER_CALL, failures[-1], exit_) if failures and found_off else exit_
 
 

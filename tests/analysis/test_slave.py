@@ -481,11 +481,11 @@ def test_no_sequence_of_calls_breaks_it(played: list[Step], release: int) -> Non
     assert sorted(stay.number for stay in stays) == list(range(1, len(stays) + 1))
 
 
-def test_a_call_that_failed_while_set_points_were_still_accepted_did_not_end_it() -> None:
+def test_a_call_that_failed_long_before_the_last_set_point_was_taken_did_not_end_it() -> None:
     plan = Plan()
     driver, other = plan.driver(), plan.driver(50002)
     driver.change(0, ENTER)
-    driver.moves(PACE)
+    driver.moves(8.0 * n for n in range(1, 61))
     other.execute(100, "HandMoveA", code=NOT_ALLOWED)
-    driver.move(168, code=NOT_IN_SLAVE_MODE)
+    driver.move(488, code=NOT_IN_SLAVE_MODE)
     assert only(plan).exit.reason is ExitReason.FOUND_OFF
