@@ -6,6 +6,8 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+import click
+
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
@@ -25,12 +27,14 @@ class Progress:
         self._bar: Bar | None = None
 
     def show(self, position: int, size: int | None) -> None:
-        """Tell that `position` bytes of `size` are read."""
+        """Tell that `position` bytes of `size` are read; the bar goes away with the command at the latest."""
         if not self._wanted or size is None or time.monotonic() - self._began < _PATIENCE:
             return
         if self._bar is None:
             self._bar = _make_bar()
             self._bar.start()
+            # Else Ctrl-C or a closed pipe would leave the terminal without its cursor.
+            click.get_current_context().call_on_close(self.done)
             self._bar.add_task("reading")
         self._bar.update(self._bar.task_ids[0], completed=position, total=size)
 
