@@ -43,7 +43,7 @@ def show(ending: type[BaseException] | None = None) -> None:
 def test_shows_how_much_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = terminal(monkeypatch)
     show()
-    assert "250/1000 bytes" in re.sub(r"\x1b\[[0-9;]*m", "", seen.getvalue())
+    assert "0.2/1.0 kB" in re.sub(r"\x1b\[[0-9;]*m", "", seen.getvalue())
 
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt, BrokenPipeError])
