@@ -148,10 +148,12 @@ class Course:
 
     @property
     def last_seen(self) -> int:
-        """When the latest set point was answered or else sent, or the stay entered; 0 where nothing tells."""
-        if self.batch:
-            return max(self.batch[-1].time, self.batch[-1].replied)
-        return self._last_seen or self.entered or 0
+        """When the latest set point was answered or else sent, not before the stay was entered; 0 if unknown.
+
+        A client that does not wait for the reply to slvChangeMode has set points before that.
+        """
+        last = max(self.batch[-1].time, self.batch[-1].replied) if self.batch else self._last_seen
+        return max(last, self.entered or 0)
 
     def began(self, ended: int) -> int:
         """Return when it began; where nothing tells, when it ended."""
