@@ -476,7 +476,9 @@ def test_no_sequence_of_calls_breaks_it(played: list[Step], release: int) -> Non
         assert sum(counts.by_retries.values()) == counts.sent
         assert sum(each.sent for each in stay.slices) == counts.sent
         assert sum(sample.points for sample in stay.samples) == counts.sent
-        assert stay.exit.time >= stay.entered or stay.first is None
+        # A client that does not wait may leave before it hears that it has entered.
+        overlapping = stay.exit.by is not None and stay.exit.by.time <= (stay.entered or 0)
+        assert stay.first is None or overlapping or stay.exit.time >= (stay.entered or 0)
         assert (stay.motion is None) == (stay.first is None)
     assert sorted(stay.number for stay in stays) == list(range(1, len(stays) + 1))
 
