@@ -63,6 +63,8 @@ def cli() -> None:
 def main() -> None:
     """Run the command line and exit with one of `exits.Exit`."""
     gc.set_threshold(*_GARBAGE)
+    if sys.stdout is None or sys.stderr is None:  # closed by whoever started us: there is nobody to tell
+        sys.exit(Exit.UNWRITABLE)
     try:
         # Not by cli.main(): that ends with 1 when the reader of stdout has gone.
         with cli.make_context("bcapscope", sys.argv[1:]) as context:

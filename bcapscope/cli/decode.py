@@ -75,7 +75,7 @@ def command(
     command and arguments, and after !! what is wrong with the bytes.
 
     Exit codes: 0 all was read; 2 the command line makes no sense; 3 a capture is damaged or breaks off, all
-    before the damage was given out; 4 nothing could be read.
+    before the damage was given out; 4 nothing could be read; 6 the output could not be written; 130 Ctrl-C.
     """
     if dump and style in (Style.CSV, Style.JSON):
         raise click.UsageError("--hex goes with lines and trees")

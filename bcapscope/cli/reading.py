@@ -58,6 +58,8 @@ class Reading:
         """
         if bool(paths) + bool(interface) + bool(text) != 1:
             raise click.UsageError("name a capture, - for standard input, or an interface with -i")
+        if STDIN in (*paths, text) and sys.stdin is None:
+            raise click.UsageError("standard input is closed")
         self.exit = Exit.OK
         self.begin: Callable[[int], object] = lambda time: None
         self.output = Output(1) if interface or STDIN in paths else Output()

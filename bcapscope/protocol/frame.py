@@ -209,7 +209,7 @@ def parse_bytes(raw: bytes) -> Frame | Malformed:
     if raw[:1] != b"\x01":
         first = f"first byte is {raw[0]:02X}" if raw else "there are no bytes"
         return Malformed(raw, (Problem(0, "soh", f"{first}, a frame begins with 01"),))
-    reason = f"{len(raw)} bytes, a frame has {SMALLEST_FRAME} at least"
+    reason = f"{len(raw)} byte{'s' if len(raw) > 1 else ''}, a frame has {SMALLEST_FRAME} at least"
     return Malformed(raw, (Problem(0, "short", reason),))
 
 

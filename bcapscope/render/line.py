@@ -128,4 +128,5 @@ class LineRenderer:
         head = f"{seen.number:>6} {self._time(seen.time)} {ends} {'-':>5} {'-':>5}"
         if self._brief:
             return f"{head}  {shown}{more}"
-        return f"{head}  {self._palette.problem}!! {reasons}{self._palette.reset} {shown}{more}".rstrip()
+        problem = f"{self._palette.problem}!! {reasons}{self._palette.reset}"
+        return f"{head}  {shown}{more}{' ' if shown else ''}{problem}"

@@ -123,8 +123,8 @@ def test_malformed_bytes_are_shown() -> None:
     item = Malformed(b"\x1b[2J" + bytes(100), (Problem(0, "soh", "first byte is 1B"),))
     line = LineRenderer().line(observe(item), None)
     assert "\x1b" not in line
-    assert "!! first byte is 1B 1b 5b 32 4a 00" in line
-    assert line.endswith("… 56 more bytes")
+    assert "  1b 5b 32 4a 00" in line
+    assert line.endswith("… 56 more bytes !! first byte is 1B")
 
 
 def test_frames_of_one_layout_keep_their_own_numbers() -> None:

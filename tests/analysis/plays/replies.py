@@ -30,7 +30,7 @@ def _late(story: Story) -> None:
 
 
 def _gave_up(story: Story) -> None:
-    """The reply of the survey: it came after 19 ms, and the client had gone on at 16 ms."""
+    """The reply of many bug reports: it came after 19 ms, and the client had gone on at 16 ms."""
     client = _in_slave_mode(story)
     first = client.ask(82, "Robot_Execute", *_MOVE, serial=4711)
     second = client.ask(98, "Robot_Execute", ROBOT, text("slvMove"), r8s(0.1, *HOME[1:]))
