@@ -169,7 +169,7 @@ class _Tap:
     def __init__(self, path: str) -> None:
         try:
             # Each packet is in the file at once, so that a kill loses none.
-            self._recording: Recording | None = Recording(open(path, "xb", buffering=0))  # noqa: SIM115
+            self._recording: Recording | None = Recording(open(path, "xb", buffering=0))  # noqa: SIM115 - close() ends it
         except OSError as error:
             narrate(f"{path} cannot be written: {error.strerror or error}")
             sys.exit(Exit.UNWRITABLE)

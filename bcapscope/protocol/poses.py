@@ -85,11 +85,11 @@ def numbers(variant: Variant) -> tuple[float, ...] | None:
     if not isinstance(value, tuple):
         return None
     if variant.vt in FLOAT_ARRAYS:
-        return value  # type: ignore[return-value]
+        return value  # type: ignore[return-value]  # the type says floats
     plain = [item.value if isinstance(item, Variant) else item for item in value]
     if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in plain):
         return None
-    return tuple(plain)  # type: ignore[arg-type]
+    return tuple(plain)  # type: ignore[arg-type]  # each was just looked at
 
 
 def guess_type(values: tuple[float, ...]) -> PoseType | None:
