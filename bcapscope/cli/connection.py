@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
-from contextlib import AbstractAsyncContextManager, contextmanager
-from dataclasses import dataclass, fields
+from contextlib import contextmanager
+from dataclasses import fields
 from functools import wraps
 from typing import Any
 
@@ -13,62 +12,16 @@ import click
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
-from bcapscope.client.caller import Listener, Observer
-from bcapscope.client.session import PACES, PORT, Paces, Session, open_session, over_tcp, over_udp
+from bcapscope.client.session import PACES, PORT
+from bcapscope.client.target import Target, reason_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.requester import Pace
+
+__all__ = ["Target", "failures_told", "target"]
 
 _MS = 1_000_000
 _ON_UDP = (Convention.SEED, Convention.OWN, Convention.CHAIN)
 _ON_TCP = (Convention.TCP0, Convention.TCP1)
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """A controller, how to reach it, and what to say to it first.
-
-    Attributes:
-        host: name or address.
-        port: UDP or TCP.
-        tcp: TCP instead of UDP.
-        timeout: of each try, ms, for all calls but slvMove.
-        retries: after the first try, likewise.
-        convention: of reserved; None for the usual one.
-        service: option of Service_Start.
-        connect: name, provider, machine and option of Controller_Connect.
-    """
-
-    host: str
-    port: int
-    tcp: bool
-    timeout: float
-    retries: int
-    convention: Convention | None
-    service: str
-    name: str
-    provider: str
-    machine: str
-    connect_option: str
-
-    @property
-    def connect(self) -> tuple[str, str, str, str]:
-        """The four arguments of Controller_Connect."""
-        return self.name, self.provider, self.machine, self.connect_option
-
-    def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{host}:{self.port} over {'TCP' if self.tcp else 'UDP'}"
-
-    def session(
-        self, observer: Observer | None = None, listener: Listener | None = None
-    ) -> AbstractAsyncContextManager[Session]:
-        """Open a session."""
-        opener = (over_tcp if self.tcp else over_udp)(self.host, self.port)
-        paces = Paces(others=Pace(round(self.timeout * _MS), self.retries))
-        return open_session(
-            opener, convention=self.convention, paces=paces, observer=observer, listener=listener
-        )
 
 
 def _convention(context: click.Context, _: click.Parameter, value: str | None) -> Convention | None:
@@ -145,18 +98,9 @@ def failures_told(target: Target) -> Iterator[None]:
     except ExchangeTimeout as error:
         _end(f"{target}: {error}", Exit.UNANSWERED)
     except OSError as error:
-        _end(f"{target}: {_reason(error)}", Exit.UNANSWERED)
+        _end(f"{target}: {reason_of(error)}", Exit.UNANSWERED)
     except BcapError as error:
         _end(str(error), Exit.USAGE)
-
-
-def _reason(error: OSError) -> str:
-    """Return what went wrong without what asyncio says around it."""
-    if isinstance(error, TimeoutError):
-        return "no answer"
-    if error.errno is not None and error.errno > 0:
-        return os.strerror(error.errno).lower()
-    return str(error.strerror or error).lower()
 
 
 def _end(text: str, code: Exit) -> None:

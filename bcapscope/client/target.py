@@ -1,0 +1,70 @@
+"""A controller, how to reach it, and what to say to it first."""
+
+from __future__ import annotations
+
+import os
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+
+from bcapscope.client.caller import Listener, Observer
+from bcapscope.client.session import PACES, PORT, Paces, Session, open_session, over_tcp, over_udp
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.requester import Pace
+
+_MS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A controller, how to reach it, and what to say to it first.
+
+    Attributes:
+        host: name or address.
+        port: UDP or TCP.
+        tcp: TCP instead of UDP.
+        timeout: of each try, ms, for all calls but slvMove.
+        retries: after the first try, likewise.
+        convention: of reserved; None for the usual one.
+        service: option of Service_Start.
+        connect: name, provider, machine and option of Controller_Connect.
+    """
+
+    host: str
+    port: int = PORT
+    tcp: bool = False
+    timeout: float = PACES.others.timeout / _MS
+    retries: int = PACES.others.retries
+    convention: Convention | None = None
+    service: str = ""
+    name: str = ""
+    provider: str = "CaoProv.DENSO.VRC"
+    machine: str = "localhost"
+    connect_option: str = ""
+
+    @property
+    def connect(self) -> tuple[str, str, str, str]:
+        """The four arguments of Controller_Connect."""
+        return self.name, self.provider, self.machine, self.connect_option
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{host}:{self.port} over {'TCP' if self.tcp else 'UDP'}"
+
+    def session(
+        self, observer: Observer | None = None, listener: Listener | None = None
+    ) -> AbstractAsyncContextManager[Session]:
+        """Open a session."""
+        opener = (over_tcp if self.tcp else over_udp)(self.host, self.port)
+        paces = Paces(others=Pace(round(self.timeout * _MS), self.retries))
+        return open_session(
+            opener, convention=self.convention, paces=paces, observer=observer, listener=listener
+        )
+
+
+def reason_of(error: OSError) -> str:
+    """Return what went wrong on the way to a controller, without what asyncio says around it."""
+    if isinstance(error, TimeoutError):
+        return "no answer"
+    if error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno).lower()
+    return str(error.strerror or error).lower()
