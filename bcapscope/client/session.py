@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from bcapscope.client.caller import Caller, Listener, Observer
 from bcapscope.client.values import arguments_of
@@ -69,6 +69,26 @@ def over_link(link: MemoryLink) -> Opener:
     return open_it
 
 
+class Carrier(Protocol):
+    """What a session sees of the link: does it carry datagrams, which have retries, or a stream."""
+
+    @property
+    def datagrams(self) -> bool: ...
+
+
+class Exchanger(Protocol):
+    """What a session makes its calls with, such as a `Caller`."""
+
+    @property
+    def link(self) -> Carrier: ...
+
+    async def exchange(self, function_id: int, arguments: Sequence[Variant], pace: Pace) -> Settled:
+        """Make a call and return how it ended; raises as `Caller.exchange`."""
+
+    def close(self) -> None:
+        """Close the link."""
+
+
 class Session:
     """Makes calls and remembers what they opened.
 
@@ -79,7 +99,7 @@ class Session:
         paces: of the calls to come.
     """
 
-    def __init__(self, caller: Caller, paces: Paces) -> None:
+    def __init__(self, caller: Exchanger, paces: Paces) -> None:
         self.paces = paces
         self._caller = caller
         self._open: list[tuple[Function, int | None]] = []
@@ -92,7 +112,7 @@ class Session:
             LocalProtocolError: it cannot be sent, see `Requester.call`.
             ConnectionError: the link is gone.
         """
-        settled = await self._caller.exchange(function_id, arguments, self._pace(function_id, arguments))
+        settled = await self._caller.exchange(function_id, arguments, self.pace(function_id, arguments))
         if isinstance(settled, Answered):
             self._note(function_id, arguments, settled.reply)
         return settled
@@ -145,7 +165,8 @@ class Session:
         except BcapError:
             pass  # what is refused here was let go before, by the controller or together with its owner
 
-    def _pace(self, function_id: int, arguments: Sequence[Variant]) -> Pace:
+    def pace(self, function_id: int, arguments: Sequence[Variant]) -> Pace:
+        """Return how long this call may take, in the slave mode that its robot is in."""
         paces = self.paces
         if not self._caller.link.datagrams:
             return Pace(paces.others.timeout * (paces.others.retries + 1), 0)
