@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.diagnosis import Diagnosis, Seen
 from bcapscope.analysis.finding import Finding
 from bcapscope.analysis.marks import MOST_MARKS, MOST_SPELLS, PAUSE_NS, Mark, MarkKind, Marks
-from bcapscope.analysis.slave import SlaveWatcher
+from bcapscope.analysis.rules.rule import all_seen
+from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.statistics import Statistics, Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.arguments import Problem
@@ -124,9 +125,15 @@ _Badness: TypeAlias = "tuple[int, int, int]"
 class Accountant:
     """Takes in observations and what a tracker makes of them, each observation first."""
 
-    def __init__(self) -> None:
-        self._diagnosis = Diagnosis()
-        self._watcher = SlaveWatcher()
+    def __init__(self, chosen: Callable[[Exchange], bool] | None = None) -> None:
+        """Begin.
+
+        Args:
+            chosen: tells which calls are asked about; None for all. What is damaged is told all the same.
+        """
+        self._chosen = chosen
+        self._diagnosis = Diagnosis(chosen)
+        self._watcher = ChosenStays(chosen)
         self._summary = Summary()
         self._start: int | None = None
         self._end = 0
@@ -156,18 +163,11 @@ class Accountant:
             self._strays += 1
             self._look_at(settled.seen)
             return
-        self._summary.take(settled)
         self._keep(self._watcher.take(settled))
-        lane = self._lane(settled.conversation)
-        reply = settled.reply
-        plain = reply is not None and settled.is_plain and not reply.item.code
-        if lane is not None:
-            lane.take(settled, plain)
-        if not plain:
-            self._take_troubled(settled)
-        elif reply is not None:
-            self._look_at(settled.request)
-            self._look_at(reply)
+        for seen in all_seen(settled):
+            self._look_at(seen)
+        if self._chosen is None or self._chosen(settled):
+            self._take_call(settled)
 
     def finish(self) -> Account | None:
         """Tell all; None where nothing was seen."""
@@ -194,6 +194,16 @@ class Accountant:
             damaged_count=self._damaged_count,
         )
 
+    def _take_call(self, call: Exchange) -> None:
+        self._summary.take(call)
+        lane = self._lane(call.conversation)
+        reply = call.reply
+        plain = reply is not None and call.is_plain and not reply.item.code
+        if lane is not None:
+            lane.take(call, plain)
+        if not plain:
+            self._take_troubled(call)
+
     def _keep(self, stays: Sequence[Stay]) -> None:
         for stay in stays:
             if len(self._stays) < MOST_STAYS:
@@ -210,8 +220,6 @@ class Accountant:
         return lane
 
     def _take_troubled(self, call: Exchange) -> None:
-        for event in call.events:
-            self._look_at(event.seen)
         verdict = call.verdict
         if verdict not in (Verdict.ANSWERED, Verdict.REFUSED):
             self._verdicts[verdict] += 1

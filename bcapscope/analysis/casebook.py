@@ -35,12 +35,14 @@ class Case:
 
     Attributes:
         rule: of all.
+        asked: whether it is to be told for itself, as its incidents are.
         count: how many there were.
         chosen: the one that is told; set by `Casebook.findings`.
     """
 
-    def __init__(self, rule: Rule) -> None:
+    def __init__(self, rule: Rule, asked: bool) -> None:
         self.rule = rule
+        self.asked = asked
         self.count = 0
         self._first: list[Incident] = []
         self._last: deque[Incident] = deque(maxlen=MOST_KEPT)
@@ -76,16 +78,14 @@ class Casebook:
     """Takes incidents in the order in which rules find them, which is not always that of their times."""
 
     def __init__(self) -> None:
-        self._cases: dict[tuple[str, str], Case] = {}
+        self._cases: dict[tuple[str, bool, str], Case] = {}
         self._by_rule: dict[str, list[Case]] = {}
         self._by_call: dict[int, list[Incident]] = {}
 
     def report(self, incident: Incident) -> None:
         """Take an incident in."""
         rule = incident.rule
-        case = self._cases.get((rule.id, incident.key))
-        if case is None:
-            case = self._open(rule, incident.key)
+        case = self._cases.get((rule.id, incident.asked, incident.key)) or self._open(incident)
         case.add(incident)
         if incident.call:
             self._by_call.setdefault(incident.call, []).append(incident)
@@ -94,11 +94,13 @@ class Casebook:
         if case.count <= MOST_KEPT:
             self._link(incident)
 
-    def _open(self, rule: Rule, key: str) -> Case:
+    def _open(self, incident: Incident) -> Case:
+        rule, asked = incident.rule, incident.asked
         cases = self._by_rule.setdefault(rule.id, [])
-        if len(cases) >= MOST_FINDINGS:
-            return cases[0]
-        case = self._cases[rule.id, key] = Case(rule)
+        alike = [case for case in cases if case.asked is asked]
+        if len(alike) >= MOST_FINDINGS:
+            return alike[0]
+        case = self._cases[rule.id, asked, incident.key] = Case(rule, asked)
         cases.append(case)
         return case
 
@@ -119,7 +121,8 @@ class Casebook:
             self._case_of(incident.cause).hold(incident.cause)
 
     def _case_of(self, incident: Incident) -> Case:
-        return self._cases.get((incident.rule.id, incident.key)) or self._by_rule[incident.rule.id][0]
+        known = self._cases.get((incident.rule.id, incident.asked, incident.key))
+        return known or next(case for case in self._by_rule[incident.rule.id] if case.asked is incident.asked)
 
     def _candidates(self, incident: Incident) -> Iterator[Incident]:
         earliest, host = incident.began - incident.rule.reach, incident.conversation.server.host
@@ -130,13 +133,16 @@ class Casebook:
                         yield each
 
     def findings(self, speech: Speech) -> tuple[Finding, ...]:
-        """Tell all cases, each root with its consequences behind it, the gravest and earliest root first."""
+        """Tell all cases that are asked for and what these follow from.
+
+        Each root comes with its consequences behind it, the gravest and earliest root first.
+        """
         cases = list(self._cases.values())
         for case in cases:
             for incident in case:
                 self._link(incident)
         self._choose(cases)
-        order = _Order(cases)
+        order = _Order(_asked(cases))
         return tuple(
             Finding(
                 rule=case.rule.id,
@@ -188,6 +194,18 @@ def _parents(cases: list[Case]) -> dict[int, Case]:
         if parent is not None and above is None:
             parents[id(case)] = parent
     return parents
+
+
+def _asked(cases: list[Case]) -> list[Case]:
+    """Leave off what is not asked for and leads to nothing that is."""
+    parents = _parents(cases)
+    kept: set[int] = set()
+    for case in cases:
+        each: Case | None = case if case.asked else None
+        while each is not None and id(each) not in kept:
+            kept.add(id(each))
+            each = parents.get(id(each))
+    return [case for case in cases if id(case) in kept]
 
 
 class _Order:

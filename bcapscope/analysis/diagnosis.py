@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.casebook import Casebook
+from bcapscope.analysis.choice import Choice
 from bcapscope.analysis.client import Client, Clients
 from bcapscope.analysis.finding import Finding
 from bcapscope.analysis.rules import WATCHERS
@@ -38,12 +39,14 @@ class Seen(NamedTuple):
         calls: calls.
         clients: conversations that asked at least once.
         nanoseconds: from the first frame to the end.
+        chosen: of the calls those that were asked for; None where all were.
     """
 
     frames: int
     calls: int
     clients: int
     nanoseconds: int
+    chosen: int | None = None
 
 
 class Diagnosis:
@@ -52,23 +55,24 @@ class Diagnosis:
     Every observation goes to `take_observation` and everything that a tracker makes of it to `take`.
     """
 
-    def __init__(self, heed: Callable[[Stay], None] | None = None) -> None:
+    def __init__(self, chosen: Callable[[Exchange], bool] | None = None) -> None:
         """Begin.
 
         Args:
-            heed: is given each stay in slave mode, for who wants these facts as well.
+            chosen: tells which calls are asked about; None for all. What is found is told if it concerns one
+                of them or is what that follows from; all calls count for what happened before and after.
         """
         self._book = Casebook()
+        self._choice = None if chosen is None else Choice(chosen, self._book.report)
+        report = self._book.report if self._choice is None else self._choice.report
         self._clients = Clients(self._drop)
         self._handles = Handles()
         self._slave = SlaveWatcher()
-        watchers = [watcher(self._book.report, self._clients) for watcher in WATCHERS]
+        watchers = [watcher(report, self._clients) for watcher in WATCHERS]
         self._callers = overrides(watchers, "call")
         self._odd = [each.odd for each in overrides(watchers, "odd")]
         self._strays = [each.stray for each in overrides(watchers, "stray")]
         self._stays: list[Callable[[Stay], None]] = [each.stay for each in overrides(watchers, "stay")]
-        if heed is not None:
-            self._stays.append(heed)
         self._gone = [each.gone for each in overrides(watchers, "gone")]
         self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
         self._calls = self._ended = 0
@@ -84,6 +88,8 @@ class Diagnosis:
     def take_observation(self, seen: Observation) -> None:
         """See the next frame, or the next bytes that are none, before what the tracker makes of it."""
         item = seen.item
+        if self._choice is not None:
+            self._choice.look(seen)
         if seen.flow not in self._flows:
             self._meet(seen)
         self._last = seen
@@ -93,6 +99,8 @@ class Diagnosis:
 
     def take(self, settled: Settled) -> None:
         """See a call that has settled, or a reply that belongs to none."""
+        if self._choice is not None:
+            self._choice.settle(settled)
         if isinstance(settled, Exchange):
             if settled.question is self._question and settled.conversation is self._conversation:
                 reply, frame = settled.reply, settled.request.item
@@ -150,6 +158,8 @@ class Diagnosis:
             ended: when the traffic ended, nanoseconds since 1970; None for the time of the last frame.
         """
         self._ended = max(self._ended, ended or 0)
+        if self._choice is not None:
+            self._choice.close()
         self._tell(self._slave.finish())
         for client in self._clients:
             self._goodbye(client)
@@ -163,7 +173,8 @@ class Diagnosis:
         if first is None or last is None:
             return Seen(0, 0, 0, 0)
         calls = self._calls + sum(client.calls for client in self._clients)
-        return Seen(last.number - first.number + 1, calls, self._clients.seen, self._end - first.time)
+        chosen = None if self._choice is None else self._choice.calls
+        return Seen(last.number - first.number + 1, calls, self._clients.seen, self._end - first.time, chosen)
 
     @property
     def _end(self) -> int:

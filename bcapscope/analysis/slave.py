@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.batch import HANDLE_VALUE, HEAD_SIZE, LARGE, Batch
@@ -320,6 +320,38 @@ class SlaveWatcher:
                 del self._controllers[next(iter(self._controllers))]
             controller = self._controllers[server] = Controller()
         return controller
+
+
+class ChosenStays:
+    """Finds the stays of chosen set points; what begins and ends a stay is followed all the same."""
+
+    def __init__(self, chosen: Callable[[Exchange], bool] | None, window: int | None = None) -> None:
+        """Begin.
+
+        Args:
+            chosen: tells which set points are asked for; None for all, and for stays without any as well.
+            window: as of `SlaveWatcher`.
+        """
+        self._chosen = chosen
+        self._watcher = SlaveWatcher(window)
+
+    def take(self, call: Exchange) -> Sequence[Stay]:
+        """Take in a call that settled; return the stays of which no more is to be expected."""
+        chosen = self._chosen
+        if chosen is None:
+            return self._watcher.take(call)
+        if is_set_point(call) and not chosen(call):
+            return ()
+        return _with_points(self._watcher.take(call))
+
+    def finish(self) -> Sequence[Stay]:
+        """Return the stays that were not given out yet; the traffic has ended."""
+        stays = self._watcher.finish()
+        return stays if self._chosen is None else _with_points(stays)
+
+
+def _with_points(stays: Sequence[Stay]) -> Sequence[Stay]:
+    return [stay for stay in stays if stay.first is not None]
 
 
 def is_set_point(call: Exchange) -> bool:

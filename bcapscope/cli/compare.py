@@ -8,6 +8,7 @@ import click
 
 from bcapscope.analysis.comparison import MOST_STAYS, Side, compare
 from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.statistics import Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.cli import options
@@ -17,6 +18,9 @@ from bcapscope.cli.reading import Reading
 from bcapscope.render.comparison import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
 from bcapscope.traffic.exchange import Exchange, Settled
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter
+from bcapscope.traffic.getters import CALL_GETTERS
 from bcapscope.traffic.tracker import Tracker
 
 _path = click.Path(allow_dash=True)
@@ -27,20 +31,25 @@ _path = click.Path(allow_dash=True)
 @click.argument("bad", type=_path)
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@options.filter_option(RecordKind.CALL)
 @options.color
-def command(*, good: str, bad: str, ports: tuple[int, ...], as_json: bool, color: str) -> None:
+def command(
+    *, good: str, bad: str, ports: tuple[int, ...], as_json: bool, wanted: Filter | None, color: str
+) -> None:
     """Tell what differs between two captures, in the figures of stats and slave and the findings of diagnose.
 
     What two good runs would not differ by stands first. Calls of the same function and command are compared
-    with each other, all clients together; stays in slave mode in the order in which they began.
+    with each other, all clients together; stays in slave mode in the order in which they began. A filter
+    chooses calls in both, as it does for stats, slave and diagnose.
 
     Exit codes: as of decode, whichever capture was worse; 4 if either could not be read.
     """
     if good == bad == "-":
         raise click.UsageError("standard input can be only one of the two")
     readings = [Reading([path], ports) for path in (good, bad)]
-    first, second = (_side(path, reading) for path, reading in zip((good, bad), readings, strict=True))
-    for path, reading in zip((good, bad), readings, strict=True):
+    named = list(zip((good, bad), readings, strict=True))
+    first, second = (_side(path, reading, wanted) for path, reading in named)
+    for path, reading in named:
         narrate(f"{printable(path)}:")
         reading.summary()
     code = max(reading.exit for reading in readings)
@@ -54,15 +63,19 @@ def command(*, good: str, bad: str, ports: tuple[int, ...], as_json: bool, color
     sys.exit(code)
 
 
-def _side(path: str, reading: Reading) -> Side:
+def _side(path: str, reading: Reading, wanted: Filter | None) -> Side:
     """Read a capture to its end, once."""
     stays: list[Stay] = []
-    diagnosis, summary, tracker = Diagnosis(stays.append), Summary(), Tracker()
+    chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
+    diagnosis, watcher = Diagnosis(chosen), ChosenStays(chosen)
+    summary, tracker = Summary(), Tracker()
 
     def take(settled: Settled) -> None:
         diagnosis.take(settled)
         if isinstance(settled, Exchange):
-            summary.take(settled)
+            stays.extend(watcher.take(settled))
+            if chosen is None or chosen(settled):
+                summary.take(settled)
         del stays[MOST_STAYS:]
 
     for count, seen in enumerate(reading.observations()):
@@ -74,5 +87,6 @@ def _side(path: str, reading: Reading) -> Side:
     for settled in tracker.close():
         take(settled)
     findings = diagnosis.finish()
+    stays.extend(watcher.finish())
     first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]
     return Side(path, summary.statistics(), tuple(first), findings)

@@ -12,6 +12,9 @@ from bcapscope.cli import options
 from bcapscope.cli.output import palette
 from bcapscope.cli.reading import Reading
 from bcapscope.render.findings import FindingsRenderer, finding_record
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter
+from bcapscope.traffic.getters import CALL_GETTERS
 from bcapscope.traffic.tracker import Tracker
 
 _PIPE_WIDTH = 100
@@ -21,17 +24,23 @@ _PIPE_WIDTH = 100
 @options.paths
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a finding.")
+@options.filter_option(RecordKind.CALL)
 @options.color
-def command(*, paths: tuple[str, ...], ports: tuple[int, ...], as_json: bool, color: str) -> None:
+def command(
+    *, paths: tuple[str, ...], ports: tuple[int, ...], as_json: bool, wanted: Filter | None, color: str
+) -> None:
     """Look for what went wrong in captures, and tell the first cause first.
 
     A finding has: number, severity, rule, one sentence, the frames that prove it, what to do, and where the
     rule is from. Consequences stand under their cause. The rules are listed in the README.
 
+    A filter chooses calls: told is what concerns them and what that follows from. The rules see all calls
+    even so, as most of them reason about what came before, or never came.
+
     Exit codes: 0 all was read, whether or not something was found; else as of decode.
     """
     reading = Reading(paths, ports)
-    diagnosis = diagnose(reading)
+    diagnosis = _diagnose(reading, wanted)
     findings = diagnosis.finish()
     if as_json:
         records = (finding_record(number, finding) for number, finding in enumerate(findings, 1))
@@ -44,9 +53,10 @@ def command(*, paths: tuple[str, ...], ports: tuple[int, ...], as_json: bool, co
     sys.exit(reading.exit)
 
 
-def diagnose(reading: Reading) -> Diagnosis:
+def _diagnose(reading: Reading, wanted: Filter | None) -> Diagnosis:
     """Show a reading to all rules, to its end."""
-    diagnosis, tracker = Diagnosis(), Tracker()
+    chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
+    diagnosis, tracker = Diagnosis(chosen), Tracker()
     look, take, observe = diagnosis.take_observation, diagnosis.take, tracker.observe
     for count, seen in enumerate(reading.observations()):
         look(seen)

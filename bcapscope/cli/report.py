@@ -15,6 +15,9 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import NewFile, check_free, force
 from bcapscope.cli.output import narrate
 from bcapscope.cli.reading import STDIN, Reading
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter
+from bcapscope.traffic.getters import CALL_GETTERS
 from bcapscope.traffic.tracker import Tracker
 
 _INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscope[report]'"
@@ -31,12 +34,16 @@ _INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscop
     help="Where to, such as report.html; - is standard output.",
 )
 @options.ports
+@options.filter_option(RecordKind.CALL)
 @force
-def command(*, paths: tuple[str, ...], output: Path, ports: tuple[int, ...], force: bool) -> None:
+def command(
+    *, paths: tuple[str, ...], output: Path, ports: tuple[int, ...], wanted: Filter | None, force: bool
+) -> None:
     """Write what captures hold as one HTML page that needs no network and no other file.
 
     It has a summary, the findings of diagnose, a timeline, the pace of slave mode, how long calls took, and
     what was sent again, in words, tables and pictures. It takes plotly: pip install 'bcapscope[report]'.
+    A filter chooses calls, as it does for stats, slave and diagnose; the page says so.
 
     Exit codes: 0 the page was written; 2 the command line makes no sense; 3 a capture is damaged or breaks
     off, all before the damage is in the page; 4 nothing could be read; 5 there was no b-CAP, so there is no
@@ -53,12 +60,12 @@ def command(*, paths: tuple[str, ...], output: Path, ports: tuple[int, ...], for
     if not to_stdout:
         check_free(output, force)
     reading = Reading(paths, ports)
-    account = _account(reading)
+    account = _account(reading, wanted)
     reading.summary()
     if account is None:
         narrate("no b-CAP was seen, so there is no report")
         sys.exit(reading.exit or Exit.NOTHING)
-    page = report_page(account, _names(paths), __version__, _remarks(reading)).encode("utf-8")
+    page = report_page(account, _names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
     if to_stdout:
         sys.stdout.buffer.write(page)
         sys.stdout.buffer.flush()
@@ -69,8 +76,9 @@ def command(*, paths: tuple[str, ...], output: Path, ports: tuple[int, ...], for
     sys.exit(reading.exit)
 
 
-def _account(reading: Reading) -> Account | None:
-    accountant, tracker = Accountant(), Tracker()
+def _account(reading: Reading, wanted: Filter | None) -> Account | None:
+    accountant = Accountant(None if wanted is None else wanted.bind(CALL_GETTERS))
+    tracker = Tracker()
     for count, seen in enumerate(reading.observations()):
         accountant.take_observation(seen)
         for settled in tracker.observe(seen):
@@ -87,7 +95,11 @@ def _names(paths: Sequence[str]) -> list[str]:
     return ["standard input" if path == STDIN else Path(path).name for path in paths]
 
 
-def _remarks(reading: Reading) -> list[str]:
-    if reading.exit is Exit.OK:
-        return []
-    return ["Not all captures could be read to their end; this page tells what stands before the damage."]
+def _remarks(reading: Reading, wanted: Filter | None) -> list[str]:
+    remarks = []
+    if wanted is not None:
+        remarks.append(f"Only calls that fit this filter are told: {wanted.expression}")
+    if reading.exit is not Exit.OK:
+        told = "this page tells what stands before the damage"
+        remarks.append(f"Not all captures could be read to their end; {told}.")
+    return remarks

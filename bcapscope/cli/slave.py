@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import click
 
-from bcapscope.analysis.slave import SlaveWatcher, is_set_point
+from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.stay import Stay
 from bcapscope.cli import options
 from bcapscope.cli.calls import settle
@@ -61,11 +61,10 @@ def command(
 
 
 def _stays(settled: Iterable[Settled], window: int | None, wanted: Filter | None) -> Iterator[Stay]:
-    watcher = SlaveWatcher(window)
+    watcher = ChosenStays(None if wanted is None else wanted.bind(CALL_GETTERS), window)
     take = watcher.take
-    test = None if wanted is None else wanted.bind(CALL_GETTERS)
     for item in settled:
-        if isinstance(item, Exchange) and (test is None or not is_set_point(item) or test(item)):
+        if isinstance(item, Exchange):
             ended = take(item)
             if ended:
                 yield from ended
@@ -73,11 +72,10 @@ def _stays(settled: Iterable[Settled], window: int | None, wanted: Filter | None
 
 
 def _told(stays: Iterable[Stay], chosen: bool) -> Iterator[Stay]:
-    """Pass stays on, those with set points alone where these are chosen; tell if there is none."""
+    """Pass stays on; tell if there is none."""
     none = True
     for stay in stays:
-        if stay.first is not None or not chosen:
-            none = False
-            yield stay
+        none = False
+        yield stay
     if none:
         narrate("no set point fits the filter" if chosen else "no slave mode here")

@@ -74,6 +74,9 @@ class FindingsRenderer:
             f"{counted(seen.clients, 'client')}, "
             f"{span(seen.nanoseconds)}"
         )
+        if seen.chosen is not None:
+            size = f"what concerns {counted(seen.chosen, 'call')} that fit the filter, of {size}"
+            size = size.replace("fit ", "fits ", 1) if seen.chosen == 1 else size
         if counts[Severity.ERROR] or counts[Severity.WARNING]:
             return f"{', '.join(told)} in {size}"
         notes = f"; {told[0]}" if told else ""

@@ -9,11 +9,12 @@ import pytest
 from bcapscope.analysis.comparison import FEWEST, Comparison, Lone, Side, compare
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.slave import SlaveWatcher
 from bcapscope.analysis.statistics import Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.observer import Observer
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.tracker import Tracker
 from tests.analysis.exchanges import MOVE, READ, STOP, made
 
@@ -30,20 +31,23 @@ def side(calls: list[Exchange], *findings: Finding) -> Side:
 def read(name: str) -> Side:
     """Take account of a sample."""
     stays: list[Stay] = []
-    diagnosis, summary, tracker = Diagnosis(stays.append), Summary(), Tracker()
+    diagnosis, summary, tracker, watcher = Diagnosis(), Summary(), Tracker(), SlaveWatcher()
+
+    def take(settled: Settled) -> None:
+        diagnosis.take(settled)
+        if isinstance(settled, Exchange):
+            summary.take(settled)
+            stays.extend(watcher.take(settled))
+
     with open_capture(str(SAMPLES / name)) as capture:
         for seen in Observer().observe(capture):
             diagnosis.take_observation(seen)
             for settled in tracker.observe(seen):
-                diagnosis.take(settled)
-                if isinstance(settled, Exchange):
-                    summary.take(settled)
+                take(settled)
     for settled in tracker.close():
-        diagnosis.take(settled)
-        if isinstance(settled, Exchange):
-            summary.take(settled)
-    findings = diagnosis.finish()
-    return Side(name, summary.statistics(), tuple(stays), findings)
+        take(settled)
+    stays.extend(watcher.finish())
+    return Side(name, summary.statistics(), tuple(stays), diagnosis.finish())
 
 
 def run(count: int, latency: float = 1.0, pace: float = 8.0, retries: int = 0) -> list[Exchange]:

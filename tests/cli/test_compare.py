@@ -92,3 +92,14 @@ def test_colours_and_hostile_names() -> None:
     out = run("compare", CAPTURES / "malformed.pcapng", GOOD).out
     assert "\x1b" not in out
     assert "\\x1b[2J" in out
+
+
+def test_a_filter_chooses_calls_in_both() -> None:
+    (line,) = run("compare", GOOD, BAD, "--json", "-f", "command == slvMove").lines
+    record = json.loads(line)
+    assert (record["good"]["calls"], record["bad"]["calls"]) == (240, 33)
+    assert not record["only_good"]
+    assert not record["only_bad"]
+    (line,) = run("compare", GOOD, BAD, "--json", "-f", "command == Motor").lines
+    record = json.loads(line)
+    assert (record["bad"]["calls"], record["bad"]["stays"]) == (1, 0)

@@ -67,3 +67,16 @@ def test_no_capture_is_told_in_a_sentence(tmp_path: Path) -> None:
     assert done.lines == ["No b-CAP was seen."]
     assert "cannot be opened" in done.err
     assert run("diagnose").code == Exit.USAGE
+
+
+def test_a_filter_chooses_calls() -> None:
+    refused = run("diagnose", LOST, "--json", "-f", "hresult == 0x83500121").lines
+    assert [json.loads(line)["rule"] for line in refused][:3] == [
+        "set-point-gap",
+        "underflow",
+        "slvmove-outside-slave-mode",
+    ]
+    done = run("diagnose", LOST, "-f", "call == 5")
+    told = "No problem found in what concerns 1 call that fits the filter, of 70 frames, 35 calls, 1 client, "
+    assert [line[: len(told)] for line in done.lines] == [told]
+    assert run("diagnose", LOST, "-f", "laytency > 5ms").code == Exit.USAGE

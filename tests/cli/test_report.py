@@ -50,6 +50,13 @@ def test_several_captures_are_one_report() -> None:
     assert "<title>b-CAP report: slave-mode-lost.pcapng, retry-story.pcapng</title>" in page
 
 
+def test_a_filter_chooses_calls_and_the_page_says_so() -> None:
+    page = run("report", LOST, "-o", "-", "-f", 'function ~ "<b>|Service"').out
+    assert "Only calls that fit this filter are told: function ~ &quot;&lt;b&gt;|Service&quot;" in page
+    assert "slvmove-outside-slave-mode" not in page
+    assert "slvmove-outside-slave-mode" in run("report", LOST, "-o", "-", "-f", "command == slvMove").out
+
+
 def test_a_damaged_capture_is_told_on_the_page(tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes(LOST.read_bytes()[:5000])

@@ -60,6 +60,7 @@ class Incident:
         advice: what to do in this case; empty for what the rule says.
         count: how many times it stands for, where not all are listed one by one.
         cause: what it follows from, once that is known.
+        asked: whether it is to be told for itself; otherwise only as the cause of what is.
     """
 
     rule: Rule
@@ -75,6 +76,7 @@ class Incident:
     advice: str = ""
     count: int = 1
     cause: Incident | None = None
+    asked: bool = True
 
 
 Report: TypeAlias = Callable[[Incident], None]
