@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import gc
-import ipaddress
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable
-from types import FrameType
 
 import click
 
-from bcapscope.capture.recording import Address, Recording
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
-from bcapscope.render.service import report_line
-from bcapscope.simulator.conversation import Report
+from bcapscope.cli.serving import Log, Tap, reach, terminate
 from bcapscope.simulator.machine import Start
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.server import ListenError, Server, serve
-from bcapscope.simulator.simulator import Peer, Simulator
+from bcapscope.simulator.simulator import Simulator
 
 _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit; the first letter will do"
 
@@ -60,10 +56,10 @@ def command(*, profile: str, listen: str, port: int, record: str | None, quiet: 
 
     Exit codes: 0 it was ended; 4 the address cannot be listened on; 6 the capture cannot be written.
     """
-    log = _Log(not quiet)
+    log = Log(not quiet)
     start = Start(epoch=time.time_ns() - time.monotonic_ns())
     simulator = Simulator(PROFILES[profile], start, time.monotonic_ns(), log.take)
-    tap = _Tap(record) if record else None
+    tap = Tap(record) if record else None
     try:
         server = Server(simulator, listen, port, tap)
     except ListenError as error:
@@ -75,9 +71,9 @@ def command(*, profile: str, listen: str, port: int, record: str | None, quiet: 
     narrate(f"{log.calls} calls; {simulator.dropped} datagrams were no sound requests and were dropped")
 
 
-def _run(simulator: Simulator, server: Server, log: _Log) -> None:
+def _run(simulator: Simulator, server: Server, log: Log) -> None:
     keys = _Keys(_actions(simulator, server))
-    signal.signal(signal.SIGTERM, _terminate)
+    signal.signal(signal.SIGTERM, terminate)
     # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
     gc.collect()
     gc.freeze()
@@ -92,22 +88,7 @@ def _run(simulator: Simulator, server: Server, log: _Log) -> None:
 def _greeting(simulator: Simulator, server: Server) -> str:
     host, port = server.address
     profile = simulator.machine.profile
-    reach = "only this machine reaches it" if _is_loopback(host) else _warning(host)
-    return f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reach}\n{_HELP}"
-
-
-def _warning(host: str) -> str:
-    whole = ipaddress.ip_address(host).is_unspecified
-    whom = "every network of this machine" if whole else f"the network of {host}"
-    return f"everyone on {whom} reaches it"
-
-
-def _is_loopback(host: str) -> bool:
-    return ipaddress.ip_address(host.partition("%")[0]).is_loopback
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
+    return f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reach(host)}\n{_HELP}"
 
 
 def _quit() -> None:
@@ -161,70 +142,3 @@ def _can_be_read() -> bool:
         return not os.isatty(0) or os.tcgetpgrp(0) == os.getpgrp()
     except OSError:
         return False
-
-
-class _Tap:
-    """Writes the capture; when that fails, the simulator goes on without."""
-
-    def __init__(self, path: str) -> None:
-        try:
-            # Each packet is in the file at once, so that a kill loses none.
-            self._recording: Recording | None = Recording(open(path, "xb", buffering=0))  # noqa: SIM115 - close() ends it
-        except OSError as error:
-            narrate(f"{path} cannot be written: {error.strerror or error}")
-            sys.exit(Exit.UNWRITABLE)
-        self._path = path
-
-    def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Write a UDP datagram."""
-        if self._recording:
-            self._try(lambda recording: recording.datagram(source, target, data, time))
-
-    def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Write bytes of a TCP connection."""
-        if self._recording:
-            self._try(lambda recording: recording.segment(source, target, data, time))
-
-    def ended(self, client: Address, server: Address) -> None:
-        """Forget a TCP connection."""
-        if self._recording:
-            self._recording.ended(client, server)
-
-    def _try(self, write: Callable[[Recording], None]) -> None:
-        try:
-            if self._recording:
-                write(self._recording)
-        except OSError as error:
-            self._recording = None
-            narrate(f"{self._path} is not written any more: {error.strerror or error}")
-
-
-class _Log:
-    """Lines for stdout, written when there is time, at the latest after `_PATIENCE`."""
-
-    _PATIENCE = 20_000_000
-
-    def __init__(self, wanted: bool) -> None:
-        self.calls = 0
-        self._wanted = wanted
-        self._lines: list[str] = []
-        self._written = 0
-
-    def take(self, peer: Peer, report: Report) -> None:
-        """Note a call."""
-        self.calls += 1
-        if self._wanted:
-            self._lines.append(report_line(peer, report))
-
-    def idle(self) -> None:
-        """Write if the last time is long ago."""
-        if self._lines and time.monotonic_ns() - self._written > self._PATIENCE:
-            self.flush()
-
-    def flush(self) -> None:
-        """Write what there is."""
-        self._written = time.monotonic_ns()
-        if self._lines:
-            lines, self._lines = self._lines, []
-            sys.stdout.write("\n".join(lines) + "\n")
-            sys.stdout.flush()

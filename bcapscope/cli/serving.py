@@ -1,0 +1,97 @@
+"""What commands that listen for clients share: who can reach them, the log, the capture, the end."""
+
+from __future__ import annotations
+
+import ipaddress
+import sys
+import time
+from collections.abc import Callable
+from types import FrameType
+
+from bcapscope.capture.recording import Address, Recording
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate
+from bcapscope.render.service import report_line
+from bcapscope.simulator.conversation import Report
+from bcapscope.simulator.simulator import Peer
+
+
+def reach(host: str) -> str:
+    """Say in half a sentence who can reach what listens on an address."""
+    address = ipaddress.ip_address(host.partition("%")[0])
+    if address.is_loopback:
+        return "only this machine reaches it"
+    whom = "every network of this machine" if address.is_unspecified else f"the network of {host}"
+    return f"everyone on {whom} reaches it"
+
+
+def terminate(number: int, frame: FrameType | None) -> None:
+    """End as by Ctrl-C; a signal handler."""
+    raise KeyboardInterrupt
+
+
+class Tap:
+    """Writes a capture; when that fails, the command goes on without."""
+
+    def __init__(self, path: str) -> None:
+        try:
+            # Each packet is in the file at once, so that a kill loses none.
+            self._recording: Recording | None = Recording(open(path, "xb", buffering=0))  # noqa: SIM115 - close() ends it
+        except OSError as error:
+            narrate(f"{path} cannot be written: {error.strerror or error}")
+            sys.exit(Exit.UNWRITABLE)
+        self._path = path
+
+    def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Write a UDP datagram."""
+        if self._recording:
+            self._try(lambda recording: recording.datagram(source, target, data, time))
+
+    def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Write bytes of a TCP connection."""
+        if self._recording:
+            self._try(lambda recording: recording.segment(source, target, data, time))
+
+    def ended(self, client: Address, server: Address) -> None:
+        """Forget a TCP connection."""
+        if self._recording:
+            self._recording.ended(client, server)
+
+    def _try(self, write: Callable[[Recording], None]) -> None:
+        try:
+            if self._recording:
+                write(self._recording)
+        except OSError as error:
+            self._recording = None
+            narrate(f"{self._path} is not written any more: {error.strerror or error}")
+
+
+class Log:
+    """Lines for stdout, written when there is time, at the latest after `_PATIENCE`."""
+
+    _PATIENCE = 20_000_000
+
+    def __init__(self, wanted: bool) -> None:
+        self.calls = 0
+        self._wanted = wanted
+        self._lines: list[str] = []
+        self._written = 0
+
+    def take(self, peer: Peer, report: Report) -> None:
+        """Note a call."""
+        self.calls += 1
+        if self._wanted:
+            self._lines.append(report_line(peer, report))
+
+    def idle(self) -> None:
+        """Write if the last time is long ago."""
+        if self._lines and time.monotonic_ns() - self._written > self._PATIENCE:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what there is."""
+        self._written = time.monotonic_ns()
+        if self._lines:
+            lines, self._lines = self._lines, []
+            sys.stdout.write("\n".join(lines) + "\n")
+            sys.stdout.flush()
