@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Protocol, TypeAlias
 
 from bcapscope.errors import BcapError
-from bcapscope.simulator.simulator import Output, Simulator
+from bcapscope.simulator.simulator import Output, Peer
 
 LARGEST_DATAGRAM = 65535
 LARGEST_BACKLOG = 1 << 20
@@ -47,6 +47,18 @@ class Tap(Protocol):
         """Take notice of the end of a TCP connection."""
 
 
+class Answerer(Protocol):
+    """What says what to answer, such as a `Simulator`, whose methods these are."""
+
+    def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
+    def connect(self, peer: Peer, now: int) -> bool: ...
+    def segment(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
+    def disconnect(self, peer: Peer, now: int) -> None: ...
+    def reset(self, now: int) -> list[Output]: ...
+    def advance(self, now: int) -> list[Output]: ...
+    def due(self, now: int) -> int | None: ...
+
+
 class _Connection:
     """A TCP client: its socket and what could not be sent yet."""
 
@@ -66,7 +78,7 @@ class Server:
         address: host and port that it listens on.
     """
 
-    def __init__(self, simulator: Simulator, host: str, port: int, tap: Tap | None = None) -> None:
+    def __init__(self, simulator: Answerer, host: str, port: int, tap: Tap | None = None) -> None:
         """Listen on UDP and TCP.
 
         Args:
