@@ -1,0 +1,116 @@
+"""What an arm can do, axis by axis.
+
+No paper publishes the limits of all arms, so those of a real one come from the user. Where nothing is known,
+`FASTEST` holds: no arm of DENSO Wave turns or moves as fast as that, so a step beyond it is a fault of the
+file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf, isfinite
+from typing import TypeAlias
+
+from bcapscope.protocol.poses import AXES
+from bcapscope.protocol.slavemode import PoseType
+from bcapscope.simulator.kinematics import LIMITS, AxisLimit, joints_of
+
+ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
+
+FASTEST = {"deg": 1500.0, "mm": 15_000.0}
+"""A second, by the unit of the axis."""
+
+_NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
+_NOTHING = AxisLimit(-inf, inf, inf, inf)
+_LIMIT = re.compile(
+    r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
+)
+_EXAMPLES = "J1=-170..170, J1.speed=300 and J1..J3.acceleration=6000"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of one arm.
+
+    Attributes:
+        whose: in words.
+        axes: by name (`J1`, `X`, ...): lowest, highest, speed a second, acceleration a second squared, in the
+            unit of the axis; infinite where it is not known. An axis may be missing.
+        to_joints: computes the joints of a pose of P or T type, so that limits of joints hold for it too;
+            raises for what the arm does not reach. None where nobody knows.
+    """
+
+    whose: str
+    axes: Mapping[str, AxisLimit] = field(default_factory=dict)
+    to_joints: ToJoints | None = None
+
+    def of(self, name: str, unit: str) -> AxisLimit:
+        """Return the limits of an axis; where its speed is not known, `FASTEST`."""
+        known = self.axes.get(name, _NOTHING)
+        return known if known.speed < inf else known._replace(speed=FASTEST.get(unit, inf))
+
+    def knows(self, name: str) -> bool:
+        """Tell whether anything is known of an axis."""
+        return name in self.axes
+
+
+UNKNOWN = Limits("an arm of which nothing is known")
+
+
+def simulator_limits() -> Limits:
+    """Return the limits of the simulated arm."""
+    names = (axis.name for axis in AXES[PoseType.J])
+    return Limits("the simulated arm", dict(zip(names, LIMITS, strict=False)), joints_of)
+
+
+def limited(limits: Limits, texts: Sequence[str]) -> Limits:
+    """Set limits as a user writes them.
+
+    Args:
+        limits: what is known so far.
+        texts: each `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
+            seconds; AXES is a name such as `J1` or `X`, or a row of them such as `J1..J3`.
+
+    Raises:
+        ValueError: one of the texts makes no sense.
+    """
+    axes = dict(limits.axes)
+    for text in texts:
+        found = _LIMIT.fullmatch(text)
+        if not found:
+            raise ValueError(f"{text!r} is no limit, {_EXAMPLES} are")
+        change = _change(text, found["what"], found["value"])
+        for name in _row(text, found["first"], found["last"] or found["first"]):
+            axes[name] = axes.get(name, _NOTHING)._replace(**change)
+    return replace(limits, axes=axes)
+
+
+def _change(text: str, what: str | None, value: str) -> dict[str, float]:
+    low, dots, high = value.partition("..")
+    try:
+        numbers = [float(low), float(high)] if dots else [float(low)]
+    except ValueError:
+        numbers = []
+    if not all(isfinite(number) for number in numbers) or len(numbers) != (1 if what else 2):
+        raise ValueError(f"{text!r}: {value!r} is no {'number' if what else 'range'}, {_EXAMPLES} are limits")
+    if what:
+        if numbers[0] <= 0:
+            raise ValueError(f"{text!r}: {what} has to be above 0")
+        return {what: numbers[0]}
+    if numbers[0] >= numbers[1]:
+        raise ValueError(f"{text!r}: {low} is not below {high}")
+    return {"low": numbers[0], "high": numbers[1]}
+
+
+def _row(text: str, first: str, last: str) -> tuple[str, ...]:
+    """Return the names from one to another, in any case of letters."""
+    names = [name.casefold() for name in _NAMES]
+    try:
+        start, stop = names.index(first.casefold()), names.index(last.casefold())
+    except ValueError:
+        raise ValueError(f"{text!r}: axes are {', '.join(_NAMES)}") from None
+    if stop < start:
+        raise ValueError(f"{text!r}: {last} does not come after {first}")
+    return _NAMES[start : stop + 1]

@@ -1,0 +1,149 @@
+"""Other times for the same way: another period, another speed, rest at both ends, a stop anywhere.
+
+The way is the `Curve` through the set points. What changes is how fast it is run through: the rate grows from
+0 and shrinks to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivative vanish at both ends.
+So position, speed and acceleration stay continuous, and both ends are at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import ceil, inf, isfinite
+
+import numpy as np
+
+from bcapscope.player.curve import Array, Curve
+from bcapscope.player.limits import UNKNOWN, Limits
+from bcapscope.player.motion import excess
+from bcapscope.player.trajectory import MOST_POINTS, Trajectory, TrajectoryError
+from bcapscope.protocol.poses import Axis
+
+RAMP = 0.25
+"""Seconds that a start or a stop takes unless told otherwise."""
+
+_QUICKEST, _SLOWEST, _LONGER = 0.1, 2.0, 1.5  # seconds of a stop at least and at most, and from try to try
+_UNKNOWN = 0.5  # seconds of a stop at least, where no acceleration is known
+_WHOLE = 1e-9  # share of a cycle that rounding may add to a count of cycles
+
+
+def resample(trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = RAMP) -> Trajectory:
+    """Run through a trajectory with other times.
+
+    Args:
+        trajectory: finite; with a period, or with times that grow, or neither, which counts as `period`.
+        period: seconds between the set points of the result.
+        speed: share of the speed; above 0.
+        ramp: seconds of the start and of the stop; 0 where the trajectory begins and ends at rest anyway.
+
+    Returns:
+        A trajectory that begins and ends in the same points, without times; nowhere is it run through faster
+        than at `speed`.
+
+    Raises:
+        TrajectoryError: a number is not finite, times do not grow, or there would be too many set points.
+        ValueError: period, speed or ramp make no sense.
+    """
+    if not (
+        isfinite(period) and period > 0 and isfinite(speed) and speed > 0 and isfinite(ramp) and ramp >= 0
+    ):
+        raise ValueError(f"period {period:g} s, speed {speed:g}, ramp {ramp:g} s: numbers above 0 are needed")
+    bad = np.flatnonzero(~np.isfinite(trajectory.points).all(axis=1))
+    if len(bad):
+        raise TrajectoryError(f"set point {bad[0] + 1} is not finite")
+    knots = _knots(trajectory, period)
+    way = _Way(float(knots[-1]), period, speed, ramp)
+    if len(trajectory) == 1:
+        return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
+    points = Curve(trajectory.kind, knots, trajectory.points).at(way.places())
+    points[0], points[-1] = trajectory.points[0], trajectory.points[-1]
+    told = (
+        f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {way.ramp:.3g} s to start and stop",
+    )
+    source = replace(trajectory.source, notes=trajectory.source.notes + told)
+    return Trajectory(trajectory.kind, points, source, period)
+
+
+def stop_after(
+    trajectory: Trajectory, row: int, period: float, limits: Limits = UNKNOWN, *, loop: bool = False
+) -> Array:
+    """Come to rest on the way.
+
+    The stop is the shortest between 0.1 s and 2 s that keeps within the limits, or where the trajectory
+    itself exceeds them, that accelerates no more than it does there; where no acceleration is known, 0.5 s.
+
+    Args:
+        trajectory: whose points follow each other each `period`.
+        row: of the point that was sent last, counted from 0.
+        period: seconds.
+        limits: of the arm.
+        loop: the first point follows the last.
+
+    Returns:
+        The set points to send next, one row each; the last one is where everything rests. Where the
+        trajectory ends sooner than a stop takes, these are the rest of its points; () rows after the last.
+    """
+    ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
+    longest = min(ceil(_SLOWEST / period), 2 * ahead)
+    bounded = all(limits.of(axis.name, axis.unit).acceleration < inf for axis in _turning(trajectory))
+    cycles = max(ceil((_QUICKEST if bounded else _UNKNOWN) / period), 2)
+    if longest < cycles:
+        return trajectory.points[row + 1 :]
+    window = np.arange(row - 2, row + 2 + (longest + 1) // 2)
+    places = window % len(trajectory) if loop else np.clip(window, 0, len(trajectory) - 1)
+    near = trajectory.points[places]
+    curve = Curve(trajectory.kind, np.arange(len(near), dtype=np.float64), near)
+    allowed = max(1.0, excess(trajectory.kind, near, period, limits))
+    while True:
+        part = np.linspace(1 / cycles, 1, cycles)
+        points = curve.at(2 + cycles * (part - _gained(part)))
+        whole = np.vstack((near[:3], points, points[-1:]))
+        if cycles == longest or excess(trajectory.kind, whole, period, limits) <= allowed:
+            return points
+        cycles = min(ceil(cycles * _LONGER), longest)
+
+
+def _turning(trajectory: Trajectory) -> list[Axis]:
+    """List the axes that move at all."""
+    span = np.ptp(trajectory.points, axis=0)
+    return [axis for axis, width in zip(trajectory.axes, span, strict=True) if width > 0 and axis.unit]
+
+
+class _Way:
+    """How far along its curve a trajectory is at each cycle."""
+
+    def __init__(self, end: float, period: float, speed: float, ramp: float) -> None:
+        time = end / speed
+        if not time / period < MOST_POINTS - ramp / period - 2:
+            raise TrajectoryError(f"{time:.3g} s in steps of {period:.3g} s are too many set points")
+        self.ramp = min(ramp, time)
+        self._cycles = ceil((time + self.ramp) / period - _WHOLE)
+        self._period = period
+        self._end = end
+
+    def places(self) -> Array:
+        """Return the parameter of the curve at each cycle, 0 first."""
+        times = np.arange(self._cycles + 1, dtype=np.float64) * self._period
+        total = float(times[-1])
+        rate = self._end / (total - self.ramp) if self._end else 0.0
+        if not self.ramp:
+            return np.asarray(rate * times)
+        begun = _gained(np.minimum(times / self.ramp, 1.0)) + np.maximum(times / self.ramp - 1.0, 0.0)
+        ending = np.minimum((total - times) / self.ramp, 1.0)
+        lost = 0.5 - ending + _gained(ending)
+        return np.asarray(rate * self.ramp * (begun - lost))
+
+
+def _knots(trajectory: Trajectory, period: float) -> Array:
+    if trajectory.period is not None or trajectory.times is None:
+        return np.arange(len(trajectory), dtype=np.float64) * (trajectory.period or period)
+    knots: Array = trajectory.times - trajectory.times[0]
+    bad = np.flatnonzero(~(np.diff(knots) > 0) | ~np.isfinite(knots[1:]))
+    if len(bad):
+        raise TrajectoryError(f"the time of set point {bad[0] + 2} is not later than that of the one before")
+    return knots
+
+
+def _gained(part: Array) -> Array:
+    """Return the integral of the rate from rest to full, 0 at 0, 0.5 at 1."""
+    gained: Array = part**4 * (2.5 - part * (3.0 - part))
+    return gained
