@@ -1,0 +1,1 @@
+"""The screen in the terminal: it shows what capture, traffic, analysis and render give."""

@@ -1,0 +1,181 @@
+"""The application: its screens, colours, settings, and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast
+
+from rich.style import Style
+from rich.text import Text
+from textual.app import App
+from textual.binding import Binding, BindingType
+from textual.dom import DOMNode
+from textual.reactive import reactive
+
+from bcapscope.tui.ink import Styles
+from bcapscope.tui.settings import default_path, load, save
+from bcapscope.tui.themes import THEMES, styles_of
+from bcapscope.tui.words import Language, say, speak
+
+if TYPE_CHECKING:
+    from bcapscope.tui.screens.place import Place
+
+CLOSING_LIMIT = 10.0
+"""Seconds that all that is to be let go of may take; then the screen closes anyway."""
+
+Closer = Callable[[], Awaitable[None]]
+
+
+class Spot(NamedTuple):
+    """A screen that one can go to.
+
+    Attributes:
+        mode: its name for the program.
+        key: that goes there.
+        name: key of its name in the catalogue of words.
+        make: makes it when it is first gone to.
+    """
+
+    mode: str
+    key: str
+    name: str
+    make: Callable[[], Place]
+
+
+class Scope(App[None]):
+    """The screen.
+
+    Attributes:
+        settings: what the user chose; `keep` writes it.
+        status: what stands at the right of the bar at all times.
+        inks: the styles of rendered lines under the theme.
+    """
+
+    CSS_PATH = "bcapscope.tcss"
+    TITLE = "bcapscope"
+    ENABLE_COMMAND_PALETTE = False
+    """Textual's own offers what is Textual's; ours knows every action, see `Place`."""
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("ctrl+q", "quit", "shell.quit", id="quit", priority=True, tooltip="shell.quit.tip"),
+        Binding(
+            "ctrl+t", "next_theme", "shell.next_theme", id="theme", show=False, tooltip="shell.theme.tip"
+        ),
+    ]
+    status: reactive[Text] = reactive(Text, init=False)
+
+    def __init__(
+        self, spots: Sequence[Spot], settings_path: Path | None = None, language: Language | None = None
+    ) -> None:
+        """Take the screens, the first of them shown first.
+
+        Args:
+            spots: where one can go.
+            settings_path: where settings are kept; in the platform's place unless given.
+            language: of the labels, instead of what the settings or the environment say.
+        """
+        super().__init__()
+        self.spots = tuple(spots)
+        self._settings_path = settings_path or default_path()
+        self.settings, self._trouble = load(self._settings_path)
+        if language is None and self.settings.language in tuple(Language):
+            language = Language(self.settings.language)
+        if language is not None:
+            speak(language)
+        self._closers: list[Closer] = []
+        self._is_ending = False
+        for theme in THEMES:
+            self.register_theme(theme)
+        self.inks: Styles = {}
+        self._take_theme(self.settings.theme)
+        for spot in self.spots:
+            self.add_mode(spot.mode, spot.make)
+            self.bind(spot.key, f"switch_mode('{spot.mode}')", description=spot.name, show=False)
+
+    def _take_theme(self, name: str) -> None:
+        names = [theme.name for theme in THEMES]
+        self.theme = name if name in names else names[0]
+
+    def _watch_theme(self, theme_name: str) -> None:
+        super()._watch_theme(theme_name)
+        inks = styles_of(self.current_theme)
+        if self.no_color:
+            inks = {name: Style(bold=style.bold) for name, style in inks.items()} | {
+                "lit": Style(reverse=True)
+            }
+        self.inks = inks
+
+    async def on_mount(self) -> None:
+        """Listen to signals, go to the first screen, tell what was wrong with the settings."""
+        self._listen()
+        await self.switch_mode(self.spots[0].mode)
+        if self._trouble:
+            text = say("shell.settings.broken", path=self._settings_path, reason=self._trouble)
+            self.tell(text, "warning")
+
+    def _listen(self) -> None:
+        """Close in order when the terminal is closed or the program is asked to end."""
+        if sys.platform == "win32":
+            return
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGHUP, signal.SIGTERM):
+            loop.add_signal_handler(number, self._asked_to_end)
+
+    def _asked_to_end(self) -> None:
+        self.run_worker(self.action_quit(), exclusive=False)
+
+    def at_close(self, closer: Closer) -> None:
+        """Have something done before the screen closes, however it is closed; the last is done first."""
+        self._closers.append(closer)
+
+    async def action_quit(self) -> None:
+        """Let go of everything, then close."""
+        if self._is_ending:
+            return
+        self._is_ending = True
+        try:
+            async with asyncio.timeout(CLOSING_LIMIT):
+                while self._closers:
+                    await self._closers.pop()()
+        except TimeoutError:
+            pass
+        finally:
+            self.exit()
+
+    def keep(self) -> None:
+        """Write the settings; tell if that is not possible."""
+        try:
+            save(self.settings, self._settings_path)
+        except OSError as error:
+            text = say("shell.settings.unwritable", path=self._settings_path, reason=error.strerror or error)
+            self.tell(text, "warning")
+
+    def tell(self, text: str, severity: str = "information") -> None:
+        """Show a message for a while; `text` is never taken for markup."""
+        kind = severity if severity in ("warning", "error") else "information"
+        self.notify(text, severity=kind, markup=False)  # type: ignore[arg-type]  # it is one of the three
+
+    def action_next_theme(self) -> None:
+        """Go on to the next theme."""
+        names = [theme.name for theme in THEMES]
+        self.action_theme(names[(names.index(self.theme) + 1) % len(names)])
+
+    def action_theme(self, name: str) -> None:
+        """Choose a theme and remember it."""
+        self._take_theme(name)
+        self.settings.theme = self.theme
+        self.keep()
+
+    def action_language(self, name: str) -> None:
+        """Remember the language, for the next start: what is shown was made in the present one."""
+        self.settings.language = name
+        self.keep()
+        self.tell(say("shell.language.next"))
+
+
+def scope_of(node: DOMNode) -> Scope:
+    """Return the application that a widget is shown by."""
+    return cast(Scope, node.app)

@@ -1,0 +1,64 @@
+"""What every screen has: the bar above, the keys below, help, the list of commands, and a name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.command import CommandPalette
+from textual.screen import Screen
+
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.screens.help import HelpScreen
+from bcapscope.tui.screens.palette import Commands, all_commands
+from bcapscope.tui.widgets.keybar import KeyBar
+from bcapscope.tui.widgets.topbar import TopBar
+from bcapscope.tui.words import say
+
+
+class Place(Screen[None]):
+    """A screen that one can go to; its content is what `content` yields.
+
+    Attributes:
+        NAME: key of its name in the catalogue of words.
+        ABOUT: key of what is said of it under F1.
+    """
+
+    NAME: ClassVar[str]
+    ABOUT: ClassVar[str]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f1", "help", "shell.help", id="help", tooltip="shell.help.tip"),
+        Binding("ctrl+p", "palette", "shell.palette", id="palette", tooltip="shell.palette.tip"),
+        Binding("tab", "app.focus_next", "shell.next", id="next", show=False),
+        Binding("shift+tab", "app.focus_previous", "shell.previous", id="previous", show=False),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """Put the content between the two bars."""
+        yield TopBar()
+        yield from self.content()
+        yield KeyBar()
+
+    def content(self) -> ComposeResult:
+        """Yield the widgets of the screen."""
+        raise NotImplementedError
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Yield what the list of commands has beyond the keys: a name, an explanation, an action."""
+        yield from ()
+
+    async def action_palette(self) -> None:
+        """Open the list of commands."""
+        palette = CommandPalette(providers=[Commands], placeholder=say("shell.palette.hint"))
+        await self.app.push_screen(palette)
+
+    async def action_help(self) -> None:
+        """Tell what this screen is, and all of its keys."""
+        keys = [
+            (command.key, command.name, command.tip)
+            for command in all_commands(self, scope_of(self))
+            if command.key
+        ]
+        await self.app.push_screen(HelpScreen(say(self.NAME), say(self.ABOUT), keys))

@@ -1,0 +1,108 @@
+"""Three themes: light, dark, and one whose colours people with any colour vision tell apart.
+
+The colours of the last are those of Okabe and Ito 2008, "Color Universal Design"; success and failure are
+blue and orange in it, and nothing is told by a colour alone in any of them.
+"""
+
+from __future__ import annotations
+
+from rich.style import Style
+from textual.theme import Theme
+
+from bcapscope.tui.ink import Styles
+
+_INKS = ("number", "name", "hex", "problem", "good", "bad", "dim")
+
+
+def _inks(*colors: str) -> dict[str, str]:
+    """Name the colours of rendered lines, in the order of `_INKS`."""
+    return {f"ink-{key}": value for key, value in zip(_INKS, colors, strict=True)}
+
+
+THEMES = (
+    Theme(
+        name="dark",
+        primary="#5fafd7",
+        secondary="#87afaf",
+        accent="#ffaf5f",
+        success="#87d787",
+        warning="#ffd75f",
+        error="#ff6f6f",
+        foreground="#d7dce2",
+        background="#14181d",
+        surface="#1a1f26",
+        panel="#242b34",
+        dark=True,
+        variables={
+            **_inks("#87d7ff", "#ffffff", "#9fb4cc", "#ff8f6f", "#87d787", "#ff6f6f", "#7c8896"),
+            "ink-lit": "#14181d on #ffd75f",
+            "border": "#3b4654",
+            "block-cursor-background": "#2f5d7e",
+            "block-cursor-foreground": "#ffffff",
+            "block-cursor-text-style": "none",
+            "block-cursor-blurred-background": "#2a323c",
+            "block-cursor-blurred-foreground": "#d7dce2",
+        },
+    ),
+    Theme(
+        name="light",
+        primary="#005f87",
+        secondary="#48696f",
+        accent="#af5f00",
+        success="#1f7a1f",
+        warning="#8a6100",
+        error="#b00020",
+        foreground="#1c2127",
+        background="#fbfbf9",
+        surface="#f3f3ef",
+        panel="#e6e7e2",
+        dark=False,
+        variables={
+            **_inks("#00507a", "#000000", "#3d4f66", "#a03800", "#1f7a1f", "#b00020", "#6a7178"),
+            "ink-lit": "#000000 on #ffd24d",
+            "border": "#b9bdb5",
+            "block-cursor-background": "#bfdcec",
+            "block-cursor-foreground": "#000000",
+            "block-cursor-text-style": "none",
+            "block-cursor-blurred-background": "#e0e4e0",
+            "block-cursor-blurred-foreground": "#1c2127",
+        },
+    ),
+    Theme(
+        name="safe",
+        primary="#56b4e9",
+        secondary="#009e73",
+        accent="#f0e442",
+        success="#56b4e9",
+        warning="#f0e442",
+        error="#e69f00",
+        foreground="#e8e8e8",
+        background="#101010",
+        surface="#181818",
+        panel="#262626",
+        dark=True,
+        variables={
+            **_inks("#a8d8f0", "#ffffff", "#b8b8b8", "#f0e442", "#56b4e9", "#e69f00", "#8c8c8c"),
+            "ink-lit": "#000000 on #f0e442",
+            "border": "#484848",
+            "block-cursor-background": "#0072b2",
+            "block-cursor-foreground": "#ffffff",
+            "block-cursor-text-style": "none",
+            "block-cursor-blurred-background": "#303030",
+            "block-cursor-blurred-foreground": "#e8e8e8",
+        },
+    ),
+)
+
+_BOLD = frozenset({"name", "problem", "bad"})
+
+
+def styles_of(theme: Theme) -> Styles:
+    """Return the styles of rendered lines under a theme."""
+    prefix = "ink-"
+    found = {
+        key.removeprefix(prefix): Style.parse(value)
+        for key, value in theme.variables.items()
+        if key.startswith(prefix)
+    }
+    return {key: style + Style(bold=True) if key in _BOLD else style for key, style in found.items()}

@@ -1,0 +1,1 @@
+"""A module for each widget; a widget posts messages and never reaches into another."""

@@ -1,0 +1,43 @@
+"""Words of the frame around all screens: bar, footer, palette, help, settings."""
+
+WORDS: dict[str, tuple[str, str]] = {
+    "shell.quit": ("Quit", "終了"),
+    "shell.quit.tip": (
+        "Stop what runs, let go of everything and close",
+        "動作を止め、すべて解放して終了します",
+    ),
+    "shell.help": ("Help", "ヘルプ"),
+    "shell.help.tip": ("What this screen is and all of its keys", "この画面の説明とキー一覧"),
+    "shell.palette": ("Commands", "コマンド"),
+    "shell.palette.tip": ("Find any action by its name", "名前から操作を探します"),
+    "shell.palette.hint": ("Type a part of what you want to do", "したい操作の一部を入力"),
+    "shell.theme": ("Theme: {name}", "テーマ: {name}"),
+    "shell.theme.tip": ("Change the colours", "配色を変えます"),
+    "shell.theme.light": ("light", "ライト"),
+    "shell.theme.dark": ("dark", "ダーク"),
+    "shell.theme.safe": ("colour-blind-safe", "色覚対応"),
+    "shell.next_theme": ("Next theme", "次のテーマ"),
+    "shell.language": ("Language: {name}", "言語: {name}"),
+    "shell.language.tip": ("Change the language of the labels", "表示言語を変えます"),
+    "shell.language.next": ("From the next start on.", "次回の起動から有効です。"),
+    "shell.language.en": ("English", "英語"),
+    "shell.language.ja": ("Japanese", "日本語"),
+    "shell.language.auto": ("as the environment (LANG) says", "環境変数 LANG に従う"),
+    "shell.screen": ("Screen: {name}", "画面: {name}"),
+    "shell.screen.tip": ("Go to this screen", "この画面へ移動"),
+    "shell.close": ("Close", "閉じる"),
+    "shell.close.tip": ("Back to the screen", "元の画面へ戻る"),
+    "shell.next": ("Next field", "次の項目"),
+    "shell.previous": ("Previous field", "前の項目"),
+    "shell.keys": ("Keys", "キー"),
+    "shell.help.title": ("Help: {name}", "ヘルプ: {name}"),
+    "shell.settings.broken": (
+        "The settings in {path} cannot be read, defaults are used: {reason}",
+        "{path} の設定を読めないため既定値を使います: {reason}",
+    ),
+    "shell.settings.unwritable": (
+        "The settings cannot be written to {path}: {reason}",
+        "設定を {path} に書き込めません: {reason}",
+    ),
+    "shell.small": ("too small, 60 × 16 is the least", "小さすぎます (最小 60 × 16)"),
+}
