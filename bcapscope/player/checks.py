@@ -1,0 +1,169 @@
+"""Checks of what a trajectory is: its numbers, its kind, its times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.speech import counted
+from bcapscope.player.curve import FIG
+from bcapscope.player.finding import Case, Finding, numbered, span_text
+from bcapscope.protocol.poses import AXES
+from bcapscope.protocol.slavemode import PoseType
+
+SAME_INTERVAL = 0.01
+"""Share by which intervals may differ and still count as the same."""
+
+GAP = 1.5
+"""Intervals beyond which something is missing."""
+
+_RADIANS, _METRES = 6.3, 2.0  # below which numbers look as if they counted these
+_UNIT = 0.01  # by which the length of a direction may differ from 1
+_FEW_SPANS = 3  # intervals that a sentence names
+
+RESAMPLE = "resample it, which also gives it a smooth start and stop"
+
+
+def finite(case: Case) -> Iterator[Finding]:
+    """Look for what is no number."""
+    points, count = numbered(~np.isfinite(case.trajectory.points).all(axis=1))
+    if count:
+        sentence = f"{counted(count, 'set point')} of {len(case.trajectory)} hold NaN or an infinite number"
+        yield Finding("not-finite", Severity.ERROR, sentence, "put the file right", points, count)
+
+
+def mode(case: Case) -> Iterator[Finding]:
+    """Compare the kind of the set points with the slave mode's."""
+    mode_, kind = case.mode, case.trajectory.kind
+    if mode_ is None or mode_.pose_type is kind:
+        return
+    fitting = mode_.value & ~0xF | {PoseType.P: 1, PoseType.J: 2, PoseType.T: 3}[kind]
+    told = f"takes {mode_.pose_type} type" if mode_.pose_type else "is off"
+    sentence = f"slave mode 0x{mode_.value:03X} {told}, the set points are of {kind} type"
+    yield Finding("mode", Severity.ERROR, sentence, f"choose mode 0x{fitting:03X}")
+
+
+def axes(case: Case) -> Iterator[Finding]:
+    """Compare the axes with those of the robot, and tell which are not in the file."""
+    trajectory = case.trajectory
+    missing = [axis.name for axis in AXES[trajectory.kind][len(trajectory.axes) :]]
+    if trajectory.kind is PoseType.J and case.axis_count is not None:
+        moved = [
+            axis.name
+            for place, axis in enumerate(trajectory.axes)
+            if place >= case.axis_count and trajectory.points[:, place].any()
+        ]
+        if moved:
+            sentence = (
+                f"the robot has {counted(case.axis_count, 'axis', 'axes')}, the file moves {_and(moved)}"
+            )
+            yield Finding("axes", Severity.ERROR, sentence, "make sure that the file is for this robot")
+        missing = missing[: max(case.axis_count - len(trajectory.axes), 0)]
+    if missing:
+        kept = "keeps what the robot has now" if len(missing) == 1 else "keep what the robot has now"
+        yield Finding("axes", Severity.NOTE, f"{_and(missing)}, not in the file, {kept}")
+
+
+def fig(case: Case) -> Iterator[Finding]:
+    """Look at the posture."""
+    trajectory, column = case.trajectory, FIG.get(case.trajectory.kind)
+    if column is None or column >= len(trajectory.axes):
+        return
+    values = trajectory.points[:, column]
+    points, count = numbered(np.diff(values) != 0, 2)
+    if count:
+        sentence = f"Fig changes {counted(count, 'time')}, first from {values[points[0] - 2]:g} to "
+        sentence += f"{values[points[0] - 1]:g}: the arm cannot change its posture from one point to the next"
+        advice = "play the parts one by one, or as joints"
+        yield Finding("fig", Severity.WARNING, sentence, advice, points, count)
+    points, count = numbered(values != np.round(values))
+    if count:
+        sentence = f"Fig is no whole number in {counted(count, 'set point')}"
+        yield Finding("fig", Severity.ERROR, sentence, "check which column is Fig", points, count)
+    if case.present is not None and len(case.present) > column and case.present[column] != values[0]:
+        sentence = f"the first point has Fig {values[0]:g}, the robot has {case.present[column]:g} now"
+        yield Finding("fig", Severity.WARNING, sentence, "bring the arm into that posture first")
+
+
+def directions(case: Case) -> Iterator[Finding]:
+    """Check that the vectors of T type are directions."""
+    if case.trajectory.kind is not PoseType.T:
+        return
+    orientation, approach = case.trajectory.points[:, 3:6], case.trajectory.points[:, 6:9]
+    wrong = np.abs(np.linalg.norm(orientation, axis=1) - 1) > _UNIT
+    wrong |= np.abs(np.linalg.norm(approach, axis=1) - 1) > _UNIT
+    wrong |= np.abs((orientation * approach).sum(axis=1)) > _UNIT
+    points, count = numbered(wrong)
+    if count:
+        sentence = (
+            f"orientation and approach are no unit vectors at a right angle in {counted(count, 'set point')}"
+        )
+        yield Finding("directions", Severity.ERROR, sentence, "check the columns", points, count)
+
+
+def interval(case: Case) -> Iterator[Finding]:
+    """Compare the times with those of slvMove."""
+    trajectory = case.trajectory
+    if trajectory.period is not None:
+        yield from _period(trajectory.period, case.period)
+    elif trajectory.times is None:
+        sentence = f"the file does not tell the interval, {span_text(case.period)} is assumed"
+        yield Finding("interval", Severity.WARNING, sentence, "give the interval if it is another")
+    elif len(trajectory) > 1:
+        yield from _times(case, np.diff(trajectory.times))
+
+
+def _period(found: float, wanted: float) -> Iterator[Finding]:
+    if abs(found - wanted) <= SAME_INTERVAL * wanted:
+        return
+    sentence = (
+        f"the set points are {span_text(found)} apart and slvMove goes each {span_text(wanted)}, which "
+    )
+    sentence += f"would move the robot at {found / wanted:.3g} times the speed"
+    yield Finding("interval", Severity.ERROR, sentence, RESAMPLE)
+
+
+def _times(case: Case, steps: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Iterator[Finding]:
+    points, count = numbered(~(steps > 0), 2)
+    if count:
+        sentence = f"the time of {counted(count, 'set point')} is not later than that of the one before"
+        yield Finding("time-order", Severity.ERROR, sentence, "put the file right", points, count)
+        return
+    usual = float(np.median(steps))
+    points, count = numbered(steps > GAP * usual, 2)
+    if count:
+        worst = float(steps.max())
+        sentence = f"{counted(count, 'gap')} in the times, the longest of {span_text(worst)} where "
+        sentence += f"{span_text(usual)} are usual"
+        advice = "make sure that nothing is missing there: resampling draws a smooth curve across"
+        yield Finding("gap", Severity.WARNING, sentence, advice, points, count)
+    uneven = float(np.abs(steps - usual).max()) > SAME_INTERVAL * usual
+    if uneven:
+        sentence = f"the times are {span_text(float(steps.min()))} to {span_text(float(steps.max()))} apart "
+        sentence += f"and slvMove goes each {span_text(case.period)}"
+        yield Finding("interval", Severity.ERROR, sentence, RESAMPLE)
+    else:
+        yield from _period(usual, case.period)
+
+
+def units(case: Case) -> Iterator[Finding]:
+    """Look for numbers that seem to count something else."""
+    trajectory = case.trajectory
+    places = slice(0, 3) if trajectory.kind is not PoseType.J else slice(0, 8)
+    given = {column.unit for column in trajectory.source.columns[places]}
+    rows = trajectory.points[:, places]
+    if given & {"rad", "m"} or not np.ptp(rows, axis=0).any():
+        return
+    largest = float(np.abs(rows).max())
+    if trajectory.kind is PoseType.J and largest < _RADIANS:
+        sentence = f"no joint goes beyond {largest:.3g}: these may be radians, and are taken as degrees"
+        yield Finding("units", Severity.WARNING, sentence, "tell the unit if it is another")
+    if trajectory.kind is not PoseType.J and largest < _METRES:
+        sentence = f"X, Y and Z stay below {largest:.3g}: these may be metres, and are taken as mm"
+        yield Finding("units", Severity.WARNING, sentence, "tell the unit if it is another")
+
+
+def _and(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

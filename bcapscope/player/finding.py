@@ -1,0 +1,77 @@
+"""What the pre-flight says: one finding a check, or one an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.player.limits import Limits
+from bcapscope.player.trajectory import Trajectory
+from bcapscope.protocol.slavemode import SlaveMode
+
+MOST_NUMBERS = 8
+"""Set points that a finding names; how many there are is told besides."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that speaks against playing a trajectory, or is worth knowing.
+
+    Attributes:
+        check: what was looked at, such as `speed`.
+        severity: an error speaks against playing at all.
+        sentence: one sentence in plain English.
+        advice: what to do, one sentence; empty where there is nothing to do.
+        points: numbers of set points that show it, from 1, at most `MOST_NUMBERS`.
+        count: how many there are; 0 where it concerns no single ones.
+    """
+
+    check: str
+    severity: Severity
+    sentence: str
+    advice: str = ""
+    points: tuple[int, ...] = ()
+    count: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """What a trajectory is checked against.
+
+    Attributes:
+        trajectory: which has the axes that its file has.
+        period: seconds between two slvMove.
+        limits: of the arm.
+        present: pose of the robot now, of the trajectory's kind; None where it is not known.
+        mode: slave mode that it will be played in; None where it is not known.
+        axis_count: joints of the robot; None likewise.
+        loop: it starts again when it has ended.
+    """
+
+    trajectory: Trajectory
+    period: float
+    limits: Limits
+    present: Sequence[float] | None
+    mode: SlaveMode | None
+    axis_count: int | None
+    loop: bool
+
+
+def numbered(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
+    """Return the numbers of the set points for which an array is true, and how many there are.
+
+    Args:
+        where: one truth value a set point.
+        first: number that the first element has.
+    """
+    found = np.flatnonzero(where)
+    return tuple((found[:MOST_NUMBERS] + first).tolist()), len(found)
+
+
+def span_text(seconds: float) -> str:
+    """Write an interval in milliseconds."""
+    return f"{seconds * 1000:.6g} ms"
