@@ -1,0 +1,81 @@
+"""What the relay asks those who look into what passes; without them it asks nobody and looks at nothing.
+
+Nothing here reads a clock or a socket. Times are ns of a clock that does not go back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, TypeAlias
+
+from bcapscope.traffic.observation import Conversation, Direction
+
+
+class Send(NamedTuple):
+    """Bytes to be sent now.
+
+    Attributes:
+        client: on whose connection.
+        toward: REQUEST is sent to the controller, RESPONSE to the client.
+        data: a datagram, or the next bytes of a stream.
+        note: what a rule did to it, for the recording and the screen; "" if it passes as it came.
+    """
+
+    client: int
+    toward: Direction
+    data: bytes
+    note: str = ""
+
+
+class Close(NamedTuple):
+    """The end of a client's connection, on both sides.
+
+    Attributes:
+        client: whose.
+        reset: by RST, where a stream can; what was not sent yet is lost. Else what is to be sent goes out.
+        note: which rule, for the screen.
+    """
+
+    client: int
+    reset: bool
+    note: str
+
+
+Action: TypeAlias = Send | Close
+
+
+class Decision(NamedTuple):
+    """What becomes of something that came in.
+
+    Attributes:
+        note: on what came, such as "loss=5%: dropped"; "" if no rule touched it.
+        actions: what is to be done at once, in order; what is for later comes from `Policy.take`.
+    """
+
+    note: str
+    actions: Sequence[Action]
+
+
+class Policy(Protocol):
+    """Decides what passes. None of the methods may raise or wait."""
+
+    def opened(self, client: int, conversation: Conversation, now: int) -> None:
+        """Meet a client: its number, never used twice, and its conversation with the controller itself."""
+
+    def receive(self, client: int, direction: Direction, data: bytes, now: int) -> Decision:
+        """Take a datagram, or the next bytes of a stream, in the order in which they come."""
+
+    def holds(self, client: int, direction: Direction) -> bool:
+        """Tell whether something of this direction is still to be sent; its end is passed on after that."""
+
+    def gone(self, client: int, now: int) -> None:
+        """Forget a client."""
+
+    def due(self) -> int | None:
+        """Return when `take` is to be called; None while nothing waits."""
+
+    def take(self, now: int) -> Sequence[Action]:
+        """Return what is to be done by `now`."""
+
+    def report(self) -> Sequence[str]:
+        """Sum up, in a few lines for people, what the rules did."""
