@@ -1,0 +1,147 @@
+"""A way to one peer and a clock, for a thread that does nothing else: it waits, sends and receives itself.
+
+No event loop stands between a deadline and its packet.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from contextlib import suppress
+from typing import Protocol
+
+from bcapscope.transport.link import Address
+
+SPIN = 200_000
+"""ns before a deadline from which on the clock is watched instead of slept on: no sleep overruns as much."""
+
+_LARGEST = 4096
+"""Bytes taken at once; datagrams have 503 at most, a stream is read again."""
+
+
+class Channel(Protocol):
+    """What the player sends through and waits with. All times are ns of `now`.
+
+    Attributes:
+        datagrams: what is sent arrives whole, several times or not at all; else a stream.
+        local: our end.
+        peer: the other end.
+    """
+
+    @property
+    def datagrams(self) -> bool: ...
+
+    @property
+    def local(self) -> Address: ...
+
+    @property
+    def peer(self) -> Address: ...
+
+    def now(self) -> int:
+        """Return ns of a clock that does not go back."""
+
+    def wait(self, until: int) -> None:
+        """Return at `until`, as exactly as it can be done; at once if that is over."""
+
+    def send(self, data: bytes) -> None:
+        """Send at once.
+
+        Raises:
+            OSError: it cannot be sent.
+        """
+
+    def receive(self, until: int) -> bytes | None:
+        """Return what comes next; None if nothing came until `until`.
+
+        Raises:
+            ConnectionRefusedError: the peer's system says that nobody listens; on UDP tries may go on.
+            OSError: the way is gone.
+        """
+
+    def close(self) -> None:
+        """Let go; may be called again."""
+
+
+class SocketChannel:
+    """A socket connected to its peer, so that the system drops what others send.
+
+    Attributes:
+        datagrams: UDP, else TCP.
+        local: our end.
+        peer: the other end.
+    """
+
+    def __init__(self, sock: socket.socket) -> None:
+        self.datagrams = sock.type == socket.SOCK_DGRAM
+        self.local: Address = sock.getsockname()[:2]
+        self.peer: Address = sock.getpeername()[:2]
+        self._socket = sock
+        self._readable = [sock]
+        sock.setblocking(False)
+        if not self.datagrams:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    now = staticmethod(time.monotonic_ns)
+
+    def wait(self, until: int) -> None:
+        """Sleep, and spin for the last of it."""
+        clock = time.monotonic_ns
+        rest = until - SPIN - clock()
+        if rest > 0:
+            time.sleep(rest / 1e9)
+        while clock() < until:
+            pass
+
+    def send(self, data: bytes) -> None:
+        """Send; a stream takes all of it or is gone."""
+        if self.datagrams:
+            # Lost on the way, or word of an earlier packet: both are what tries are for.
+            with suppress(BlockingIOError, ConnectionRefusedError):
+                self._socket.send(data)
+        else:
+            self._socket.sendall(data)
+
+    def receive(self, until: int) -> bytes | None:
+        """Look first, then wait."""
+        while True:
+            try:
+                data = self._socket.recv(_LARGEST)
+            except BlockingIOError:
+                pass
+            else:
+                if data or self.datagrams:
+                    return data
+                raise ConnectionResetError("the peer closed the connection")
+            rest = until - time.monotonic_ns()
+            if rest <= 0:
+                return None
+            select.select(self._readable, (), (), rest / 1e9)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0) -> SocketChannel:
+    """Open a way to a controller.
+
+    Args:
+        host: name or address.
+        port: of the controller.
+        tcp: TCP instead of UDP.
+        timeout: seconds to connect in.
+
+    Raises:
+        OSError: there is no such host, no way to it, or nobody listens.
+    """
+    if tcp:
+        return SocketChannel(socket.create_connection((host, port), timeout))
+    family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    sock = socket.socket(family, kind, protocol)
+    try:
+        sock.connect(address)
+        return SocketChannel(sock)
+    except OSError:
+        sock.close()
+        raise

@@ -1,0 +1,159 @@
+"""The player's end of the pipes to the program that started it: orders in, messages out.
+
+Nothing here ever waits while set points are sent. When the other end is gone, which is how the end of the
+program that started us shows, that is an order to stop.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import time
+from types import FrameType
+
+from bcapscope.player.messages import (
+    Command,
+    Message,
+    Order,
+    Plan,
+    Question,
+    decode_command,
+    decode_plan,
+    encode_message,
+)
+
+_WHOLE = 4096
+"""Bytes that a pipe takes whole or not at all (PIPE_BUF on Linux)."""
+
+_PATIENCE = 2.0
+"""Seconds that a message which must not be lost waits for a reader."""
+
+GONE = "the program that started the player is gone"
+
+
+class Desk:
+    """Takes orders and tells what happens.
+
+    Attributes:
+        order: the gravest so far; None while there is none.
+        reason: why, in words.
+    """
+
+    def __init__(self, commands: int, messages: int) -> None:
+        """Use these file descriptors, both pipes."""
+        self.order: Order | None = None
+        self.reason = ""
+        self._commands = commands
+        self._messages = messages
+        self._read = b""
+        self._unwritten = b""
+        self._answers: list[str] = []
+        self._gone = False
+        os.set_blocking(messages, False)
+
+    def plan(self) -> Plan:
+        """Wait for the plan, which comes first.
+
+        Raises:
+            EOFError: there was none.
+            msgspec.ValidationError: it is none.
+        """
+        parts = []
+        newline = b""
+        while not newline:
+            data = os.read(self._commands, 1 << 20)
+            if not data:
+                raise EOFError("no plan came")
+            part, newline, self._read = data.partition(b"\n")
+            parts.append(part)
+        os.set_blocking(self._commands, False)
+        return decode_plan(b"".join(parts))
+
+    def listen_to_signals(self) -> None:
+        """Take SIGINT, SIGTERM and SIGHUP as orders to stop, each further one and SIGUSR1 to halt."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._signalled)
+        signal.signal(signal.SIGUSR1, self._signalled)
+
+    def poll(self) -> Order | None:
+        """Look whether there is an order; never waits."""
+        if not self._gone:
+            try:
+                data = os.read(self._commands, 65536)
+            except BlockingIOError:
+                data = None
+            except OSError:
+                data = b""
+            if data is not None:
+                self._take(data)
+        return self.order
+
+    def tell(self, message: Message) -> bool:
+        """Tell something that may be left out; return whether it went out."""
+        data = encode_message(message) + b"\n"
+        if len(data) > _WHOLE or not self._flush():
+            return False
+        self._unwritten = data
+        if not self._flush():
+            self._unwritten = b""  # nothing of it went out, since a pipe takes so much whole or not at all
+            return False
+        return True
+
+    def deliver(self, message: Message) -> None:
+        """Tell something that must not be left out, unless nobody reads for `_PATIENCE`."""
+        self._unwritten += encode_message(message) + b"\n"
+        give_up = time.monotonic() + _PATIENCE
+        while not self._flush() and not self._gone:
+            rest = give_up - time.monotonic()
+            if rest <= 0:
+                break
+            select.select((), (self._messages,), (), rest)
+
+    def ask(self, question: Question) -> str:
+        """Ask and wait for the answer; the first choice where there is an order instead, or nobody."""
+        self._answers.clear()
+        self.deliver(question)
+        while self.poll() is None and not self._answers:
+            select.select((self._commands,), (), (), 0.5)
+        answer = self._answers.pop(0) if self._answers else ""
+        return answer if answer in question.choices else question.choices[0]
+
+    def note(self, order: Order, reason: str) -> None:
+        """Take an order; a halt outweighs a stop."""
+        if self.order is not Order.HALT:
+            self.reason = self.reason if self.order is order else reason
+            self.order = order
+
+    def _take(self, data: bytes) -> None:
+        if not data:
+            self._hang_up()
+        *lines, self._read = (self._read + data).split(b"\n")
+        for line in lines:
+            command: Command = decode_command(line)
+            if command.order is None:
+                self._answers.append(command.answer)
+            else:
+                self.note(command.order, f"{command.order} was asked for")
+
+    def _flush(self) -> bool:
+        """Write what is unwritten; return whether that is done."""
+        while self._unwritten and not self._gone:
+            try:
+                written = os.write(self._messages, self._unwritten)
+            except BlockingIOError:
+                return False
+            except OSError:
+                self._hang_up()
+                break
+            self._unwritten = self._unwritten[written:]
+        return not self._gone
+
+    def _hang_up(self) -> None:
+        self._gone = True
+        self._read = self._unwritten = b""
+        self.note(Order.STOP, GONE)
+
+    def _signalled(self, number: int, frame: FrameType | None) -> None:
+        halt = number == signal.SIGUSR1 or self.order is not None
+        self.note(Order.HALT if halt else Order.STOP, f"{signal.Signals(number).name} came")

@@ -1,0 +1,144 @@
+"""Making calls without an event loop: the requester, a channel, and a thread that waits for both.
+
+`begin`, `send` and `settle` are the steps of a call for whoever has a deadline between them; `exchange` is
+all of them, for a `Session`, which makes its calls through the same requester and so with the same row of
+serials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine, Sequence
+from typing import Any, TypeAlias, TypeVar
+
+from bcapscope.player.channel import Channel
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.requester import Answered, Late, Pace, Refused, Requester, Settled, TimedOut
+from bcapscope.protocol.stream import Splitter
+from bcapscope.protocol.variant import Variant
+
+R = TypeVar("R")
+
+Watcher: TypeAlias = Callable[[bool, bytes, int], None]
+"""Is told of every frame: whether we sent it, its bytes, and when, ns of the channel's clock."""
+
+
+def run(steps: Coroutine[Any, Any, R]) -> R:
+    """Run a coroutine that never has to wait, since whoever it calls waits inside the call."""
+    try:
+        steps.send(None)
+    except StopIteration as end:
+        value: R = end.value
+        return value
+    raise RuntimeError("a step waits for an event loop, and there is none")
+
+
+def _unwatched(sent: bool, raw: bytes, time: int) -> None:
+    """Take no notice."""
+
+
+class BlockingExchanger:
+    """Makes calls over a channel, one after the other.
+
+    Attributes:
+        link: the channel.
+        late: replies that came when their try no longer counted; whoever reads them clears the list.
+    """
+
+    def __init__(self, channel: Channel, convention: Convention, watcher: Watcher = _unwatched) -> None:
+        self.link = channel
+        self.late: list[Late] = []
+        self._requester = Requester(convention)
+        self._splitter = Splitter()
+        self._watch = watcher
+
+    async def exchange(self, function_id: int, arguments: Sequence[Variant], pace: Pace) -> Settled:
+        """Make a call and return how it ended; it never waits for an event loop.
+
+        Raises:
+            LocalProtocolError: it cannot be sent; see `Requester.call`.
+            OSError: the link is gone.
+        """
+        try:
+            self.begin(function_id, arguments, pace, self.link.now())
+            self.send()
+            while True:
+                settled = self.settle(self._requester.due or 0)
+                if settled is not None:
+                    return settled
+        finally:
+            self.abandon()
+
+    def begin(self, function_id: int, arguments: Sequence[Variant], pace: Pace, at: int) -> None:
+        """Prepare a call that `send` makes at the time `at`, from which its time-outs count.
+
+        Raises:
+            LocalProtocolError: it cannot be sent; see `Requester.call`.
+        """
+        self._requester.call(function_id, arguments, pace, at)
+
+    def send(self) -> int:
+        """Send what is due; return the time at which that began.
+
+        Raises:
+            OSError: the link is gone.
+        """
+        now = self.link.now()
+        for raw in self._requester.data_to_send():
+            self.link.send(raw)
+            self._watch(True, raw, now)
+        return now
+
+    def settle(self, until: int) -> Settled | None:
+        """Wait for the end of the call, and try again when it is time to; None if it goes on at `until`.
+
+        Raises:
+            OSError: the link is gone.
+        """
+        requester, link = self._requester, self.link
+        while True:
+            settled = self._events()
+            due = requester.due
+            if settled is not None or due is None:
+                return settled
+            try:
+                data = link.receive(min(due, until))
+            except ConnectionRefusedError as error:
+                if not link.datagrams:
+                    raise
+                requester.trouble((error.strerror or str(error)).lower(), link.now())
+                continue
+            now = link.now()
+            if data is not None:
+                self._take(data, now)
+            elif now >= due:
+                requester.wake(now)
+                self.send()
+            elif now >= until:
+                return None
+
+    def abandon(self) -> TimedOut:
+        """Give up the call under way; return it as one that was not answered."""
+        return TimedOut(self._requester.abandon())
+
+    def close(self) -> None:
+        """Close the channel."""
+        self.link.close()
+
+    def _take(self, data: bytes, now: int) -> None:
+        if self.link.datagrams:
+            items: Sequence[Frame | Malformed] = parse_datagram(data)
+        else:
+            items = [piece.item for piece in self._splitter.feed(data)]
+        for item in items:
+            self._watch(False, item.raw, now)
+            self._requester.receive(item, now)
+
+    def _events(self) -> Settled | None:
+        settled: Settled | None = None
+        for event in self._requester.events():
+            if isinstance(event, Answered | Refused | TimedOut):
+                settled = event
+            elif isinstance(event, Late):
+                self.late.append(event)
+        return settled

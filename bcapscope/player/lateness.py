@@ -1,0 +1,86 @@
+"""How late set points were sent, kept without allocating anything while they are sent."""
+
+from __future__ import annotations
+
+import math
+from array import array
+
+import msgspec
+
+_FINE = 16
+"""Bins between a power of two and the next: percentiles while it runs are within 7%."""
+
+_BINS = 64 * _FINE
+
+
+class Spread(msgspec.Struct, frozen=True):
+    """How values are spread, ns: a percentile is the smallest value that this share does not exceed."""
+
+    count: int = 0
+    p50: int = 0
+    p99: int = 0
+    p999: int = 0
+    most: int = 0
+
+
+class Lateness:
+    """Takes the lateness of each set point."""
+
+    def __init__(self, capacity: int) -> None:
+        """Make room for so many values; after those only their bins and the largest are kept."""
+        self._values = array("q", bytes(8 * capacity))
+        self._capacity = capacity
+        self._bins = array("q", bytes(8 * _BINS))
+        self._count = 0
+        self._most = 0
+
+    def add(self, late: int) -> None:
+        """Take one, ns, not negative."""
+        if self._count < self._capacity:
+            self._values[self._count] = late
+        self._count += 1
+        self._bins[_bin(late)] += 1
+        self._most = max(self._most, late)
+
+    def so_far(self) -> Spread:
+        """Tell percentiles by bins, quickly: the upper edge of the bin that they are in."""
+        if not self._count:
+            return Spread()
+        wanted = [_rank(share, self._count) for share in (0.5, 0.99, 0.999)]
+        found: list[int] = []
+        seen = 0
+        for number, count in enumerate(self._bins):
+            seen += count
+            while len(found) < 3 and seen >= wanted[len(found)]:
+                found.append(min(_upper_edge(number), self._most))
+            if len(found) == 3:
+                break
+        p50, p99, p999 = found
+        return Spread(self._count, p50, p99, p999, self._most)
+
+    def exact(self) -> Spread:
+        """Tell exact percentiles where all values are still there; takes its time."""
+        if not 0 < self._count <= self._capacity:
+            return self.so_far()
+        values = sorted(self._values[: self._count])
+        p50, p99, p999 = (values[_rank(share, self._count) - 1] for share in (0.5, 0.99, 0.999))
+        return Spread(self._count, p50, p99, p999, self._most)
+
+
+def _rank(share: float, count: int) -> int:
+    return max(1, math.ceil(share * count))
+
+
+def _bin(value: int) -> int:
+    """Number the bin of a value: below 16 each its own, then 16 to a power of two."""
+    if value < _FINE:
+        return max(value, 0)
+    shift = value.bit_length() - 5
+    return min((shift << 4) + (value >> shift), _BINS - 1)
+
+
+def _upper_edge(number: int) -> int:
+    if number < _FINE:
+        return number
+    shift = (number >> 4) - 1
+    return (((number & 15) + 17) << shift) - 1

@@ -1,0 +1,266 @@
+"""What the player's process is told and what it tells: JSON, one object a line.
+
+First comes the `Plan`, then orders; back come facts, progress, questions and in the end one `Ended`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import TypeAlias
+
+import msgspec
+
+from bcapscope.client.target import Target
+from bcapscope.player.lateness import Spread
+
+Point: TypeAlias = tuple[float, ...]
+"""Numbers of one set point, in the order and units of its pose type (`protocol.poses.AXES`)."""
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    """What to play and where.
+
+    Attributes:
+        target: the controller and how to reach it.
+        robot: name for Controller_GetRobot.
+        task: of the program that RC7 needs for slave mode.
+        mode: parameter of slvChangeMode; its pose type is that of `points`.
+        period: ns from one set point to the next, where no reply of the controller decides that.
+        points: set points; the robot rests at the first and the last. Axes that are left out stay where they
+            are.
+        limits: of the arm, as `limits.limited` takes them; a stop keeps within them.
+        rounds: how often to play them, the first following the last; 0 until it is told to stop.
+        approach: percentage of the speed of an ordinary motion to the first point.
+        may_approach: go there without asking.
+        armed: the user knows that a robot will move.
+        look_only: connect, tell what is there, and end; nothing moves and nothing is changed.
+        log: path of a new CSV file for the controller's own log; None for no log.
+        record: path of a new capture of all that was said; None for none.
+        realtime: take real-time priority if the system gives it.
+    """
+
+    target: Target
+    robot: str = "Arm"
+    task: str = "RobSlave"
+    mode: int
+    period: int = 8_000_000
+    points: Sequence[Point] = ()
+    limits: tuple[str, ...] = ()
+    rounds: int = 1
+    approach: float = 10.0
+    may_approach: bool = False
+    armed: bool = False
+    look_only: bool = False
+    log: str | None = None
+    record: str | None = None
+    realtime: bool = True
+
+
+class Order(StrEnum):
+    """What the player can be told while it is at work."""
+
+    STOP = "stop"
+    """Come to rest on the way, then leave in order."""
+    HALT = "halt"
+    """Stop the arm at once, then leave in order."""
+
+
+class Command(msgspec.Struct, frozen=True):
+    """An order, or the answer to a question.
+
+    Attributes:
+        order: None for an answer.
+        answer: to the question that was asked last.
+    """
+
+    order: Order | None = None
+    answer: str = ""
+
+
+class State(StrEnum):
+    """What the player is doing."""
+
+    CONNECTING = "connecting"
+    PREPARING = "preparing"
+    APPROACHING = "moving to the first point"
+    ENTERING = "entering slave mode"
+    PLAYING = "playing"
+    STOPPING = "coming to rest"
+    LEAVING = "leaving"
+    CLEARING = "clearing the error"
+
+
+class Peer(msgspec.Struct, frozen=True, tag=True):
+    """Who is there.
+
+    Attributes:
+        simulator: it is our own, and no robot moves.
+        generation: RC7, or RC8 for all later ones.
+        facts: what the controller says of itself.
+        pose: where the robot is, in the pose type of the mode.
+        distance: how far the first point is from there: the largest difference of an axis, deg or mm.
+    """
+
+    simulator: bool
+    generation: str
+    facts: dict[str, str]
+    pose: Point
+    distance: float
+
+
+class Readiness(msgspec.Struct, frozen=True, tag=True):
+    """What the system allows, as `realtime.Grade`."""
+
+    realtime: bool
+    locked: bool
+    text: str
+
+
+class Counts(msgspec.Struct, frozen=True):
+    """What happened to set points.
+
+    Attributes:
+        sent: set points that were sent, each counted once.
+        retries: further tries.
+        late: replies that came after their try no longer counted.
+        unanswered: set points that nothing was heard of.
+        repeated: set points that were sent again since the controller's buffer was full (83201483).
+        shifted: times that the schedule was put off because we were late by more than half a period.
+        held: set points that waited since the controller, which should set the pace, would have gone faster.
+    """
+
+    sent: int = 0
+    retries: int = 0
+    late: int = 0
+    unanswered: int = 0
+    repeated: int = 0
+    shifted: int = 0
+    held: int = 0
+
+
+class Progress(msgspec.Struct, frozen=True, tag=True):
+    """How far it is, about twenty times a second; some are left out where nobody reads them.
+
+    Attributes:
+        state: what is being done.
+        index: set points of the trajectory that were sent, all rounds together.
+        of: how many there will be; 0 if there is no end.
+        elapsed: seconds since the first set point was sent.
+        left: seconds to the last; None if there is no end.
+        lateness: of all set points so far, from their deadline to when they were sent.
+        counts: of what happened to them.
+        commanded: the last set point.
+        returned: the pose that came back last.
+        sent: last frame that went out.
+        received: last frame that came in.
+    """
+
+    state: State
+    index: int = 0
+    of: int = 0
+    elapsed: float = 0.0
+    left: float | None = None
+    lateness: Spread = Spread()
+    counts: Counts = Counts()
+    commanded: Point = ()
+    returned: Point = ()
+    sent: bytes = b""
+    received: bytes = b""
+
+
+class Packet(msgspec.Struct, frozen=True, tag=True):
+    """A frame of a call that is no set point.
+
+    Attributes:
+        sent: we sent it; else it came.
+        raw: its bytes.
+        time: ns since 1970.
+    """
+
+    sent: bool
+    raw: bytes
+    time: int
+
+
+class Topic(StrEnum):
+    """What a question is about."""
+
+    ARM = "arm"
+    APPROACH = "approach"
+    CLEAR = "clear"
+
+
+class Question(msgspec.Struct, frozen=True, tag=True):
+    """Something that the user has to decide; nothing happens until then.
+
+    Attributes:
+        topic: what it is about.
+        text: what there is to decide.
+        choices: answers; the first one does nothing.
+    """
+
+    topic: Topic
+    text: str
+    choices: tuple[str, ...]
+
+
+class Trouble(msgspec.Struct, frozen=True, tag=True):
+    """Something went wrong.
+
+    Attributes:
+        text: what.
+        errors: what the controller itself shows, newest first, each with its code.
+    """
+
+    text: str
+    errors: tuple[tuple[int, str], ...] = ()
+
+
+class Outcome(StrEnum):
+    """How it ended."""
+
+    DONE = "done"
+    LOOKED = "looked"
+    STOPPED = "stopped"
+    HALTED = "halted"
+    UNARMED = "unarmed"
+    DECLINED = "declined"
+    REFUSED = "refused"
+    UNANSWERED = "unanswered"
+    UNWRITABLE = "unwritable"
+    FAILED = "failed"
+
+
+class Ended(msgspec.Struct, frozen=True, tag=True):
+    """The last message.
+
+    Attributes:
+        outcome: how it ended.
+        reason: why, in words; empty where it was done.
+        lateness: of all set points, exact.
+        cycle: ns from one set point to the next.
+        counts: of what happened to them.
+        index: set points of the trajectory that were sent.
+        realtime: with real-time priority.
+        left: all was let go in order; else the controller no longer answered.
+        logged: records of the controller's log that were saved.
+    """
+
+    outcome: Outcome
+    reason: str = ""
+    lateness: Spread = Spread()
+    cycle: Spread = Spread()
+    counts: Counts = Counts()
+    index: int = 0
+    realtime: bool = False
+    left: bool = True
+    logged: int = 0
+
+
+Message: TypeAlias = Peer | Readiness | Progress | Packet | Question | Trouble | Ended
+
+encode_message = msgspec.json.Encoder().encode
+decode_message = msgspec.json.Decoder(Message).decode
+decode_plan = msgspec.json.Decoder(Plan).decode
+decode_command = msgspec.json.Decoder(Command).decode

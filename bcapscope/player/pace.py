@@ -1,0 +1,252 @@
+"""Sending set points in time.
+
+Who sets the pace depends on the slave mode (DENSO Wave 2009, How to use the Slave mode; table of slave modes
+in ShoheiKobata/orin_bcap_python_samples):
+
+* **Async, mode 1**: we do. Deadlines are absolute, one a period. The reply may take until shortly before the
+  next deadline; then the call is given up and the next set point sent, since the newest one wins and a try
+  again only wastes bandwidth. Its reply still counts as word of the controller when it comes late, and one
+  that refuses ends the play. After `SILENCE` without any word the controller counts as gone.
+* **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due `_PREPARING`
+  after the reply, so that it always goes out equally long after. While the reply does not come the call is
+  tried again, each `Pace.timeout`; a reply to an earlier try is discarded. When all tries are used up the
+  controller counts as gone.
+* **mode 0**: both. S_BUF_FULL asks for a period's pause; S_OK says that there is room, so the next follows at
+  once; 83201483 says that there was none, and the same set point is sent again.
+
+Set points are never left out and never sent faster to catch up: who is late by more than half a period moves
+the deadlines, so that the robot pauses instead of jumping. Nor does a controller that answers too soon make
+it faster: see `_Throttle`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.errors import ControllerError, ExchangeTimeout
+from bcapscope.player.course import Course
+from bcapscope.player.exchanger import BlockingExchanger
+from bcapscope.player.lateness import Lateness
+from bcapscope.player.messages import Counts, Point
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, describe, hresult_name, is_failure
+from bcapscope.protocol.requester import Pace, Settled, TimedOut
+from bcapscope.protocol.slavemode import ModeKind, SlaveMode
+from bcapscope.protocol.variant import VT, Variant
+
+SILENCE = 100_000_000
+"""ns without any reply after which a controller that does not wait counts as gone: a dozen of its periods."""
+
+REPEAT_AFTER = 1_000_000
+"""ns after which a set point that found the buffer full is sent again."""
+
+MOST_REPEATS = 64
+"""How often; eight periods, in which a controller that is alive takes several."""
+
+FASTEST = 0.98
+"""Share of the period that a controller may ask for on average: clocks differ by far less than 2%."""
+
+_START = 5_000_000
+_PREPARING = (
+    300_000  # ns that are kept free before a deadline, for reading the reply and making the next packet
+)
+_PATIENCE = 8_000_000
+_ROBOT_EXECUTE = 64
+_NAME = "Robot_Execute slvMove"
+_BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
+
+
+class HaltedError(Exception):
+    """The robot is to be stopped at once."""
+
+
+class Move(NamedTuple):
+    """How slvMove is called.
+
+    Attributes:
+        robot: handle.
+        real: VT_R8, or VT_R4 on RC7.
+        mode: slave mode.
+        pace: time-out and tries.
+        period: ns.
+    """
+
+    robot: int
+    real: VT
+    mode: SlaveMode
+    pace: Pace
+    period: int
+
+    def arguments(self, point: Point) -> tuple[Variant, ...]:
+        """Return the arguments of Robot_Execute for one set point."""
+        return Variant(VT.I4, self.robot), Variant(VT.BSTR, "slvMove"), Variant.array(self.real, point)
+
+
+Idle: TypeAlias = Callable[[int], None]
+"""Called after each set point was sent, and now and then while a reply is awaited, with the time in ns: what
+has to be done besides is done here, quickly. It raises HaltedError to end at once."""
+
+
+class Pacer:
+    """Sends the set points of a course.
+
+    Attributes:
+        lateness: from the deadline of each set point to when it was sent.
+        cycle: from one set point to the next.
+        began: when the first was sent, ns; None before.
+        commanded: the last set point.
+        reply: the last reply to one.
+    """
+
+    def __init__(
+        self, exchanger: BlockingExchanger, move: Move, course: Course, idle: Idle, capacity: int
+    ) -> None:
+        """Make room for the lateness of `capacity` set points."""
+        self.lateness = Lateness(capacity)
+        self.cycle = Lateness(capacity)
+        self.began: int | None = None
+        self.commanded: Point = ()
+        self.reply: Frame | None = None
+        self._exchanger = exchanger
+        self._move = move
+        self._course = course
+        self._idle = idle
+        self._throttle = _Throttle(round(FASTEST * move.period), move.mode.slots + 1)
+        self._last = 0
+        self._heard = 0
+        self._sent = self._retries = self._late = self._answered = 0
+        self._repeated = self._shifted = self._held = 0
+
+    @property
+    def counts(self) -> Counts:
+        """What happened to the set points so far."""
+        unanswered = max(0, self._sent - self._answered)
+        return Counts(
+            self._sent, self._retries, self._late, unanswered, self._repeated, self._shifted, self._held
+        )
+
+    def play(self) -> None:
+        """Send them all.
+
+        Raises:
+            ControllerError: the controller refused one.
+            ExchangeTimeout: it does not answer any more.
+            HaltedError: `idle` said so.
+            OSError: the link is gone.
+        """
+        due = self._heard = self._exchanger.link.now() + _START
+        for point in self._course:
+            self.commanded = point
+            due = self._one(self._move.arguments(point), due)
+
+    def _one(self, arguments: tuple[Variant, ...], due: int) -> int:
+        """Send one set point until it is taken; return the deadline of the next."""
+        for _ in range(MOST_REPEATS):
+            sent = self._send(arguments, due)
+            code = self._code(self._await(due))
+            if code != E_SLAVE_OVERFLOW or not self._move.mode.overflow_is_error:
+                break
+            self._repeated += 1
+            due = sent + REPEAT_AFTER
+        if code is not None and is_failure(code):
+            raise ControllerError(_NAME, code, hresult_name(code), describe(code).text)
+        return self._next(due, sent, code)
+
+    def _send(self, arguments: tuple[Variant, ...], due: int) -> int:
+        exchanger = self._exchanger
+        exchanger.begin(_ROBOT_EXECUTE, arguments, self._move.pace, due)
+        exchanger.link.wait(due)
+        sent = exchanger.send()
+        self.lateness.add(sent - due)
+        if self.began is None:
+            self.began = sent
+        else:
+            self.cycle.add(sent - self._last)
+        self._last = sent
+        self._sent += 1
+        self._throttle.sent(sent)
+        self._idle(sent)
+        return sent
+
+    def _await(self, due: int) -> Settled:
+        """Wait for the reply, as long as the mode lets us."""
+        exchanger, link = self._exchanger, self._exchanger.link
+        if self._move.mode.kind in _BY_CLOCK:
+            until = due + self._move.period - _PREPARING
+            return exchanger.settle(until) or exchanger.abandon()
+        while True:
+            settled = exchanger.settle(link.now() + _PATIENCE)
+            if settled is not None:
+                return settled
+            self._idle(link.now())
+
+    def _code(self, settled: Settled) -> int | None:
+        """Note how a call ended; return its result, None where there is none that we could wait for.
+
+        Raises:
+            ExchangeTimeout: that is the end.
+            ControllerError: a set point before this one was refused, as we hear only now.
+        """
+        self._retries += len(settled.attempts) - 1
+        self._hear_late()
+        if isinstance(settled, TimedOut):
+            by_clock = self._move.mode.kind in _BY_CLOCK
+            if not by_clock or self._exchanger.link.now() - self._heard > SILENCE:
+                raise ExchangeTimeout(_NAME, settled.attempts)
+            return None
+        self._answered += 1
+        self._heard = settled.attempts[-1].came[-1].time
+        self.reply = settled.reply
+        code: int = settled.reply.code
+        return code
+
+    def _hear_late(self) -> None:
+        late = self._exchanger.late
+        if not late:
+            return
+        by_clock = self._move.mode.kind in _BY_CLOCK
+        for each in late:
+            self._late += 1
+            if by_clock:
+                self._answered += 1
+                self._heard = max(self._heard, each.time)
+                code = each.reply.code
+                if is_failure(code):
+                    raise ControllerError(_NAME, code, hresult_name(code), describe(code).text)
+        late.clear()
+
+    def _next(self, due: int, sent: int, code: int | None) -> int:
+        """Return the deadline of the next set point."""
+        period = self._move.period
+        if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
+            if sent - due <= period // 2:
+                return due + period
+            self._shifted += 1
+            return sent + period
+        ready, free = self._exchanger.link.now() + _PREPARING, self._throttle.free
+        self._held += free > ready
+        return max(ready, free)
+
+
+class _Throttle:
+    """Keeps a controller that should set the pace from setting any.
+
+    As many set points as its buffer holds, and two more, may go out at once; from then on no more than one a
+    period on average. A controller that takes a mode for another, and answers at once what it should hold
+    back, would else be driven through a whole trajectory in no time.
+    """
+
+    def __init__(self, period: int, burst: int) -> None:
+        self._period = period
+        self._allowance = period * burst
+        self._next = 0
+
+    @property
+    def free(self) -> int:
+        """When the next set point may be sent, ns."""
+        return self._next - self._allowance
+
+    def sent(self, now: int) -> None:
+        """Count one."""
+        self._next = max(self._next, now) + self._period

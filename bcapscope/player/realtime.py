@@ -1,0 +1,104 @@
+"""Keeping the processor: real-time priority, memory that stays in place, no garbage collection.
+
+SCHED_FIFO runs before everything that has no real-time priority, so that no other program can hold up a set
+point (sched(7)); locked memory is never fetched from disk (mlockall(2)).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+PRIORITY = 40
+"""Above all ordinary programs, below the kernel's interrupt threads, which have 50 and bring the replies."""
+
+_THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
+_NEEDED_SHARE = 0.5
+_MCL_CURRENT = 1
+
+
+class Grade(msgspec.Struct, frozen=True):
+    """What the system allows.
+
+    Attributes:
+        realtime: other programs cannot hold us up.
+        locked: our memory stays in place.
+        text: the same in words, with what to do where something is missing.
+    """
+
+    realtime: bool
+    locked: bool
+    text: str
+
+
+@contextmanager
+def undisturbed(wanted: bool = True) -> Iterator[Grade]:
+    """Take all that the system gives, for the length of a block.
+
+    Args:
+        wanted: also what disturbs others, priority and memory; garbage collection rests in any case.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    grade = _take() if wanted else Grade(False, False, "real-time priority was not asked for")
+    try:
+        yield grade
+    finally:
+        if grade.realtime:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        if grade.locked:
+            _libc().munlockall()
+        gc.enable()
+        gc.unfreeze()
+
+
+def _take() -> Grade:
+    refused = _take_priority()
+    locked = sys.platform == "linux" and _libc().mlockall(_MCL_CURRENT) == 0
+    if refused:
+        return Grade(False, locked, refused)
+    memory = "" if locked else "; memory is not locked, which `ulimit -l` can allow"
+    return Grade(True, locked, f"real-time priority (SCHED_FIFO {PRIORITY}){_throttled()}{memory}")
+
+
+def _take_priority() -> str:
+    """Take real-time priority; return what stands against it, nothing if it was given."""
+    if sys.platform != "linux":
+        return "no real-time priority: bcapscope can take it on Linux only"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except OSError as error:
+        return (
+            f"no real-time priority ({(error.strerror or str(error)).lower()}), so that busy programs can "
+            f"hold up set points; to give it, put the line `{_user()} - rtprio {PRIORITY}` into "
+            "/etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
+            f"`sudo setcap cap_sys_nice+ep {os.path.realpath(sys.executable)}`"
+        )
+    return ""
+
+
+def _throttled() -> str:
+    """Tell if the kernel takes the processor from real-time programs for much of the time."""
+    try:
+        runtime, period = (int(path.read_text()) for path in _THROTTLE)
+    except (OSError, ValueError):
+        return ""
+    if runtime < 0 or runtime >= _NEEDED_SHARE * period:
+        return ""
+    return f"; {_THROTTLE[0]} allows it only {runtime} of {period} µs, which may hold up set points"
+
+
+def _user() -> str:
+    return os.environ.get("USER") or "USER"
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)

@@ -1,0 +1,294 @@
+"""The calls of the sequence: what is there, RobSlave, arm, motor, the first position, errors.
+
+DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Waiting in here is done by `pause`, which raises
+when there is an order to stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import degrees, isfinite
+
+from bcapscope.client.objects import Controller, Robot, Task, handle_of
+from bcapscope.client.reach import Reach
+from bcapscope.errors import ControllerError, RemoteProtocolError
+from bcapscope.player.messages import Point
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.hresult import E_ROBOTISBUSY
+from bcapscope.protocol.poses import AXES, numbers
+from bcapscope.protocol.slavemode import Generation, PoseType
+from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
+
+NEAR = 0.05
+"""deg or mm: as far as the first set point may be from where the robot stands."""
+
+_MS = 1_000_000
+_POLL = 50 * _MS
+_ROBSLAVE_STARTS = 1000 * _MS  # as long as the samples for RC7 wait after Task_Start
+_ARRIVES = 1000 * _MS  # how long a robot may stand somewhere else before it counts as not on its way
+_RUNNING = 3  # state of a task
+_ONE_CYCLE = 1
+_PTP = 1
+_LONG_TRIES = 119  # after the first: two minutes, for what takes its time
+_MOST_ERRORS = 16
+_MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
+_SWITCHING_OFF = 0x8350106E
+_SWITCHES_OFF = 5000 * _MS
+
+_POSES = {
+    PoseType.P: "@CURRENT_POSITION",
+    PoseType.J: "@CURRENT_ANGLE",
+    PoseType.T: "@CURRENT_TRANS",
+}
+_FACTS = (
+    ("type name", ObjectClass.ROBOT, "@TYPE_NAME"),
+    ("type", ObjectClass.ROBOT, "@TYPE"),
+    ("version", ObjectClass.CONTROLLER, "@VERSION"),
+)
+
+
+class Station:
+    """A controller with its robot.
+
+    Attributes:
+        robot: the arm.
+        simulator: it is our own.
+        generation: RC7 where joints come as VT_R4, as DENSO's slides show them, else RC8.
+        facts: what it says of itself.
+    """
+
+    robot: Robot
+
+    def __init__(self, reach: Reach, pause: Callable[[int], None]) -> None:
+        """Use what `reach` opens; `pause` waits so many ns."""
+        self.simulator = False
+        self.generation = Generation.RC8
+        self.facts: dict[str, str] = {}
+        self._reach = reach
+        self._pause = pause
+        self._variables: dict[tuple[ObjectClass, str], int] = {}
+
+    @property
+    def real(self) -> VT:
+        """Type of the numbers of a pose."""
+        return VT.R4 if self.generation is Generation.RC7 else VT.R8
+
+    async def look(self) -> None:
+        """Connect and find out what is there; nothing is changed.
+
+        Raises:
+            BcapError: as `Session.call`.
+        """
+        self.simulator = await self._reach.meets_simulator()
+        self.robot = Robot(self._reach.session, await self._reach.handle(ObjectClass.ROBOT))
+        for name, owner, variable in _FACTS:
+            found = await self._optional(owner, variable)
+            if found is not None:
+                self.facts[name] = str(found.value)
+        joints = await self._read(ObjectClass.ROBOT, _POSES[PoseType.J])
+        self.generation = Generation.RC7 if joints.vt == ARRAY | VT.R4 else Generation.RC8
+
+    async def pose(self, kind: PoseType) -> Point:
+        """Return where the robot is.
+
+        Raises:
+            RemoteProtocolError: the answer is no pose.
+            BcapError: as `Session.call`.
+        """
+        if kind is PoseType.T:
+            found = await self._transformation()
+        else:
+            found = await self._read(ObjectClass.ROBOT, _POSES[kind])
+        row = numbers(found)
+        if row is None or len(row) < 6 or not all(map(isfinite, row)):
+            raise RemoteProtocolError(f"the controller does not tell a pose of type {kind}", b"")
+        return tuple(row[: len(AXES[kind])])
+
+    async def run_robslave(self) -> bool:
+        """Start the program that slave mode needs on RC7, unless it runs; return whether we did."""
+        if self.generation is not Generation.RC7:
+            return False
+        task = Task(self._reach.session, await self._reach.handle(ObjectClass.TASK))
+        state = await self._optional(ObjectClass.TASK, "@STATUS")
+        if state is not None and state.value == _RUNNING:
+            return False
+        await task.start(_ONE_CYCLE)
+        self._pause(_ROBSLAVE_STARTS)
+        return True
+
+    async def stop_robslave(self) -> None:
+        """Stop the program."""
+        task = Task(self._reach.session, await self._reach.handle(ObjectClass.TASK))
+        await task.stop(1)
+
+    async def take_arm(self) -> bool:
+        """Take the arm, tool and work as they are; return whether there is anything to give back."""
+        if self.generation is Generation.RC7:
+            return False
+        await self.robot.execute("TakeArm", [0, 1])
+        return True
+
+    async def give_arm(self) -> None:
+        """Give the arm back."""
+        await self.robot.execute("GiveArm")
+
+    async def motor_on(self) -> bool:
+        """Switch the motor on; return whether it was off, or nobody knows.
+
+        With the machine lock on, which DENSO's slides recommend for trying things out, there is none to
+        switch.
+        """
+        state = await self._optional(ObjectClass.ROBOT, "@SERVO_ON")
+        if state is not None and state.value:
+            return False
+        for _ in range(_SWITCHES_OFF // _POLL):
+            try:
+                await self._motor(True)
+                return True
+            except ControllerError as error:
+                if error.hresult in _MACHINE_LOCK:
+                    return False
+                if error.hresult != _SWITCHING_OFF:
+                    raise
+            self._pause(_POLL)
+        await self._motor(True)
+        return True
+
+    async def motor_off(self) -> None:
+        """Switch the motor off."""
+        await self._motor(False)
+
+    async def _motor(self, on: bool) -> None:
+        parameter = Variant(VT.I2, int(on))
+        if self.generation is not Generation.RC7:
+            parameter = Variant.array(VT.I4, (int(on), 0))
+        with self._patience():
+            await self.robot.execute("Motor", parameter)
+
+    async def approach(self, kind: PoseType, goal: Point, percent: float) -> None:
+        """Go to a pose by an ordinary motion, ending with @E as slave mode wants it.
+
+        The call comes back at once (NEXT), so that the robot can be halted on the way.
+
+        Raises:
+            RemoteProtocolError: it stands still elsewhere.
+            BcapError: as `Session.call`.
+        """
+        pose = f"@E {kind}({', '.join(f'{value:.6g}' for value in goal)})"
+        while True:
+            try:
+                await self.robot.move(_PTP, pose, f"SPEED={percent:g},NEXT")
+                break
+            except ControllerError as error:
+                if error.hresult != E_ROBOTISBUSY:
+                    raise
+            self._pause(_POLL)
+        still = 0
+        while still < _ARRIVES // _POLL:
+            self._pause(_POLL)
+            busy = await self._read(ObjectClass.ROBOT, "@BUSY_STATUS")
+            if busy.value:
+                still = 0
+                continue
+            far = distance(kind, await self.pose(kind), goal)
+            if far <= NEAR:
+                return
+            still += 1
+        raise RemoteProtocolError(
+            f"the robot stands {far:.3g} from the first set point and does not move", b""
+        )
+
+    async def set_formats(self, kind: PoseType) -> None:
+        """Let slvMove carry a pose there and back, whatever an earlier client has set.
+
+        RC7 has no formats, and early versions of RC8 have none either.
+        """
+        if self.generation is Generation.RC7:
+            return
+        for command, value in (("slvSendFormat", 0), ("slvRecvFormat", " PJT".index(kind))):
+            try:
+                await self.robot.execute(command, value)
+            except ControllerError:
+                return
+
+    async def errors(self) -> tuple[tuple[int, str], ...]:
+        """Read the errors that are active, the newest first; nothing is cleared."""
+        controller = Controller(self._reach.session, await self._reach.handle(ObjectClass.CONTROLLER))
+        found: list[tuple[int, str]] = []
+        try:
+            count = await controller.execute("GetCurErrorCount")
+            for index in range(min(count, _MOST_ERRORS) if isinstance(count, int) else 0):
+                found.append(_error(await controller.execute("GetCurErrorInfo", index)))
+        except ControllerError:
+            code = await self._optional(ObjectClass.CONTROLLER, "@ERROR_CODE")
+            text = await self._optional(ObjectClass.CONTROLLER, "@ERROR_DESCRIPTION")
+            if code is not None and code.value:
+                found.append(_error((code.value, text.value if text else "")))
+        return tuple(found)
+
+    async def clear_errors(self) -> None:
+        """Clear them."""
+        controller = Controller(self._reach.session, await self._reach.handle(ObjectClass.CONTROLLER))
+        await controller.execute("ClearError")
+
+    async def _transformation(self) -> Variant:
+        try:
+            return await self._read(ObjectClass.ROBOT, _POSES[PoseType.T])
+        except ControllerError:
+            reply = await self._reach.session.invoke("Robot_Execute", self.robot.handle, "CurTrn", None)
+            return _value(reply, "CurTrn")
+
+    async def _optional(self, owner: ObjectClass, name: str) -> Variant | None:
+        """Read a variable that not every controller has."""
+        try:
+            return await self._read(owner, name)
+        except ControllerError:
+            return None
+
+    async def _read(self, owner: ObjectClass, name: str) -> Variant:
+        """Read a variable, which stays open for the next time."""
+        invoke = self._reach.session.invoke
+        if (owner, name) not in self._variables:
+            reply = await invoke(f"{owner}_GetVariable", await self._reach.handle(owner), name, "")
+            self._variables[owner, name] = handle_of(reply)
+        reply = await invoke("Variable_GetValue", self._variables[owner, name])
+        return _value(reply, name)
+
+    @contextmanager
+    def _patience(self) -> Iterator[None]:
+        """Give the calls of a block more time."""
+        session = self._reach.session
+        usual = session.paces
+        session.paces = usual._replace(others=usual.others._replace(retries=_LONG_TRIES))
+        try:
+            yield
+        finally:
+            session.paces = usual
+
+
+def distance(kind: PoseType, here: Point, there: Point) -> float:
+    """Return the largest difference of an axis, deg or mm; direction cosines count as angles, Fig not."""
+    far = 0.0
+    for axis, a, b in zip(AXES[kind], here, there, strict=False):
+        way = abs(b - a)
+        if axis.unit == "deg" and kind is PoseType.P:
+            way = abs((b - a + 180) % 360 - 180)
+        elif not axis.unit:
+            way = 0.0 if axis.name == "Fig" else degrees(way)
+        far = max(far, way)
+    return far
+
+
+def _value(reply: Frame, name: str) -> Variant:
+    if not reply.arguments:
+        raise RemoteProtocolError(f"{name} has no value", reply.raw)
+    return reply.arguments[0].variant
+
+
+def _error(info: Value) -> tuple[int, str]:
+    """Read code and text out of GetCurErrorInfo's values."""
+    code, text, *_ = (*info, 0, "") if isinstance(info, tuple) else (0, str(info))
+    return (code & 0xFFFFFFFF if isinstance(code, int) else 0), str(text)

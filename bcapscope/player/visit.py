@@ -1,0 +1,333 @@
+"""A visit to a controller: look, get ready, play, leave in order.
+
+However a visit ends, what was begun is ended in reverse order: slave mode, the log, motor, arm, RobSlave,
+handles, Controller_Disconnect, Service_Stop. Only where the controller no longer answers is the rest left to
+it. An order to stop lets the robot come to rest on its way first; nothing else can, since after an error the
+controller has left slave mode, and one that does not answer takes no set points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
+from dataclasses import replace
+
+import numpy as np
+
+from bcapscope.client.reach import Reach
+from bcapscope.client.session import PACES, Session
+from bcapscope.client.target import reason_of
+from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
+from bcapscope.player.channel import Channel
+from bcapscope.player.controllog import read_log, start_log
+from bcapscope.player.course import Course
+from bcapscope.player.desk import Desk
+from bcapscope.player.exchanger import BlockingExchanger
+from bcapscope.player.journal import Journal
+from bcapscope.player.limits import UNKNOWN, Limits, limited, simulator_limits
+from bcapscope.player.messages import (
+    Ended,
+    Order,
+    Outcome,
+    Peer,
+    Plan,
+    Point,
+    Progress,
+    Question,
+    State,
+    Topic,
+    Trouble,
+)
+from bcapscope.player.monitor import Monitor
+from bcapscope.player.pace import HaltedError, Move, Pacer
+from bcapscope.player.station import NEAR, Station, distance
+from bcapscope.player.trajectory import Source, Trajectory
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.hresult import E_BUSY
+from bcapscope.protocol.requester import Pace, Refused
+from bcapscope.protocol.slavemode import PoseType, SlaveMode, mode_pose_type, slave_mode
+from bcapscope.protocol.variant import VT, Value, Variant
+
+_ROBOT_EXECUTE = 64
+_ROBOT_HALT = 70
+_CONTROL_PERIOD = 8_000_000
+_CAPACITY = 1_000_000  # set points whose lateness is kept: two hours at 8 ms
+_LOOK_EACH = 50_000_000
+_HALT_PACE = Pace(8_000_000, 60)
+_HALT_TRIES, _HALT_AGAIN = 8, 2_000_000
+
+YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
+"""Answers to questions."""
+
+
+class EndedEarly(Exception):
+    """Somebody wants the visit to end.
+
+    Attributes:
+        outcome: how it ended.
+    """
+
+    def __init__(self, outcome: Outcome, reason: str) -> None:
+        super().__init__(reason)
+        self.outcome = outcome
+
+
+class Visit:
+    """One visit.
+
+    Attributes:
+        records: of the controller's log, if the plan wants one; None where there are none yet.
+    """
+
+    def __init__(self, plan: Plan, channel: Channel, desk: Desk, journal: Journal) -> None:
+        """Get ready; nothing is sent yet."""
+        self.records: list[Value] | None = None
+        self._plan = plan
+        self._channel = channel
+        self._desk = desk
+        self._journal = journal
+        target = plan.target
+        usual = Convention.SEED if channel.datagrams else Convention.TCP0
+        self._exchanger = BlockingExchanger(channel, target.convention or usual, journal.hear)
+        others = Pace(round(target.timeout * 1_000_000), target.retries)
+        self._session = Session(self._exchanger, PACES._replace(others=others))
+        names = {ObjectClass.ROBOT: plan.robot, ObjectClass.TASK: plan.task}
+        reach = Reach(self._session, target.service, target.connect, names)
+        self._station = Station(reach, self._pause)
+        self._pacer: Pacer | None = None
+        self._index = 0
+        self._gone = False
+
+    async def perform(self) -> Ended:
+        """Do all of it; return how it ended."""
+        outcome, reason = Outcome.DONE, ""
+        try:
+            await self._visit()
+            outcome = Outcome.LOOKED if self._plan.look_only else Outcome.DONE
+        except EndedEarly as end:
+            outcome, reason = end.outcome, str(end)
+        except ControllerError as error:
+            outcome, reason = Outcome.REFUSED, str(error)
+        except ExchangeTimeout as error:
+            outcome, reason = Outcome.UNANSWERED, str(error)
+        except OSError as error:
+            outcome, reason, self._gone = Outcome.UNANSWERED, reason_of(error), True
+        except BcapError as error:
+            outcome, reason = Outcome.FAILED, str(error)
+        finally:
+            await self._close()
+        return self._ended(outcome, reason)
+
+    async def _visit(self) -> None:
+        plan, station = self._plan, self._station
+        self._show(State.CONNECTING)
+        await station.look()
+        kind = mode_pose_type(plan.mode)
+        mode = slave_mode(plan.mode, station.generation)
+        if mode is None or kind is None:
+            raise EndedEarly(Outcome.FAILED, f"{station.generation} has no slave mode {plan.mode:#05x}")
+        pose = await station.pose(kind)
+        trajectory = _trajectory(plan, kind, pose)
+        far = distance(kind, pose, trajectory.vector(0)) if trajectory else 0.0
+        self._desk.deliver(Peer(station.simulator, station.generation, station.facts, pose, far))
+        if plan.look_only or trajectory is None:
+            return
+        self._arm()
+        while True:
+            try:
+                return await self._once(mode, trajectory)
+            except ControllerError as error:
+                await self._clear(error)
+
+    def _arm(self) -> None:
+        """Make sure that somebody knows that a robot will move."""
+        station = self._station
+        if station.simulator or self._plan.armed:
+            return
+        named = ", ".join(f"{name} {value}" for name, value in station.facts.items())
+        text = f"A robot will move: {named or 'a controller that tells nothing of itself'}."
+        if self._ask(Topic.ARM, text, (NO, YES)) != YES:
+            raise EndedEarly(
+                Outcome.UNARMED, "this is not the simulator, and nobody said that a robot may move"
+            )
+
+    async def _once(self, mode: SlaveMode, trajectory: Trajectory) -> None:
+        """Get ready, play and leave."""
+        station = self._station
+        async with AsyncExitStack() as stack:
+            self._show(State.PREPARING)
+            if await station.run_robslave():
+                stack.push_async_callback(self._undo, station.stop_robslave)
+            if await station.take_arm():
+                stack.push_async_callback(self._undo, station.give_arm)
+            if await station.motor_on():
+                stack.push_async_callback(self._undo, station.motor_off)
+            await self._approach(trajectory.kind, trajectory.vector(0))
+            if self._plan.log is not None:
+                await start_log(station.robot)
+                stack.push_async_callback(self._undo, self._read_log)
+            self._show(State.ENTERING)
+            await station.set_formats(trajectory.kind)
+            # Before the call: its reply may be lost, and yet it was done.
+            stack.push_async_callback(self._undo, self._leave)
+            await station.robot.slv_change_mode(mode.value)
+            await self._play(mode, trajectory)
+
+    async def _approach(self, kind: PoseType, first: Point) -> None:
+        """Bring the robot to the first point, unless it is there."""
+        station = self._station
+        far = distance(kind, await station.pose(kind), first)
+        if far <= NEAR:
+            return
+        if not self._plan.may_approach:
+            text = (
+                f"The first set point is {far:.3g} (degrees or mm) from where the robot stands. "
+                f"Move there at {self._plan.approach:g}% of its speed?"
+            )
+            if self._ask(Topic.APPROACH, text, (NO, YES)) != YES:
+                raise EndedEarly(Outcome.DECLINED, "the robot is not at the first set point")
+        self._show(State.APPROACHING)
+        try:
+            await station.approach(kind, first, self._plan.approach)
+        except EndedEarly:
+            await self._halt()
+            raise
+
+    async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
+        """Send the set points; come to rest, or halt, when that is ordered."""
+        plan, station = self._plan, self._station
+        hold = max(mode.slots + 1, -(-2 * _CONTROL_PERIOD // plan.period))
+        course = Course(trajectory, plan.period / 1e9, self._limits(), plan.rounds, hold)
+        handle = station.robot.handle
+        probe = (Variant(VT.I4, handle), Variant(VT.BSTR, "slvMove"))
+        move = Move(handle, station.real, mode, self._session.pace(_ROBOT_EXECUTE, probe), plan.period)
+        capacity = min(_CAPACITY, course.of + 2 * hold) if course.of else _CAPACITY
+        monitor = Monitor(self._desk, self._journal, course, plan.period)
+        pacer = self._pacer = monitor.pacer = Pacer(self._exchanger, move, course, monitor.idle, capacity)
+        self._journal.pacing = True
+        try:
+            pacer.play()
+        except HaltedError:
+            self._journal.pacing = False
+            await self._halt()
+            raise EndedEarly(Outcome.HALTED, self._desk.reason) from None
+        finally:
+            self._journal.pacing = False
+            self._exchanger.abandon()
+            self._index = course.index
+            self._desk.deliver(monitor.progress(self._channel.now()))
+        if course.stopping:
+            raise EndedEarly(Outcome.STOPPED, self._desk.reason)
+
+    async def _halt(self) -> None:
+        """Stop the arm at once; slave mode is left afterwards, on the way out.
+
+        A controller that is busy with a set point says so, or says nothing until it is done with it.
+        """
+        usual = self._session.paces
+        self._session.paces = usual._replace(others=_HALT_PACE)
+        robot = Variant(VT.I4, self._station.robot.handle)
+        try:
+            for _ in range(_HALT_TRIES):
+                settled = await self._session.exchange(_ROBOT_HALT, (robot, Variant(VT.BSTR, "")))
+                if not isinstance(settled, Refused) or settled.reply.code != E_BUSY:
+                    break
+                self._channel.wait(self._channel.now() + _HALT_AGAIN)
+        except OSError:
+            self._gone = True
+        finally:
+            self._session.paces = usual
+
+    async def _clear(self, error: ControllerError) -> None:
+        """Read what the controller shows, then offer to clear it; return if it is to be played again.
+
+        Raises:
+            ControllerError: it is not.
+        """
+        self._desk.deliver(Trouble(str(error), await self._station.errors()))
+        text = "Clear the error, or clear it and begin again: RobSlave, first set point, slave mode?"
+        answer = self._ask(Topic.CLEAR, text, (NO, CLEAR, AGAIN))
+        if answer == NO:
+            raise error
+        self._show(State.CLEARING)
+        await self._station.clear_errors()
+        if answer == CLEAR:
+            raise error
+
+    async def _leave(self) -> None:
+        self._show(State.LEAVING)
+        await self._station.robot.slv_change_mode(0)
+
+    async def _read_log(self) -> None:
+        self.records = await read_log(self._station.robot)
+
+    async def _undo(self, step: Callable[[], Awaitable[None]]) -> None:
+        """End what was begun; what the controller refuses is told, and the rest goes on."""
+        if self._gone:
+            return
+        try:
+            await step()
+        except (ExchangeTimeout, OSError):
+            self._gone = True
+        except BcapError as error:
+            self._desk.deliver(Trouble(f"while leaving: {error}"))
+
+    async def _close(self) -> None:
+        """Let go of the handles and the service; without waiting where nobody answers."""
+        if self._gone:
+            self._channel.close()
+        else:
+            await self._session.close()
+
+    def _ask(self, topic: Topic, text: str, choices: tuple[str, ...]) -> str:
+        """Ask the user.
+
+        Raises:
+            EndedEarly: there is an order instead of an answer.
+        """
+        answer = self._desk.ask(Question(topic, text, choices))
+        self._obey()
+        return answer
+
+    def _pause(self, length: int) -> None:
+        """Wait so many ns.
+
+        Raises:
+            EndedEarly: there is an order.
+        """
+        until = self._channel.now() + length
+        while True:
+            self._obey()
+            now = self._channel.now()
+            if now >= until:
+                return
+            self._channel.wait(min(until, now + _LOOK_EACH))
+
+    def _obey(self) -> None:
+        order = self._desk.poll()
+        if order is not None:
+            outcome = Outcome.HALTED if order is Order.HALT else Outcome.STOPPED
+            raise EndedEarly(outcome, self._desk.reason)
+
+    def _limits(self) -> Limits:
+        """Return what a stop keeps within; not by way of joints, which takes longer than there is time."""
+        base = simulator_limits() if self._station.simulator else UNKNOWN
+        return replace(limited(base, self._plan.limits), to_joints=None)
+
+    def _show(self, state: State) -> None:
+        self._desk.deliver(Progress(state))
+
+    def _ended(self, outcome: Outcome, reason: str) -> Ended:
+        pacer = self._pacer
+        if pacer is None:
+            return Ended(outcome, reason, left=not self._gone)
+        figures = pacer.lateness.exact(), pacer.cycle.exact(), pacer.counts
+        return Ended(outcome, reason, *figures, self._index, left=not self._gone)
+
+
+def _trajectory(plan: Plan, kind: PoseType, pose: Point) -> Trajectory | None:
+    """Return the set points with all numbers that slvMove takes; None if there are none."""
+    if not plan.points:
+        return None
+    return Trajectory(kind, np.array(plan.points, dtype=np.float64), Source("", "")).completed(pose)
