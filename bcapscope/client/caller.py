@@ -37,6 +37,7 @@ class Caller:
         self._one_at_a_time = asyncio.Lock()
         self._timer: asyncio.TimerHandle | None = None
         self._waiting: asyncio.Future[Settled] | None = None
+        self._something: asyncio.Future[None] | None = None
         self._splitter = Splitter()
         self._seen = 0
         self._lost: str | None = None
@@ -77,6 +78,32 @@ class Caller:
                 self._requester.abandon()
                 self._settle()
 
+    async def send_raw(self, raw: bytes, patience: float) -> bool:
+        """Send bytes as they are, whether or not they make sense; nothing is sent again.
+
+        Args:
+            raw: one datagram, or bytes of a stream.
+            patience: seconds to wait for something to come.
+
+        Returns:
+            Whether something came; what it was, the observer has seen.
+
+        Raises:
+            ConnectionError: the link is gone.
+        """
+        async with self._one_at_a_time:
+            if self._lost is not None:
+                raise ConnectionResetError(self._lost)
+            now = self._clock.now()
+            for item in parse_datagram(raw):
+                self._observe(self._out, item, now)
+            self._something = asyncio.get_running_loop().create_future()
+            self._link.send(raw)
+            done, _ = await asyncio.wait([self._something], timeout=patience)
+            if self._lost is not None:
+                raise ConnectionResetError(self._lost)
+            return bool(done)
+
     def close(self) -> None:
         """Close the link."""
         self._link.close()
@@ -92,6 +119,7 @@ class Caller:
         for item in items:
             self._observe(self._in, item, now)
             self._requester.receive(item, now)
+        self._came()
         self._settle()
 
     def trouble(self, text: str) -> None:
@@ -104,6 +132,12 @@ class Caller:
         self._lost = f"{host}:{port}: {reason}"
         if self._waiting is not None and not self._waiting.done():
             self._waiting.set_exception(ConnectionResetError(self._lost))
+        self._came()
+
+    def _came(self) -> None:
+        """Tell whoever has sent raw bytes."""
+        if self._something is not None and not self._something.done():
+            self._something.set_result(None)
 
     def _wake(self) -> None:
         self._requester.wake(self._clock.now())

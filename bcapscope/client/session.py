@@ -105,6 +105,11 @@ class Session:
         self._open: list[tuple[Function, int | None]] = []
         self._modes: dict[int, int] = {}
 
+    @property
+    def exchanger(self) -> Exchanger:
+        """What the calls are made with."""
+        return self._caller
+
     async def exchange(self, function_id: int, arguments: Sequence[Variant]) -> Settled:
         """Make a call and return how it ended.
 

@@ -1,0 +1,204 @@
+"""A call as something to paste elsewhere: a `bcapscope call` line, a Python program, bytes in hex."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from collections.abc import Iterator, Sequence
+
+from bcapscope.client.opened import Opened
+from bcapscope.client.target import Target
+from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, Param, function_name
+from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
+from bcapscope.render.escape import printable
+from bcapscope.render.notation import notation_text
+
+_DEFAULT = Target("")
+_NAMED = frozenset(
+    (
+        ObjectClass.ROBOT,
+        ObjectClass.TASK,
+        ObjectClass.VARIABLE,
+        ObjectClass.FILE,
+        ObjectClass.EXTENSION,
+        ObjectClass.COMMAND,
+    )
+)
+_WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
+
+
+def hex_text(raw: bytes) -> str:
+    """Write bytes in pairs of digits, blanks between, as every tool for hex reads them."""
+    return raw.hex(" ").upper()
+
+
+def call_line(
+    target: Target, function_id: int, arguments: Sequence[Variant], subject: Opened | None
+) -> str | None:
+    """Write a call as a command line of ours.
+
+    Args:
+        target: the controller, and how it is reached.
+        function_id: what is called.
+        arguments: all of them, the handle first.
+        subject: what the handle stands for; the line opens it by its name. None to give the number.
+
+    Returns:
+        The line; None where an argument has no notation or there is no such function.
+    """
+    function = FUNCTIONS.get(function_id)
+    if function is None or len(arguments) != len(function.params):
+        return None
+    skipped = 1 if subject is not None and _is_reached(subject) else 0
+    pairs = list(zip(function.params, arguments, strict=True))[skipped:]
+    texts = [_word(param, argument) for param, argument in pairs]
+    if None in texts:
+        return None
+    names = _names(subject) if skipped else []
+    words = ["bcapscope", "call", target.host, *_ways(target), *names, function.name]
+    return shlex.join([*words, *_guarded([text for text in texts if text is not None])])
+
+
+def _guarded(texts: list[str]) -> list[str]:
+    """Put what says that options have ended before words that look like some."""
+    return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
+
+
+def _ways(target: Target) -> Iterator[str]:
+    if target.port != _DEFAULT.port:
+        yield from ("--port", str(target.port))
+    if target.tcp:
+        yield "--tcp"
+    if target.provider != _DEFAULT.provider:
+        yield from ("--provider", target.provider)
+    if target.service:
+        yield from ("--service", target.service)
+
+
+def _is_reached(subject: Opened) -> bool:
+    """Tell whether `bcapscope call` opens this object by itself, from its name."""
+    if subject.kind is ObjectClass.CONTROLLER:
+        return True
+    parent = subject.parent
+    if subject.kind not in _NAMED or not subject.asked or parent is None or any(subject.asked[1:]):
+        return False
+    return parent.kind is ObjectClass.CONTROLLER or (
+        subject.kind is ObjectClass.VARIABLE and _is_reached(parent)
+    )
+
+
+def _names(subject: Opened | None) -> list[str]:
+    words: list[str] = []
+    while subject is not None and subject.kind in _NAMED:
+        words += [f"--{subject.kind.lower()}", subject.asked[0]]
+        subject = subject.parent
+    return words
+
+
+def _word(param: Param, argument: Variant) -> str | None:
+    if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
+        return argument.value
+    return notation_text(argument)
+
+
+def python_text(
+    target: Target, function_id: int, arguments: Sequence[Variant], subject: Opened | None
+) -> str:
+    """Write a call as a program that makes it: connections first, everything let go at the end.
+
+    Args:
+        target: the controller, and how it is reached.
+        function_id: what is called; with an id that no function has, the program sends just that.
+        arguments: all of them, the handle first.
+        subject: what the handle stands for; the program opens it. None to give the number.
+    """
+    over = "over_tcp" if target.tcp else "over_udp"
+    option = f", {_literal(target.service)}" if target.service else ""
+    chain = _chain(subject)
+    lines = [
+        f"from bcapscope.client import Blocking, connect, {over}",
+        "from bcapscope.protocol.variant import VT, Variant",
+        "",
+        "with Blocking() as wait:",
+        f"    service = wait.enter(connect({over}({target.host!r}, {target.port}){option}))",
+        *(f"    {line}" for line in _openings(chain)),
+        f"    print({_call(function_id, arguments, chain)})",
+    ]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _chain(subject: Opened | None) -> list[Opened]:
+    chain: list[Opened] = []
+    while subject is not None:
+        chain.insert(0, subject)
+        subject = subject.parent
+    return chain
+
+
+def _openings(chain: Sequence[Opened]) -> Iterator[str]:
+    owner = "service"
+    for opened in chain:
+        name = str(opened.kind.lower())
+        verb = "connect" if opened.kind is ObjectClass.CONTROLLER else f"get_{name}"
+        yield f"{name} = wait({owner}.{verb}({', '.join(map(_literal, opened.asked))}))"
+        owner = name
+
+
+def _call(function_id: int, arguments: Sequence[Variant], chain: Sequence[Opened]) -> str:
+    function = FUNCTIONS.get(function_id)
+    fits = function is not None and len(function.params) == len(arguments)
+    if function is None or not fits or function.owner is ObjectClass.SERVICE or not chain:
+        values = ", ".join(map(_variant, arguments))
+        return f"wait(service.session.call({function_id}, [{values}]))  # {function_name(function_id)}"
+    values = ", ".join(
+        _value(param, argument) for param, argument in zip(function.params[1:], arguments[1:], strict=True)
+    )
+    return f"wait({chain[-1].kind.lower()}.{method_name(function)}({values}))"
+
+
+def method_name(function: Function) -> str:
+    """Name the method of `client.objects` that calls a function."""
+    if function.releases is not None:
+        return "release"
+    return _WORD_BREAK.sub("_", function.name.partition("_")[2]).lower()
+
+
+def _value(param: Param, argument: Variant) -> str:
+    """Write an argument plainly where the method gives it the same type by itself."""
+    if param.type == "VT_BSTR" and argument.vt == VT.BSTR:
+        return _literal(argument.value)
+    if param.type == "VT_I4" and argument.vt == VT.I4:
+        return _literal(argument.value)
+    if param.type == "VT_R4" and argument.vt == VT.R4:
+        return _literal(argument.value)
+    return _variant(argument)
+
+
+def _variant(variant: Variant) -> str:
+    if variant == EMPTY:
+        return "None"
+    vt, value = variant.vt, variant.value
+    base = vt & ~ARRAY
+    name = f"VT.{VT(base).name}" if base in VT.__members__.values() else hex(base)
+    if not vt & ARRAY:
+        return f"Variant({name}, {_literal(value)})"
+    if isinstance(value, tuple) and base == VT.VARIANT:
+        inner = "".join(f"{_explicit(item)}, " for item in value if isinstance(item, Variant))
+        return f"Variant.array({name}, ({inner.strip()}))"
+    return f"Variant.array({name}, {_literal(value)})"
+
+
+def _explicit(variant: Variant) -> str:
+    return "Variant(VT.EMPTY, None)" if variant == EMPTY else _variant(variant)
+
+
+def _literal(value: object) -> str:
+    """Write a constant of Python; strings with nothing in them that a terminal would obey."""
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else f'float("{value}")'
+    if isinstance(value, tuple):
+        inner = ", ".join(map(_literal, value))
+        return f"({inner},)" if len(value) == 1 else f"({inner})"
+    text = repr(value)
+    return text if text.isascii() else printable(text)

@@ -1,0 +1,155 @@
+"""The guided connect: one step after the other, each with what was found or why it failed."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
+
+from bcapscope.client.opened import Opened
+from bcapscope.client.target import Target, reason_of
+from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
+from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.render.meaning import value_text
+from bcapscope.tui.desk.desk import Desk
+from bcapscope.tui.desk.halt import ROBOT
+from bcapscope.tui.desk.news import Identity, Step, StepNews
+from bcapscope.tui.desk.record import Ending, Who
+from bcapscope.tui.desk.recorder import WHO
+
+_UNKNOWN_PROVIDER = (0x80070057, 0x80000201)
+"""What a controller answers to the name of a provider that it does not have: E_INVALIDARG (RC8), and the CAO
+engine's own code (orin_bcap C/include/bcap_common.h)."""
+
+
+class FailedError(BcapError):
+    """A step failed; it has been told which and why."""
+
+
+async def connect(desk: Desk, target: Target, providers: Sequence[str], robot: str, option: str) -> bool:
+    """Walk all steps, up to the first that fails.
+
+    Args:
+        desk: that connects.
+        target: the controller.
+        providers: to be tried one after the other.
+        robot: name of the robot to open; empty to leave that for later.
+        option: for opening it.
+
+    Returns:
+        Whether all succeeded. After a failure before the controller was connected to, the link is closed.
+    """
+    WHO.set(Who.SCREEN)
+    try:
+        await _step(desk, Step.LINK, lambda: _link(desk, target))
+        await _step(desk, Step.SERVICE, lambda: _service(desk))
+        await _step(desk, Step.CONTROLLER, lambda: _controller(desk, target, providers))
+    except FailedError:
+        await desk.disconnect()
+        return False
+    except asyncio.CancelledError:
+        await desk.disconnect()
+        raise
+    desk.open_halt_line(robot or ROBOT)
+    try:
+        await _step(desk, Step.IDENTITY, lambda: identify(desk))
+        if robot:
+            await _step(desk, Step.ROBOT, lambda: _robot(desk, robot, option))
+    except FailedError:
+        return False
+    return True
+
+
+async def add_robot(desk: Desk, robot: str, option: str) -> bool:
+    """Open a robot, learn its type, and have HALT ready for it."""
+    WHO.set(Who.USER)
+    try:
+        await _step(desk, Step.ROBOT, lambda: _robot(desk, robot, option))
+    except FailedError:
+        return False
+    desk.open_halt_line(robot)
+    return True
+
+
+async def _step(desk: Desk, step: Step, walk: Callable[[], Awaitable[str]]) -> None:
+    desk.tell(StepNews(step, None))
+    try:
+        text = await walk()
+    except ExchangeTimeout as error:
+        desk.tell(StepNews(step, False, desk.why()))
+        raise FailedError from error
+    except OSError as error:
+        desk.tell(StepNews(step, False, reason_of(error)))
+        raise FailedError from error
+    except BcapError as error:
+        desk.tell(StepNews(step, False, str(error)))
+        raise FailedError from error
+    desk.tell(StepNews(step, True, text))
+
+
+async def _link(desk: Desk, target: Target) -> str:
+    await desk.open_link(target)
+    return str(target)
+
+
+async def _service(desk: Desk) -> str:
+    await desk.reach.start()
+    return "Service_Start"
+
+
+async def _controller(desk: Desk, target: Target, providers: Sequence[str]) -> str:
+    """Connect with the first provider that the controller has."""
+    for provider in providers:
+        tried = replace(target, provider=provider)
+        try:
+            await desk.reach.invoke("Controller_Connect", *tried.connect)
+        except ControllerError as error:
+            if error.hresult not in _UNKNOWN_PROVIDER or provider == providers[-1]:
+                raise
+            continue
+        desk.show(target=tried)
+        return provider or "Controller_Connect"
+    raise FailedError("no provider to try")
+
+
+async def _robot(desk: Desk, name: str, option: str) -> str:
+    controller = desk.controller
+    robot = await desk.open(controller, ObjectClass.ROBOT, name, option)
+    if robot is None:
+        raise FailedError(desk.why())
+    desk.choose(robot)
+    found = await read_type(desk, robot)
+    return ", ".join(filter(None, (name, found)))
+
+
+async def identify(desk: Desk) -> str:
+    """Learn what the peer is: our simulator, or what it says of itself."""
+    simulator = await desk.reach.meets_simulator()
+    version = await _read(desk, desk.controller, "@VERSION")
+    desk.arming.needed = not simulator
+    desk.show(identity=Identity(simulator, version))
+    kind = "bcapscope simulator, no robot moves" if simulator else "controller"
+    return f"{kind}, version {version}" if version else kind
+
+
+async def read_type(desk: Desk, robot: Opened) -> str:
+    """Read the robot's type, which is to be looked at before the first motion (DENSO Wave 2009)."""
+    name = await _read(desk, robot, "@TYPE_NAME")
+    number = await _read(desk, robot, "@TYPE")
+    desk.show(identity=replace(desk.status.identity, type_name=name, type_number=number))
+    return " ".join(filter(None, (name, f"(@TYPE {number})" if number else "")))
+
+
+async def _read(desk: Desk, owner: Opened, name: str) -> str:
+    """Read a variable once; "" where there is none."""
+    variable = await desk.open(owner, ObjectClass.VARIABLE, name, "", who=Who.SCREEN)
+    if variable is None:
+        return ""
+    handle = Variant(VT.I4, variable.handle)
+    record = await desk.invoke("Variable_GetValue", handle, who=Who.SCREEN)
+    await desk.invoke("Variable_Release", handle, who=Who.SCREEN)
+    if record.ending is not Ending.ANSWERED or record.reply is None or not record.reply.arguments:
+        return ""
+    value = record.reply.arguments[0].variant
+    return value.value if isinstance(value.value, str) else value_text(value.value, value.vt)

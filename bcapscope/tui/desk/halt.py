@@ -1,0 +1,192 @@
+"""The line that HALT goes out on: thread, event loop and session of its own, ready before it is needed.
+
+A call under way blocks the connection that it was made on until it ends, and DENSO's C server answers
+whatever else comes there with busy (orin_bcap C/src/bCAPServer/bcap_server.c). So HALT has a connection that
+nothing else uses, with the robot open on it, and needs neither the screen's event loop nor that of the other
+calls: whoever presses the key only sets a flag of this thread's loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from bcapscope.client.caller import Observer
+from bcapscope.client.reach import Reach
+from bcapscope.client.session import Session
+from bcapscope.client.target import Target, reason_of
+from bcapscope.errors import BcapError, ControllerError
+from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.requester import Pace
+
+_MS = 1_000_000
+URGENT = Pace(50 * _MS, 20)
+"""Tries of HALT: often, and for a second."""
+
+HEARTBEAT = 2.0
+"""Seconds between two calls that prove the line alive."""
+
+CLOSING = 3.0
+"""Seconds that `close` waits for the line to let go of what it has open."""
+
+ROBOT = "Arm"
+"""Name of the robot that is opened where none was given: most controllers have one."""
+
+
+class HaltState(StrEnum):
+    """What pressing HALT would do, or has done."""
+
+    CLOSED = "closed"
+    """There is no controller to halt."""
+    OPENING = "opening"
+    READY = "ready"
+    LOST = "lost"
+    """The controller does not answer on this line, or did not let it be opened."""
+    HALTING = "halting"
+    HALTED = "halted"
+    FAILED = "failed"
+    """HALT was sent, and no answer came, or a refusal."""
+
+
+@dataclass(frozen=True, slots=True)
+class HaltNews:
+    """The line has changed.
+
+    Attributes:
+        state: of the line from now on.
+        reason: why, where that is no success; else empty.
+        round_trip: ns of the call that told; 0 where none did.
+    """
+
+    state: HaltState
+    reason: str = ""
+    round_trip: int = 0
+
+
+class HaltLine:
+    """One line to one controller, from its construction to `close`."""
+
+    def __init__(
+        self,
+        target: Target,
+        tell: Callable[[HaltNews], None],
+        observer: Observer,
+        robot: str = ROBOT,
+        heartbeat: float = HEARTBEAT,
+    ) -> None:
+        """Open the line; nothing is waited for.
+
+        Args:
+            target: the controller; a name of Controller_Connect is not used twice.
+            tell: is told of every change, in the line's own thread.
+            observer: sees every packet, likewise.
+            robot: name of the robot to halt.
+            heartbeat: seconds between two proofs that the line is alive.
+        """
+        self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
+        self._tell = tell
+        self._observer = observer
+        self._robot = robot
+        self._heartbeat = heartbeat
+        self._quiet = False
+        self._loop = asyncio.new_event_loop()
+        self._pressed = asyncio.Event()
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="halt", daemon=True)
+        self._thread.start()
+
+    def press(self) -> None:
+        """Halt the robot. From any thread, at any time; returns at once."""
+        self._wake(self._pressed.set)
+
+    def rest(self, quiet: bool) -> None:
+        """Send nothing but HALT while `quiet`: what other clients send may end slave mode."""
+        self._quiet = quiet
+
+    def close(self) -> None:
+        """Let go of the line and wait for that, `CLOSING` seconds at most."""
+
+        def end() -> None:
+            self._closing = True
+            self._pressed.set()
+
+        self._wake(end)
+        self._thread.join(CLOSING)
+
+    def _wake(self, action: Callable[[], None]) -> None:
+        with suppress(RuntimeError):  # the line has ended, and its loop with it
+            self._loop.call_soon_threadsafe(action)
+
+    def _run(self) -> None:
+        try:
+            with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+                runner.run(self._live())
+        finally:
+            self._tell(HaltNews(HaltState.CLOSED))
+
+    async def _live(self) -> None:
+        while not self._closing:
+            try:
+                async with self._target.session(observer=self._observer) as session:
+                    await self._serve(session)
+            except ControllerError as error:
+                self._tell(HaltNews(HaltState.LOST, str(error)))
+            except (BcapError, OSError) as error:
+                self._tell(HaltNews(HaltState.LOST, _reason(error)))
+            await self._wait(self._heartbeat)
+
+    async def _serve(self, session: Session) -> None:
+        """Open what HALT needs, then wait for it."""
+        self._tell(HaltNews(HaltState.OPENING))
+        reach = Reach(session, self._target.service, self._target.connect, {ObjectClass.ROBOT: self._robot})
+        handle = await reach.handle(ObjectClass.ROBOT)
+        await self._beat(session, handle)
+        while not self._closing:
+            await self._wait(self._heartbeat)
+            if self._closing:
+                return
+            if self._pressed.is_set():
+                self._pressed.clear()
+                await self._halt(session, handle)
+            elif not self._quiet:
+                await self._beat(session, handle)
+
+    async def _wait(self, seconds: float) -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self._pressed.wait()
+
+    async def _beat(self, session: Session, handle: int) -> None:
+        began = self._loop.time()
+        with suppress(ControllerError):  # a refusal is an answer, too
+            await session.invoke("Robot_GetAttribute", handle)
+        took = round((self._loop.time() - began) * 1e9)
+        self._tell(HaltNews(HaltState.READY, round_trip=took))
+
+    async def _halt(self, session: Session, handle: int) -> None:
+        self._tell(HaltNews(HaltState.HALTING))
+        usual = session.paces
+        session.paces = usual._replace(others=URGENT)
+        began = self._loop.time()
+        try:
+            await session.invoke("Robot_Halt", handle, "")
+        except ControllerError as error:
+            self._tell(HaltNews(HaltState.FAILED, str(error)))
+        except (BcapError, OSError) as error:
+            self._tell(HaltNews(HaltState.FAILED, _reason(error)))
+            raise
+        else:
+            self._tell(HaltNews(HaltState.HALTED, round_trip=round((self._loop.time() - began) * 1e9)))
+        finally:
+            session.paces = usual
+
+
+def _reason(error: BcapError | OSError) -> str:
+    """Say why in one line; the attempts of a time-out stand in the record of its call."""
+    if isinstance(error, OSError) and not isinstance(error, BcapError):
+        return reason_of(error)
+    return str(error).partition("\n")[0]

@@ -1,0 +1,90 @@
+"""A call that was made, with all that belongs to it, as the history keeps it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from bcapscope.errors import Attempt
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.hresult import describe, hresult_name
+from bcapscope.protocol.variant import Variant
+from bcapscope.traffic.observation import Direction, Observation
+
+
+class Ending(StrEnum):
+    """How a call ended."""
+
+    ANSWERED = "answered"
+    REFUSED = "refused"
+    UNANSWERED = "unanswered"
+    GIVEN_UP = "given up"
+    """By us, before an answer came: cancelled, or the link is gone."""
+
+
+class Who(StrEnum):
+    """Who wanted a call."""
+
+    USER = "user"
+    SCREEN = "screen"
+    """The program itself: to learn what the peer is, to recover, to let go."""
+    WATCH = "watch"
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One call.
+
+    Attributes:
+        number: from 1, in the order in which they began.
+        who: wanted it.
+        began: when its first try went out, ns since 1970-01-01 UTC.
+        function_id: what was called.
+        arguments: of the request.
+        ending: how it ended.
+        reply: the one that counted; None where there was none.
+        took: ns from the first try to the reply, or to the end.
+        attempts: all tries.
+        packets: everything sent and received for it, in order.
+        notices: how often S_EXECUTING came.
+        late: replies that did not count.
+    """
+
+    number: int
+    who: Who
+    began: int
+    function_id: int
+    arguments: tuple[Variant, ...]
+    ending: Ending
+    reply: Frame | None
+    took: int
+    attempts: tuple[Attempt, ...]
+    packets: tuple[Observation, ...] = field(repr=False)
+    notices: int = 0
+    late: int = 0
+
+    @property
+    def sent(self) -> tuple[Observation, ...]:
+        """What went out."""
+        return tuple(each for each in self.packets if each.flow.direction is Direction.REQUEST)
+
+    @property
+    def received(self) -> tuple[Observation, ...]:
+        """What came in."""
+        return tuple(each for each in self.packets if each.flow.direction is Direction.RESPONSE)
+
+    @property
+    def retries(self) -> int:
+        """Tries after the first."""
+        return max(0, len(self.sent) - 1)
+
+
+def why(record: Record) -> str:
+    """Tell in a clause how a call ended that did not succeed."""
+    if record.ending is Ending.REFUSED and record.reply is not None:
+        code = record.reply.code
+        return f"{hresult_name(code)}, {describe(code).text}"
+    if record.ending is Ending.UNANSWERED:
+        tries = len(record.attempts)
+        return f"no answer to {tries} {'try' if tries == 1 else 'tries'}"
+    return str(record.ending)

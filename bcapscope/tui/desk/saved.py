@@ -1,0 +1,171 @@
+"""Saved requests: a small YAML file each, which a team can keep in git.
+
+    function: Robot_Execute
+    arguments:
+    - slvChangeMode
+    - i4:2
+    note: slave mode with joints
+
+The handle is left out: a request goes to whatever object of its class is chosen when it is made.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import platformdirs
+
+from bcapscope.errors import BcapError
+from bcapscope.protocol.functions import FUNCTIONS, Function, Param, function_by_name
+from bcapscope.protocol.notation import parse_as
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.render.notation import notation_text
+
+LARGEST = 100_000
+"""Bytes of a file; a request of b-CAP that people write by hand is far smaller."""
+
+_UNSAFE = re.compile(r"[^\w .-]+")
+_SUFFIX = ".yaml"
+
+
+class SavedError(BcapError):
+    """A file holds no request, or cannot be read or written."""
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    function: str
+    arguments: list[str | int | float | bool] = []
+    note: str = ""
+
+
+class Saved(NamedTuple):
+    """A request without its handle.
+
+    Attributes:
+        name: of the file, without its ending.
+        function: to call.
+        values: its arguments; the handle is not among them.
+        note: what it is for.
+    """
+
+    name: str
+    function: Function
+    values: tuple[Variant, ...]
+    note: str = ""
+
+
+def default_folder() -> Path:
+    """Say where requests are kept on this platform unless another folder is chosen."""
+    return platformdirs.user_data_path("bcapscope", appauthor=False) / "requests"
+
+
+def takes_handle(function: Function) -> bool:
+    """Tell whether the first argument of a function is a handle."""
+    return bool(function.params) and function.params[0].name.startswith("h")
+
+
+def listed(folder: Path) -> list[tuple[str, Saved | str]]:
+    """List the requests in a folder by name, each as it is or why it cannot be read."""
+    try:
+        paths = sorted(folder.glob(f"*{_SUFFIX}"))
+    except OSError:
+        return []
+    return [(path.stem, _tried(path)) for path in paths]
+
+
+def _tried(path: Path) -> Saved | str:
+    try:
+        return load(path)
+    except SavedError as error:
+        return str(error)
+
+
+def load(path: Path) -> Saved:
+    """Read one file.
+
+    Raises:
+        SavedError: there is none, or it holds no request; with the field that makes no sense.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+        if len(content) > LARGEST:
+            raise SavedError(f"{path.name} is larger than {LARGEST} bytes")
+        found = msgspec.yaml.decode(content, type=_File)
+    except OSError as error:
+        raise SavedError(f"{path.name}: {error.strerror or error}") from None
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        raise SavedError(f"{path.name}: {' '.join(str(error).split())}") from None
+    function = function_by_name(found.function)
+    if function is None:
+        raise SavedError(f"{path.name}: there is no function {found.function!r}")
+    params = function.params[1:] if takes_handle(function) else function.params
+    if len(params) != len(found.arguments):
+        names = ", ".join(param.name for param in params) or "none"
+        raise SavedError(f"{path.name}: {len(found.arguments)} arguments, expected: {names}")
+    values = tuple(_value(path, *each) for each in zip(params, found.arguments, strict=True))
+    return Saved(path.stem, function, values, found.note)
+
+
+def _value(path: Path, param: Param, given: str | int | float | bool) -> Variant:
+    text = str(given).lower() if isinstance(given, bool) else str(given)
+    try:
+        return parse_as(text, (param.type,))
+    except ValueError as error:
+        raise SavedError(f"{path.name}: {param.name}: {error}") from None
+
+
+def save(folder: Path, name: str, function_id: int, arguments: Sequence[Variant], note: str = "") -> Path:
+    """Write a request, whole or not at all; return its file.
+
+    Args:
+        folder: made where it does not exist.
+        name: by which people find it; becomes the file's.
+        function_id: what is called.
+        arguments: all of them, the handle first where there is one.
+        note: what it is for.
+
+    Raises:
+        SavedError: the request has no notation, the name is empty, or there is no room or no right.
+    """
+    function = FUNCTIONS.get(function_id)
+    if function is None or len(function.params) != len(arguments):
+        raise SavedError("only calls of known functions with all their arguments can be saved")
+    skipped = 1 if takes_handle(function) else 0
+    pairs = list(zip(function.params, arguments, strict=True))[skipped:]
+    texts = [_text(param, argument) for param, argument in pairs]
+    if None in texts:
+        raise SavedError("a VARIANT array in a VARIANT array cannot be written down: copy it as Python")
+    stem = _UNSAFE.sub("_", name).strip(" .")[:80]
+    if not stem:
+        raise SavedError("a name is expected")
+    content = msgspec.yaml.encode(_File(function.name, [text or "" for text in texts], note))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return _replace(folder / f"{stem}{_SUFFIX}", content)
+    except OSError as error:
+        raise SavedError(f"{folder}: {error.strerror or error}") from None
+
+
+def _replace(path: Path, content: bytes) -> Path:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return path
+
+
+def _text(param: Param, argument: Variant) -> str | None:
+    if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
+        return argument.value
+    return notation_text(argument)

@@ -1,0 +1,1 @@
+"""Tests of what stands between the widgets of the Tester and the client."""

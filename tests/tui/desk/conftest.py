@@ -1,0 +1,16 @@
+"""A simulator in a process of its own for all tests of a module."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from bcapscope.tui.desk.builtin import Place, builtin_simulator
+
+
+@pytest.fixture(scope="module")
+def simulator() -> Iterator[Place]:
+    """Run the built-in simulator."""
+    with builtin_simulator() as place:
+        yield place

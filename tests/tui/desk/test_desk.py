@@ -1,0 +1,320 @@
+"""The desk against the built-in simulator, and against peers that are worse."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import orjson
+import pytest
+
+from bcapscope.client.target import Target
+from bcapscope.errors import LocalProtocolError
+from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.hresult import S_OK
+from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
+from bcapscope.tui.desk.builtin import JOINTS, Place, builtin_simulator
+from bcapscope.tui.desk.connecting import add_robot, connect
+from bcapscope.tui.desk.desk import Desk, NotArmedError, NotConnectedError, handle_variant
+from bcapscope.tui.desk.halt import HaltNews, HaltState
+from bcapscope.tui.desk.news import Lost, News, Step, StepNews
+from bcapscope.tui.desk.option import AUTOMATIC
+from bcapscope.tui.desk.record import Ending, Record, Who
+from tests.client.peer import Answer
+from tests.client.server import UdpServer, udp_server
+
+LIMIT = 10.0
+N = TypeVar("N")
+
+
+class Heard:
+    """What a desk told."""
+
+    def __init__(self) -> None:
+        self.news: list[News] = []
+        self._more = threading.Condition()
+
+    def take(self, news: News) -> None:
+        with self._more:
+            self.news.append(news)
+            self._more.notify_all()
+
+    def all(self, kind: type[N]) -> list[N]:
+        return [each for each in self.news if isinstance(each, kind)]
+
+    def wait_for(self, true: Callable[[], object]) -> None:
+        with self._more:
+            assert self._more.wait_for(lambda: bool(true()), LIMIT)
+
+    @property
+    def halt(self) -> HaltState | None:
+        found = self.all(HaltNews)
+        return found[-1].state if found else None
+
+
+@contextmanager
+def desk(folder: Path) -> Iterator[tuple[Desk, Heard]]:
+    heard = Heard()
+    made = Desk(heard.take, folder)
+    try:
+        yield made, heard
+    finally:
+        made.close()
+
+
+def join(made: Desk, place: Place, robot: str = "Gundam", tcp: bool = False) -> bool:
+    target = Target(place.host, place.port, tcp, timeout=300.0)
+    return asyncio.run(made.do(connect(made, target, AUTOMATIC, robot, "")))
+
+
+def robot_call(made: Desk, command: str, parameter: Variant = EMPTY) -> Record:
+    assert made.status.robot is not None
+    values = (handle_variant(made.status.robot), Variant(VT.BSTR, command), parameter)
+    return asyncio.run(made.do(made.invoke("Robot_Execute", *values)))
+
+
+def start_robslave(made: Desk) -> None:
+    async def start() -> None:
+        task = await made.open(made.controller, ObjectClass.TASK, "RobSlave", "")
+        assert task is not None
+        record = await made.invoke(
+            "Task_Start", handle_variant(task), Variant(VT.I4, 1), Variant(VT.BSTR, "")
+        )
+        assert record.ending is Ending.ANSWERED
+
+    asyncio.run(made.do(start()))
+
+
+@pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
+def test_connecting_walks_its_steps(tmp_path: Path, simulator: Place, tcp: bool) -> None:
+    with desk(tmp_path) as (made, heard):
+        assert join(made, simulator, tcp=tcp)
+        done = [(each.step, each.done) for each in heard.all(StepNews) if each.done is not None]
+        assert done == [(step, True) for step in Step]
+        status = made.status
+        assert status.identity.simulator
+        assert status.identity.type_name
+        assert status.robot is not None
+        assert status.robot.label == "Gundam"
+        assert not made.arming.needed
+        heard.wait_for(lambda: heard.halt is HaltState.READY)
+        asyncio.run(made.do(made.disconnect()))
+        assert not made.status.is_connected
+        assert heard.halt is HaltState.CLOSED
+
+
+def test_the_pages_of_the_tester(tmp_path: Path, simulator: Place) -> None:
+    with desk(tmp_path) as (made, _):
+        assert join(made, simulator)
+        start_robslave(made)
+        record = robot_call(made, "slvChangeMode", Variant(VT.I4, 2))
+        assert record.reply is not None
+        assert (record.reply.code, record.reply.arguments) == (S_OK, ())
+        assert made.status.slave_mode == 2
+        joints = (12.42261, 60.36108, 17.63232, 35.81433, 20.42798, 23.94879)
+        record = robot_call(made, "slvMove", Variant.array(VT.R4, joints))
+        assert record.reply is not None
+        value = record.reply.arguments[0].variant
+        assert value.vt == ARRAY | VT.R4
+        assert isinstance(value.value, tuple)
+        assert len(value.value) == len(JOINTS)
+        assert len(record.sent[0].item.raw) == 92
+        asyncio.run(made.do(made.disconnect()))
+
+
+def test_halt_ends_a_motion_while_its_call_is_under_way(tmp_path: Path, simulator: Place) -> None:
+    with desk(tmp_path) as (made, heard):
+        assert join(made, simulator)
+        heard.wait_for(lambda: heard.halt is HaltState.READY)
+        robot = made.status.robot
+        assert robot is not None
+
+        async def move() -> Record:
+            speed = (handle_variant(robot), Variant(VT.BSTR, "ExtSpeed"), Variant(VT.R4, 1.0))
+            await made.invoke("Robot_Execute", *speed)
+            pose = Variant(VT.BSTR, "J(-90,0,90,0,0,0)")
+            moving = made.invoke(
+                "Robot_Move", handle_variant(robot), Variant(VT.I4, 1), pose, Variant(VT.BSTR, "")
+            )
+            task = asyncio.ensure_future(moving)
+            await asyncio.sleep(0.2)
+            threading.Thread(target=made.halt).start()
+            return await task
+
+        began = time.monotonic()
+        record = asyncio.run(made.do(move()))
+        assert time.monotonic() - began < 5
+        assert record.ending is Ending.REFUSED
+        assert record.reply is not None
+        assert record.reply.code == 0x83201404
+        heard.wait_for(lambda: heard.halt in (HaltState.HALTED, HaltState.READY))
+        assert HaltState.HALTED in [each.state for each in heard.all(HaltNews)]
+
+
+def test_halt_goes_out_though_both_event_loops_are_stuck(tmp_path: Path, simulator: Place) -> None:
+    with desk(tmp_path) as (made, heard):
+        assert join(made, simulator)
+        heard.wait_for(lambda: heard.halt is HaltState.READY)
+        free = threading.Event()
+
+        async def block() -> None:
+            free.wait(LIMIT)  # the desk's loop hangs here
+
+        async def stuck() -> None:
+            task = asyncio.ensure_future(made.do(block()))
+            await asyncio.sleep(0.05)
+            made.halt()  # and so does this one, which has called it
+            heard.wait_for(lambda: HaltState.HALTED in [each.state for each in heard.all(HaltNews)])
+            free.set()
+            await task
+
+        asyncio.run(stuck())
+
+
+def test_nothing_moves_unarmed_but_on_the_simulator(tmp_path: Path) -> None:
+    with udp_server() as server, desk(tmp_path) as (made, _):
+        assert join(made, Place("127.0.0.1", server.port))
+        assert made.arming.needed
+        with pytest.raises(NotArmedError):
+            robot_call(made, "slvMove", Variant(VT.I4, 1))
+        with pytest.raises(NotArmedError):
+            asyncio.run(made.do(made.send_raw(b"\x01\x02")))
+        assert not any("slvMove" in call for peer in server.peers.values() for call in peer.executed)
+        made.arming.arm(made.now())
+        assert robot_call(made, "slvMove", Variant(VT.I4, 1)).ending is Ending.ANSWERED
+
+
+def answering(**answers: Answer | None) -> AbstractContextManager[UdpServer]:
+    return udp_server(lambda peer: peer.answers.update(answers))
+
+
+def test_a_refused_step_says_why(tmp_path: Path) -> None:
+    with answering(Controller_Connect=(0x80000901, ())) as server, desk(tmp_path) as (made, heard):
+        assert not join(made, Place("127.0.0.1", server.port))
+        last = heard.all(StepNews)[-1]
+        assert (last.step, last.done) == (Step.CONTROLLER, False)
+        assert "E_NO_LICENSE" in last.text
+        assert not made.status.is_connected
+
+
+def test_each_provider_is_tried(tmp_path: Path) -> None:
+    with answering(Controller_Connect=(0x80070057, ())) as server, desk(tmp_path) as (made, _):
+        assert not join(made, Place("127.0.0.1", server.port))
+        calls = [call for peer in server.peers.values() for call in peer.executed]
+        assert [call[2] for call in calls if call[0] == "Controller_Connect"] == list(AUTOMATIC)
+
+
+def test_nobody_there(tmp_path: Path) -> None:
+    with desk(tmp_path) as (made, heard):
+        assert not join(made, Place("127.0.0.1", 9), tcp=True)
+        assert heard.all(StepNews)[-1] == StepNews(Step.LINK, False, "connection refused")
+        with pytest.raises(NotConnectedError):
+            asyncio.run(made.do(made.invoke("Service_Stop")))
+
+
+@pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
+def test_the_controller_goes_away(tmp_path: Path, tcp: bool) -> None:
+    with desk(tmp_path) as (made, heard):
+        with builtin_simulator() as place:
+            target = Target(place.host, place.port, tcp, timeout=100.0, retries=1)
+            assert asyncio.run(made.do(connect(made, target, AUTOMATIC, "Arm", "")))
+        if tcp:
+            with pytest.raises(OSError, match="closed"):
+                robot_call(made, "slvGetMode")
+            assert not made.status.is_connected
+            assert heard.all(Lost)
+        else:
+            assert robot_call(made, "slvGetMode").ending is Ending.UNANSWERED
+        heard.wait_for(lambda: heard.halt in (HaltState.LOST, HaltState.CLOSED))
+
+
+def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
+    with answering(Robot_Execute=None) as server, desk(tmp_path) as (made, heard):
+        assert join(made, Place("127.0.0.1", server.port))
+
+        async def cancel() -> None:
+            assert made.status.robot is not None
+            values = (handle_variant(made.status.robot), Variant(VT.BSTR, "slvGetMode"), EMPTY)
+            task = asyncio.ensure_future(made.do(made.invoke("Robot_Execute", *values)))
+            await asyncio.sleep(0.1)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+        asyncio.run(cancel())
+        heard.wait_for(lambda: heard.all(Record)[-1].ending is Ending.GIVEN_UP)
+        record = heard.all(Record)[-1]
+        assert (record.who, len(record.sent)) == (Who.USER, 1)
+
+
+def test_connecting_can_be_cancelled(tmp_path: Path) -> None:
+    with answering(Service_Start=None) as server, desk(tmp_path) as (made, _):
+
+        async def cancel() -> None:
+            walk = connect(made, Target("127.0.0.1", server.port), AUTOMATIC, "Arm", "")
+            task = asyncio.ensure_future(made.do(walk))
+            await asyncio.sleep(0.2)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            await made.do(made.disconnect())
+
+        asyncio.run(cancel())
+        assert not made.status.is_connected
+
+
+def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: Place) -> None:
+    with desk(tmp_path) as (made, _):
+        assert join(made, simulator, tcp=False)
+        raw = bytes.fromhex("01100000003412000013000000000004")
+        record = asyncio.run(made.do(made.send_raw(raw)))
+        assert record.sent[0].item.raw == raw
+        assert record.ending is Ending.GIVEN_UP
+        assert record.received[0].item.raw[5:7] == b"\x34\x12"
+        odd = asyncio.run(made.do(made.send_raw(b"\x01\x02\x03")))
+        assert (odd.sent[0].item.raw, odd.received) == (b"\x01\x02\x03", ())
+        assert robot_call(made, "slvGetMode").ending is Ending.ANSWERED
+
+
+def test_too_much_for_udp_is_told_and_not_sent(tmp_path: Path, simulator: Place) -> None:
+    with desk(tmp_path) as (made, _):
+        assert join(made, simulator)
+        with pytest.raises(LocalProtocolError, match="TCP"):
+            robot_call(made, "slvGetMode", Variant(VT.BSTR, "x" * 300))
+
+
+def test_everything_sent_is_in_the_audit_log(tmp_path: Path, simulator: Place) -> None:
+    with desk(tmp_path / "log") as (made, _):
+        assert join(made, simulator)
+        robot_call(made, "Motor", Variant(VT.I4, 1))
+    (path,) = (tmp_path / "log").iterdir()
+    lines = [orjson.loads(line) for line in path.read_bytes().splitlines()]
+    sent = [line["sent"] for line in lines if "sent" in line]
+    assert sent[:2] == ["Service_Start", "Controller_Connect"]
+    assert "Robot_Execute Motor" in sent
+    assert sent[-1] == "Service_Stop"
+    motor = next(line for line in lines if line.get("sent") == "Robot_Execute Motor")
+    assert motor["who"] == "user"
+    assert motor["hex"].startswith("01")
+
+
+def test_a_log_that_cannot_be_written_is_told_once(tmp_path: Path, simulator: Place) -> None:
+    (tmp_path / "file").write_text("")
+    with desk(tmp_path / "file") as (made, heard):
+        assert join(made, simulator)
+        troubles = [each for each in heard.news if type(each).__name__ == "Trouble"]
+        assert len(troubles) == 1
+
+
+def test_a_robot_can_be_added_later(tmp_path: Path, simulator: Place) -> None:
+    with desk(tmp_path) as (made, heard):
+        assert join(made, simulator, robot="")
+        assert made.status.robot is None
+        assert asyncio.run(made.do(add_robot(made, "Gundam", "")))
+        assert made.status.robot is not None
+        assert heard.all(StepNews)[-1].step is Step.ROBOT

@@ -1,0 +1,85 @@
+"""Saved requests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.tui.desk.saved import LARGEST, SavedError, listed, load, save
+
+HANDLE = Variant(VT.I4, 5)
+MODE = (HANDLE, Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 2))
+
+
+def test_a_request_is_a_small_file_that_people_can_read(tmp_path: Path) -> None:
+    path = save(tmp_path / "new", "Slave mode J", 64, MODE, "joints")
+    assert path.name == "Slave mode J.yaml"
+    assert path.read_text() == (
+        "function: Robot_Execute\narguments:\n- slvChangeMode\n- i4:2\nnote: joints\n"
+    )
+    found = load(path)
+    assert (found.name, found.function.id, found.values, found.note) == (
+        "Slave mode J",
+        64,
+        MODE[1:],
+        "joints",
+    )
+
+
+def test_numbers_may_stand_bare(tmp_path: Path) -> None:
+    path = tmp_path / "speed.yaml"
+    path.write_text("function: robot_speed\narguments: [-1, 50.5]\n")
+    assert load(path).values == (Variant(VT.I4, -1), Variant(VT.R4, 50.5))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("function: Robot_Exec\n", "no function 'Robot_Exec'"),
+        ("function: Robot_Speed\narguments: [1]\n", "expected: lAxis, fSpeed"),
+        ("function: Robot_Speed\narguments: [x, 1]\n", "lAxis: 'x' is no VT_I4"),
+        ("function: Robot_Speed\nspeed: 3\n", "speed"),
+        ("- 1\n", "array"),
+        ("{", "yaml"),
+        ("a: &a [*a, *a]\n", "yaml"),
+        ("x" * (LARGEST + 1), "larger than"),
+    ],
+)
+def test_what_is_no_request_is_told(tmp_path: Path, text: str, reason: str) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(SavedError, match=reason):
+        load(path)
+    ((name, found),) = listed(tmp_path)
+    assert name == "bad"
+    assert isinstance(found, str)
+
+
+def test_bytes_that_are_no_text(tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_bytes(b"function: \xff\xfe\n")
+    assert isinstance(listed(tmp_path)[0][1], str)
+
+
+def test_what_cannot_be_written_down(tmp_path: Path) -> None:
+    nested = Variant.array(VT.VARIANT, (Variant.array(VT.VARIANT, (EMPTY, EMPTY)),))
+    with pytest.raises(SavedError, match="VARIANT array"):
+        save(tmp_path, "x", 64, (*MODE[:2], nested))
+    with pytest.raises(SavedError, match="known functions"):
+        save(tmp_path, "x", 200, ())
+    with pytest.raises(SavedError, match="name is expected"):
+        save(tmp_path, " .", 64, MODE)
+
+
+def test_a_name_cannot_leave_the_folder(tmp_path: Path) -> None:
+    path = save(tmp_path / "requests", "../../x\x1b[31m/y", 64, MODE)
+    assert path.parent == tmp_path / "requests"
+    assert "\x1b" not in path.name
+
+
+def test_no_folder_is_no_requests(tmp_path: Path) -> None:
+    assert listed(tmp_path / "none") == []
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SavedError, match="file"):
+        save(tmp_path / "file", "x", 64, MODE)
