@@ -41,19 +41,27 @@ class Layout:
     def __init__(self, prototype: tuple[Argument, ...]) -> None:
         self.prototype = prototype
         self.notes: dict[object, object] = {}
-        self._plan = tuple(zip(prototype, taken_by_each(prototype), strict=True))
+        self._plan: list[tuple[Argument, int, int, bool]] = []
+        begin = 0
+        for argument, taken in zip(prototype, taken_by_each(prototype), strict=True):
+            self._plan.append((argument, begin, begin + taken, _is_row(argument.variant)))
+            begin += taken
 
     def arguments(self, numbers: Numbers) -> tuple[Argument, ...]:
         """Put a frame's own `numbers`, in the order of its bytes, into the arguments."""
+        if not numbers:
+            return self.prototype
         arguments = []
-        pos = 0
-        for argument, taken in self._plan:
-            if taken:
-                variant = _filled(argument.variant, iter(numbers[pos : pos + taken]))
-                arguments.append(Argument(variant, argument.start, argument.stop))
-                pos += taken
-            else:
+        for argument, begin, end, is_row in self._plan:
+            if begin == end:
                 arguments.append(argument)
+                continue
+            variant, start, stop = argument
+            if is_row:
+                variant = Variant(variant.vt, numbers[begin:end], variant.elements)
+            else:
+                variant = _filled(variant, iter(numbers[begin:end]))
+            arguments.append(Argument(variant, start, stop))
         return tuple(arguments)
 
 
@@ -187,6 +195,11 @@ def numbers_of(variant: Variant) -> Iterator[int | float | bytes]:
             yield from numbers_of(item)
     else:
         yield from value  # type: ignore[misc]  # the same
+
+
+def _is_row(variant: Variant) -> bool:
+    """Tell whether a value is a plain array, whose numbers are taken as they are."""
+    return isinstance(variant.value, tuple) and variant.vt != ARRAY | VT.VARIANT
 
 
 def _filled(variant: Variant, numbers: Iterator[int | float | bytes]) -> Variant:

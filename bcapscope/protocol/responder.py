@@ -8,7 +8,7 @@ newest serial counts for the client, so an answer that was kept is sent again un
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import Enum, Flag
 from typing import NamedTuple
 
@@ -85,21 +85,19 @@ class _Call:
             self.newest = frame.serial
             self.reserved = frame.reserved
 
-    def named_by(self, frame: Frame) -> bool:
-        """Whether a packet has a known serial of this call, or names one."""
-        # The old client's serials may pass through 0 while it retries, and the next try then names 0.
-        after_zero = frame.serial == 1 and frame.reserved == 0 and 0 in self.serials
-        return after_zero or not self.serials.isdisjoint((frame.serial, frame.reserved or frame.serial))
-
-    def overtook(self, frame: Frame) -> bool:
-        """Whether a packet's serial is a little before the newest of this call."""
-        behind: int = (self.newest - frame.serial) % _RING
-        return behind < _MOST_TRIES
-
 
 def _is_ahead(serial: int, other: int) -> bool:
     """Whether a serial was counted after another one, or is the same."""
     return (serial - other) % _RING < _RING // 2
+
+
+def _is_next(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
+    """Whether no call is known that was asked between a call and a later serial."""
+    return not any(
+        _is_ahead(other.newest, call.newest) and _is_ahead(serial, other.newest)
+        for other in calls
+        if other is not call
+    )
 
 
 class Responder:
@@ -205,38 +203,42 @@ class Responder:
         self._heard = False
 
     def _find(self, frame: Frame, content: bytes) -> _Call | None:
-        calls = [self._running, *self._calls] if self._running else list(self._calls)
+        calls = [self._running, *self._calls] if self._running else self._calls
+        serial, named = frame.serial, frame.reserved or frame.serial
         if Defect.FORGETS_FIRST in self._defects:
-            link = frame.reserved or frame.serial
-            return next((call for call in calls if call.first == link), None)
-        self._learn(frame)
-        equal = [call for call in calls if call.content == content]
-        for call in equal:
-            if call.named_by(frame):
-                return call
-        if any(frame.serial in call.serials for call in calls):
+            return next((call for call in calls if call.first == named), None)
+        if frame.reserved and self.convention is Convention.UNKNOWN:
+            self._learn(frame)
+        # Every request of every client passes here: one look at each call, and none that is not needed.
+        # The old client's serials may pass through 0 while it retries, and the next try then names 0.
+        after_zero = serial == 1 and frame.reserved == 0
+        equal, is_known = [], False
+        for call in calls:
+            serials = call.serials
+            if call.content == content:
+                if serial in serials or named in serials or (after_zero and 0 in serials):
+                    return call
+                equal.append(call)
+            elif serial in serials:
+                is_known = True
+        if is_known:
             self._calls.clear()
             return None
-        return self._chained(frame, calls, equal)
+        return self._chained(frame, calls, equal) if equal else None
 
-    def _chained(self, frame: Frame, calls: list[_Call], equal: list[_Call]) -> _Call | None:
+    def _chained(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
         """Find the call of a chain of which the packets between were lost or come later."""
-        if self.convention not in (Convention.UNKNOWN, Convention.CHAIN) or not equal:
+        if self.convention not in (Convention.UNKNOWN, Convention.CHAIN):
             return None
-        is_retry = frame.reserved not in (0, frame.serial)
+        serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)
         for call in equal:
-            others = (other.newest for other in calls if other is not call)
-            is_next = not any(
-                _is_ahead(newest, call.newest) and _is_ahead(frame.serial, newest) for newest in others
-            )
-            if call.overtook(frame) or (is_retry and is_next):
+            overtook = (call.newest - serial) % _RING < _MOST_TRIES
+            if overtook or (is_retry and _is_next(serial, call, calls)):
                 return call
         return None
 
     def _learn(self, frame: Frame) -> None:
         """Learn the convention from a packet: only in a chain does each retry name the try before it."""
-        if self.convention is not Convention.UNKNOWN or frame.reserved == 0:
-            return
         if frame.reserved == frame.serial:
             self.convention = Convention.OWN
         elif (frame.serial - frame.reserved) % _RING > 1:

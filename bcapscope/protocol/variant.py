@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import reprlib
 import struct
+from collections.abc import Callable
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import LocalProtocolError
@@ -56,6 +58,9 @@ NUMBER_FORMATS: dict[int, str] = {
     VT.UI8: "Q",
 }
 """struct format character of each type of fixed width."""
+
+_NUMBERS = frozenset(NUMBER_FORMATS) - {VT.BOOL}
+_NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
 
 MAX_NESTING = 32
 """VARIANT arrays inside VARIANT arrays that are followed. Controllers nest two deep (an argument list
@@ -125,29 +130,33 @@ def encode_argument(variant: Variant) -> bytes:
 def _encode(variant: Variant, depth: int) -> bytes:
     try:
         vt, value, elements = variant
-        return _TYPE_COUNT.pack(vt, elements) + _encode_data(vt, value, elements, depth)
+        if vt in _NUMBERS:
+            return _packer(vt, 1)(vt, elements, value)
+        if vt & ARRAY:
+            _check_elements(value, elements)
+            if vt in _NUMBER_ARRAYS:
+                return _packer(vt & ~ARRAY, elements)(vt, elements, *value)  # type: ignore[misc]  # checked
+            return _TYPE_COUNT.pack(vt, elements) + _encode_array(vt & ~ARRAY, value, depth)
+        return _TYPE_COUNT.pack(vt, elements) + _encode_scalar(vt, value)
     except (struct.error, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise LocalProtocolError(f"{reprlib.repr(variant)} cannot be packed: {error}") from error
 
 
-def _encode_data(vt: int, value: Value, elements: int, depth: int) -> bytes:
-    base = vt & ~ARRAY
-    if vt & ARRAY:
-        return _encode_array(base, value, elements, depth)
-    if base in (VT.EMPTY, VT.NULL):
-        if value is not None:
-            raise TypeError(f"{vt_name(vt)} has no value")
-        return b""
-    if base == VT.BSTR:
-        return _encode_bstr(value)
-    return _encode_numbers(base, (value,))
+@lru_cache(maxsize=256)
+def _packer(vt: int, count: int) -> Callable[..., bytes]:
+    """Return what packs type, count and so many numbers at once, as every set point needs it."""
+    return struct.Struct(f"<HI{count}{NUMBER_FORMATS[vt]}").pack
 
 
-def _encode_array(base: int, values: Value, elements: int, depth: int) -> bytes:
+def _check_elements(values: Value, elements: int) -> None:
     if not isinstance(values, tuple | bytes):
         raise TypeError("an array takes a tuple, or bytes for VT_UI1")
     if len(values) != elements:
         raise ValueError(f"element count is {elements}, there are {len(values)} values")
+
+
+def _encode_array(base: int, values: Value, depth: int) -> bytes:
+    assert isinstance(values, tuple | bytes)
     if base == VT.UI1:
         return bytes(values)  # type: ignore[arg-type]  # a wrong element raises, and is reported as such
     if base == VT.BSTR:
@@ -156,19 +165,29 @@ def _encode_array(base: int, values: Value, elements: int, depth: int) -> bytes:
         if depth == MAX_NESTING:
             raise ValueError(f"VARIANT arrays nested more than {MAX_NESTING} deep")
         return b"".join(_encode(value, depth + 1) for value in values)  # type: ignore[arg-type]  # the same
-    return _encode_numbers(base, tuple(values))
+    if base == VT.BOOL:
+        return b"".join(map(_encode_bool, values))
+    raise ValueError(f"{vt_name(base)} is no type that b-CAP carries")
 
 
-def _encode_bstr(value: Value) -> bytes:
+def _encode_scalar(vt: int, value: Value) -> bytes:
+    if vt == VT.BSTR:
+        return _encode_bstr(value)
+    if vt == VT.BOOL:
+        return _encode_bool(value)
+    if vt not in (VT.EMPTY, VT.NULL):
+        raise ValueError(f"{vt_name(vt)} is no type that b-CAP carries")
+    if value is not None:
+        raise TypeError(f"{vt_name(vt)} has no value")
+    return b""
+
+
+def _encode_bstr(value: Value | Variant) -> bytes:
     if not isinstance(value, str):
         raise TypeError("a string is needed")
     data = value.encode("utf-16-le", "surrogatepass")
     return len(data).to_bytes(4, "little") + data
 
 
-def _encode_numbers(base: int, values: tuple[Value, ...]) -> bytes:
-    if base not in NUMBER_FORMATS:
-        raise ValueError(f"{vt_name(base)} is no type that b-CAP carries")
-    if base == VT.BOOL:
-        values = tuple(-1 if value else 0 for value in values)
-    return struct.pack(f"<{len(values)}{NUMBER_FORMATS[base]}", *values)
+def _encode_bool(value: Value | Variant) -> bytes:
+    return b"\xff\xff" if value else b"\x00\x00"
