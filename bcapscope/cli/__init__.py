@@ -26,6 +26,7 @@ _COMMANDS = {
     "report": "Write a page with findings, figures and pictures, to mail.",
     "call": "Call functions of a controller.",
     "ping": "Is a controller there, what is it, how fast does it answer?",
+    "replay": "Play one side of a recorded session again.",
     "sim": "A controller without a robot, to try things on.",
     "fields": "List the fields and the language of --filter.",
 }

@@ -34,7 +34,6 @@ def _convention(context: click.Context, _: click.Parameter, value: str | None) -
 
 
 _OPTIONS = (
-    click.argument("host"),
     click.option("-p", "--port", type=click.IntRange(1, 65535), default=PORT, show_default=True),
     click.option("--tcp/--udp", "tcp", is_eager=True, help="What to talk over; UDP unless given."),
     click.option(
@@ -73,8 +72,16 @@ _OPTIONS = (
 
 
 def target(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options; the command is given a `target`."""
+    """Add the argument HOST and the options; the command is given a `target`."""
+    return click.argument("host")(_with_target(function))
 
+
+def optional_target(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the same for a command that can do without a controller; its host is empty then."""
+    return click.argument("host", required=False, default="")(_with_target(function))
+
+
+def _with_target(function: Callable[..., None]) -> Callable[..., None]:
     @wraps(function)
     def with_target(**given: Any) -> None:
         own = {field.name: given.pop(field.name) for field in fields(Target)}

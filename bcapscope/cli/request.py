@@ -52,8 +52,7 @@ def read_request(words: Sequence[str], target: Target) -> Request:
         near = get_close_matches(name, [each.name for each in FUNCTIONS.values()], 1)
         raise click.UsageError(f"there is no function {name!r}" + (f"; {near[0]}?" if near else ""))
     params = function.params
-    has_handle = bool(params) and params[0].name.startswith("h")
-    takes_handle = has_handle and len(texts) < len(params)
+    takes_handle = function.takes_handle and len(texts) < len(params)
     if takes_handle:
         params = params[1:]
     if len(texts) > len(params):

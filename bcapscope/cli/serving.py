@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import gc
 import ipaddress
+import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
 from bcapscope.capture.recording import Address, Recording
@@ -13,7 +17,10 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.render.service import report_line
 from bcapscope.simulator.conversation import Report
+from bcapscope.simulator.server import Server, serve
 from bcapscope.simulator.simulator import Peer
+
+_ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def reach(host: str) -> str:
@@ -25,9 +32,43 @@ def reach(host: str) -> str:
     return f"everyone on {whom} reaches it"
 
 
-def terminate(number: int, frame: FrameType | None) -> None:
-    """End as by Ctrl-C; a signal handler."""
+def serve_in_order(
+    server: Server, log: Log, take: Callable[[int], None] | None = None, watched: list[int] | None = None
+) -> None:
+    """Serve until Ctrl-C or another signal that ends programs, then close everything.
+
+    Args:
+        server: that listens.
+        log: of the calls.
+        take: called with each of `watched` that can be read.
+        watched: file descriptors; `take` may change it.
+    """
+    for number in _ENDS:
+        signal.signal(number, _terminate)
+    # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
+    gc.collect()
+    gc.freeze()
+    try:
+        serve(server, log.idle, take or _ignore, watched or [])
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.close()
+
+
+def end_in_order(task: asyncio.Task[object]) -> None:
+    """Let signals that end programs cancel a task, as Ctrl-C does, so that it lets go of what it holds."""
+    with suppress(NotImplementedError):  # on Windows
+        for number in _ENDS:
+            asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
+
+
+def _ignore(descriptor: int) -> None:
+    """Take no notice."""
 
 
 class Tap:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import gc
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -13,10 +11,10 @@ import click
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
-from bcapscope.cli.serving import Log, Tap, reach, terminate
+from bcapscope.cli.serving import Log, Tap, reach, serve_in_order
 from bcapscope.simulator.machine import Start
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.server import ListenError, Server, serve
+from bcapscope.simulator.server import ListenError, Server
 from bcapscope.simulator.simulator import Simulator
 
 _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit; the first letter will do"
@@ -73,16 +71,7 @@ def command(*, profile: str, listen: str, port: int, record: str | None, quiet: 
 
 def _run(simulator: Simulator, server: Server, log: Log) -> None:
     keys = _Keys(_actions(simulator, server))
-    signal.signal(signal.SIGTERM, terminate)
-    # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
-    gc.collect()
-    gc.freeze()
-    try:
-        serve(server, log.idle, keys.take, keys.watched)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.close()
+    serve_in_order(server, log, keys.take, keys.watched)
 
 
 def _greeting(simulator: Simulator, server: Server) -> str:

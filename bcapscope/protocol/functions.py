@@ -83,6 +83,11 @@ class Function:
     releases: ObjectClass | None
     note: str
 
+    @property
+    def takes_handle(self) -> bool:
+        """Whether the first argument is a handle; no other one ever is."""
+        return bool(self.params) and self.params[0].name.startswith("h")
+
 
 _NONE, _HANDLE, _I4, _BSTR = ResultKind.NONE, ResultKind.HANDLE, ResultKind.I4, ResultKind.BSTR
 _VARIANT, _NAMES, _DATE = ResultKind.VARIANT, ResultKind.NAMES, ResultKind.DATE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import describe, hresult_name, is_failure
-from bcapscope.protocol.variant import Variant
+from bcapscope.protocol.variant import ARRAY, Variant
 from bcapscope.render.escape import printable
 from bcapscope.render.meaning import value_text
 from bcapscope.simulator.conversation import Report
@@ -43,7 +43,18 @@ def _result(code: int) -> str:
 
 
 def _value(variant: Variant) -> str:
-    if variant.value is None:
-        return "-"
-    text = printable(value_text(variant.value, variant.vt, LONGEST_VALUE))
+    text = printable(_text(variant))
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 1] + "…"
+
+
+def _text(variant: Variant) -> str:
+    value = variant.value
+    if value is None:
+        return "-"
+    if isinstance(value, bytes):
+        return f"[{value[:LONGEST_VALUE].hex(' ')}]"
+    if not isinstance(value, tuple):
+        return value_text(value, variant.vt, LONGEST_VALUE)
+    shown = value[:LONGEST_VALUE]
+    elements = (each if isinstance(each, Variant) else Variant(variant.vt & ~ARRAY, each) for each in shown)
+    return f"[{', '.join(map(_text, elements))}]"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable
 
-from bcapscope.simulator.simulator import Output, Simulator
+from bcapscope.simulator.server import Answerer
+from bcapscope.simulator.simulator import Output
 from bcapscope.transport.clock import Clock
 from bcapscope.transport.memory import MemoryLink
 
@@ -13,7 +14,7 @@ from bcapscope.transport.memory import MemoryLink
 class Controller:
     """Brings packets to a simulator, its answers back, and time to it. One peer a link."""
 
-    def __init__(self, simulator: Simulator) -> None:
+    def __init__(self, simulator: Answerer) -> None:
         self._simulator = simulator
         self._clock = Clock(asyncio.get_running_loop())
         self._links: dict[str, MemoryLink] = {}

@@ -26,6 +26,18 @@ PEER = ("udp", ("10.0.0.2", 50001))
             "Unknown(200) -> E_INVALIDARG (argument, option or function id is not valid)",
         ),
         (Report(1, 101, (i4(1),), Answer(0, r8(0.5)), 0, 0), "Variable_GetValue 1 -> S_OK 0.5"),
+        (
+            Report(1, 101, (i4(1),), Answer(0, row(VT.R4, (0.1, -2.0))), 0, 0),
+            "Variable_GetValue 1 -> S_OK [0.1, -2.0]",
+        ),
+        (
+            Report(1, 64, (i4(1), Variant.array(VT.UI1, b"\x00\xff")), Answer(), 0, 0),
+            "Robot_Execute 1 [00 ff] -> S_OK",
+        ),
+        (
+            Report(1, 72, (Variant.array(VT.VARIANT, (i4(1), row(VT.R8, (0.5,)))),), Answer(), 0, 0),
+            "Robot_Move [1, [0.5]] -> S_OK",
+        ),
     ],
 )
 def test_lines(report: Report, words: str) -> None:

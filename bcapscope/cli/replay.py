@@ -1,0 +1,214 @@
+"""``bcapscope replay``: one side of a recorded session, played again."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import time
+
+import click
+
+from bcapscope.cli import options
+from bcapscope.cli.connection import Target, failures_told, optional_target
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.reading import Reading
+from bcapscope.cli.serving import Log, Tap, end_in_order, reach, serve_in_order
+from bcapscope.cli.stats import wanted_calls
+from bcapscope.client.reach import Reach
+from bcapscope.errors import BcapError
+from bcapscope.protocol.effects import Effect
+from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.render.call import counted
+from bcapscope.render.escape import printable
+from bcapscope.render.replay import ReplayRenderer
+from bcapscope.replay.performance import Performance, Played
+from bcapscope.replay.script import Script, scripts_of
+from bcapscope.replay.standin import StandIn
+from bcapscope.simulator.server import ListenError, Server
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter
+
+_MOST_LISTED = 8
+_SPIN = 0.002
+"""Seconds; an event loop wakes by the millisecond, which is too coarse for set points."""
+
+
+@click.command(short_help="Play one side of a recorded session again.")
+@click.argument("capture", type=click.Path(allow_dash=True))
+@optional_target
+@click.option(
+    "--as",
+    "side",
+    type=click.Choice(["client", "server"]),
+    required=True,
+    help="Call HOST as the recorded client did, or answer clients as the recorded controller did.",
+)
+@click.option("--client", metavar="ADDRESS", help="Whose session, by address, or address:port.")
+@options.filter_option(RecordKind.CALL)
+@click.option("--arm", is_flag=True, help="Allow what may move a robot.")
+@click.option("--keep-going", is_flag=True, help="Do not end where a call fails that had succeeded.")
+@click.option(
+    "--longest-pause",
+    metavar="SECONDS",
+    type=click.FloatRange(min=0),
+    default=5.0,
+    show_default=True,
+    help="Cut longer pauses between calls.",
+)
+@click.option("--no-delay", is_flag=True, help="As server: answer at once, not after the recorded time.")
+@click.option("--listen", metavar="ADDRESS", default="127.0.0.1", show_default=True, help="As server.")
+@click.option("--record", metavar="FILE.pcapng", type=click.Path(dir_okay=False), help="As server.")
+@click.option("--json", "as_json", is_flag=True, help="As client: one JSON object a call.")
+@click.option("-q", "--quiet", is_flag=True, help="Do not write a line a call.")
+@options.color
+def command(
+    *,
+    capture: str,
+    target: Target,
+    side: str,
+    client: str | None,
+    wanted: Filter | None,
+    arm: bool,
+    keep_going: bool,
+    longest_pause: float,
+    no_delay: bool,
+    listen: str,
+    record: str | None,
+    as_json: bool,
+    quiet: bool,
+    color: str,
+) -> None:
+    """Play the client's side of a recorded session to the controller HOST, or the controller's to clients.
+
+    As client, each call is made at its time with the handles that this controller gives, and its result is
+    held against the recorded one; retries are made as this network needs them. What the recording uses but
+    does not open is opened before. Whatever is still open at the end is let go of, slave mode first. What
+    may move a robot is only sent with --arm, or to bcapscope's own simulator.
+
+    As server, a call is answered as the next one like it was in the recording.
+
+    Exit codes: 0 all went as recorded; 2 the command line makes no sense; 4 nothing to play, or the address
+    cannot be listened on; 8 a result differs; 9 no answer; 10 --arm is missing.
+    """
+    script = _script(Reading([capture], ()), wanted, client)
+    if side == "server":
+        log = Log(not quiet)
+        standin = StandIn(script, log.take, delays=not no_delay)
+        _serve(standin, listen, target.port, Tap(record) if record else None, log)
+        narrate(_served(log.calls, standin.unknown))
+        return
+    if not target.host:
+        raise click.UsageError("which HOST is to be called?")
+    stage = _Stage(script, keep_going, as_json, quiet, color)
+    with failures_told(target):
+        sys.exit(asyncio.run(stage.run(target, arm, round(longest_pause * 1e9))))
+
+
+def _script(reading: Reading, wanted: Filter | None, client: str | None) -> Script:
+    scripts = scripts_of(wanted_calls(reading, wanted))
+    reading.summary()
+    if client is not None:
+        scripts = tuple(script for script in scripts if client in _ends(script))
+    if not scripts:
+        narrate("no calls are there to play")
+        sys.exit(reading.exit or Exit.NOTHING)
+    if len(scripts) > 1:
+        listed = ", ".join(f"{_ends(script)[0]} ({len(script.lines)})" for script in scripts[:_MOST_LISTED])
+        more = f" and {len(scripts) - _MOST_LISTED} more" if len(scripts) > _MOST_LISTED else ""
+        raise click.UsageError(f"whose calls? Choose with --client among {listed}{more}")
+    return scripts[0]
+
+
+def _ends(script: Script) -> tuple[str, str]:
+    end = script.conversation.client
+    return printable(str(end)), printable(end.host)
+
+
+def _serve(standin: StandIn, listen: str, port: int, tap: Tap | None, log: Log) -> None:
+    try:
+        server = Server(standin, listen, port, tap)
+    except ListenError as error:
+        narrate(f"{error}")
+        sys.exit(Exit.UNREADABLE)
+    host, port = server.address
+    narrate(f"the recorded controller answers on {host} port {port}, UDP and TCP; {reach(host)}")
+    serve_in_order(server, log)
+    log.flush()
+
+
+def _served(calls: int, unknown: int) -> str:
+    strange = f", {unknown} of them not in the recording" if unknown else ""
+    return f"{counted(calls, 'call')}{strange}"
+
+
+class _Stage:
+    """Plays a script to a controller and tells how it goes."""
+
+    def __init__(self, script: Script, keep_going: bool, as_json: bool, quiet: bool, color: str) -> None:
+        self._script = script
+        self._keep_going = keep_going
+        self._as_json = as_json
+        self._quiet = quiet
+        self._renderer = ReplayRenderer(palette(color))
+        self._calls = self._different = self._unanswered = 0
+        self._latest = 0
+
+    async def run(self, target: Target, armed: bool, longest_pause: int) -> Exit:
+        """Play it; return how it went."""
+        if not armed and self._moves() and not await _is_simulator(target):
+            return Exit.UNARMED
+        task = asyncio.current_task()
+        assert task is not None
+        end_in_order(task)
+        try:
+            async with target.session() as session:
+                reach = Reach(session, target.service, target.connect, {})
+                play = Performance(self._script, reach, time.monotonic_ns, _wait_until, longest_pause)
+                await play.play(self._told)
+        except ValueError as error:
+            raise BcapError(str(error)) from None
+        finally:
+            self._sum()
+        if self._unanswered:
+            return Exit.UNANSWERED
+        return Exit.REFUSED if self._different else Exit.OK
+
+    def _moves(self) -> bool:
+        asked = ((line.question.function_id, line.arguments) for line in self._script.lines)
+        return any(request_effect(*each) >= Effect.MOVES and not always_passes(*each) for each in asked)
+
+    def _told(self, played: Played) -> bool:
+        self._calls += 1
+        self._different += played.differs
+        self._unanswered += played.unanswered
+        self._latest = max(self._latest, played.late)
+        if self._as_json:
+            click.echo(self._renderer.record(played))
+        elif played.differs or not self._quiet:
+            click.echo(self._renderer.line(played))
+        return self._keep_going or not played.failed
+
+    def _sum(self) -> None:
+        of = len(self._script.lines)
+        calls = counted(of, "call") if self._calls == of else f"{self._calls} of {counted(of, 'call')}"
+        result = "all as recorded" if not self._different else f"{self._different} with another result"
+        narrate(f"{calls} made, {result}; at most {self._latest / 1e6:.1f} ms later than recorded")
+
+
+async def _is_simulator(target: Target) -> bool:
+    async with target.session() as session:
+        if await Reach(session, target.service, target.connect, {}).meets_simulator():
+            return True
+    narrate(
+        "bcapscope: the recording may move a robot, and this is not the simulator: not sent without --arm"
+    )
+    return False
+
+
+async def _wait_until(when: int) -> None:
+    left = (when - time.monotonic_ns()) / 1e9
+    if left > _SPIN:
+        await asyncio.sleep(left - _SPIN)
+    while time.monotonic_ns() < when:
+        await asyncio.sleep(0)

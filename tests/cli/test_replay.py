@@ -1,0 +1,97 @@
+"""``bcapscope replay`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from bcapscope.cli.exits import Exit
+from tests.cli.run import CAPTURES, run
+from tests.cli.test_sim import simulator
+
+SESSION = CAPTURES / "slave-session.pcapng"
+STORY = CAPTURES / "retry-story.pcapng"
+
+
+@contextmanager
+def recorded_controller(*words: str | Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """Let a recorded controller answer on a free port; yield the process and the port."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    argv = [sys.executable, "-m", "bcapscope", "replay", *words, "--as", "server", "--port", str(port)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(list(map(str, argv)), stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stderr is not None
+        try:
+            assert re.match(r"\d+ frames", process.stderr.readline())
+            assert "only this machine reaches it" in process.stderr.readline()
+            yield process, port
+        finally:
+            process.kill()
+
+
+def test_as_client_to_the_simulator() -> None:
+    with simulator("-q") as (_, port):
+        done = run("replay", SESSION, "127.0.0.1", "--as", "client", "--port", str(port), "--json")
+    assert done.code == Exit.OK, done.err
+    records = [json.loads(line) for line in done.lines]
+    assert len(records) == 257
+    assert not any(record["differs"] for record in records)
+    assert "257 calls made, all as recorded; at most" in done.err
+
+
+def test_as_client_and_as_server_at_once() -> None:
+    with recorded_controller(SESSION, "--no-delay", "-q") as (process, port):
+        words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
+        refused = run(*words)
+        assert refused.code == Exit.UNARMED
+        assert "this is not the simulator: not sent without --arm" in refused.err
+        done = run(*words, "--arm", "-f", "function != Robot_Execute")
+        assert (done.code, len(done.lines)) == (Exit.OK, 7)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert re.fullmatch(r"\d+ calls, 1 of them not in the recording\n", err), err
+
+
+def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
+    with simulator("-q") as (_, port):
+        words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
+        chosen = ("-f", "command != slvChangeMode and function != Service_Stop and call < 20 or call > 250")
+        ended = run(*words, *chosen)
+        went_on = run(*words, *chosen, "--keep-going")
+    assert ended.code == went_on.code == Exit.REFUSED
+    assert "recorded: S_OK" in ended.lines[-1]
+    assert len(ended.lines) < len(went_on.lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        ((SESSION, "--as", "client"), Exit.USAGE, "which HOST is to be called?"),
+        ((SESSION,), Exit.USAGE, "--as"),
+        ((CAPTURES / "none.pcap", "--as", "server"), Exit.UNREADABLE, "cannot be opened"),
+        ((SESSION, "127.0.0.1", "--as", "client", "--client", "1.2.3.4"), Exit.NOTHING, "no calls"),
+        ((SESSION, "--as", "server", "--listen", "300.1.1.1"), Exit.UNREADABLE, "cannot listen on 300.1.1.1"),
+    ],
+)
+def test_what_cannot_be_is_told_in_a_sentence(words: tuple[str | Path, ...], code: Exit, told: str) -> None:
+    done = run("replay", *words)
+    assert (done.code, "Traceback" in done.err) == (code, False)
+    assert told in done.err
+
+
+def test_nobody_there() -> None:
+    done = run("replay", STORY, "127.0.0.1", "--as", "client", "--arm", "--port", "9", "--timeout", "50")
+    assert done.code == Exit.UNANSWERED
+    assert "Traceback" not in done.err

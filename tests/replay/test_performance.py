@@ -1,0 +1,129 @@
+"""The client's side of a recorded session, played to controllers that are not the recorded one."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from bcapscope.client import Session
+from bcapscope.protocol.hresult import E_HANDLE
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.simulator import Simulator
+from bcapscope.traffic.observation import Direction
+from tests.replay.sessions import CONNECT, perform, recorded, script_of
+
+HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
+
+
+async def opened(session: Session) -> tuple[int, int]:
+    """Open a controller and its robot; return both handles."""
+    await session.invoke("Service_Start", "")
+    controller = await session.invoke("Controller_Connect", *CONNECT)
+    number = controller.arguments[0].variant.value
+    robot = await session.invoke("Controller_GetRobot", number, "Arm", "")
+    handle = robot.arguments[0].variant.value
+    assert isinstance(number, int)
+    assert isinstance(handle, int)
+    return number, handle
+
+
+async def motion(session: Session) -> None:
+    """A whole session: a variable, the motor, slave mode and back."""
+    controller, robot = await opened(session)
+    variable = (await session.invoke("Controller_GetVariable", controller, "I1", "")).arguments[0].variant
+    await session.invoke("Variable_PutValue", variable.value, Variant(VT.I2, 5))
+    await session.invoke("Variable_GetValue", variable.value)
+    await session.invoke("Robot_Execute", robot, "TakeArm", Variant.array(VT.I4, (0, 0)))
+    await session.invoke("Robot_Execute", robot, "Motor", Variant.array(VT.I4, (1, 0)))
+    await session.invoke("Robot_Execute", robot, "slvChangeMode", Variant(VT.I4, 0x202))
+    for _ in range(20):
+        await session.invoke("Robot_Execute", robot, "slvMove", Variant.array(VT.R8, HOME))
+    await session.invoke("Robot_Execute", robot, "slvChangeMode", Variant(VT.I4, 0))
+    await asyncio.sleep(1)
+    await session.invoke("Robot_Execute", robot, "CurJnt", Variant(VT.EMPTY, None))
+
+
+async def busy(session: Session) -> None:
+    """What makes the handles of this session differ from those of a recording."""
+    await session.invoke("Service_Start", "")
+    controller = (await session.invoke("Controller_Connect", *CONNECT)).arguments[0].variant.value
+    for name in ("I7", "I8", "I9"):
+        await session.invoke("Controller_GetVariable", controller, name, "")
+
+
+@pytest.mark.parametrize("datagrams", [True, False])
+def test_handles_are_those_of_the_new_session(datagrams: bool) -> None:
+    script = recorded(motion, datagrams=datagrams)
+    played, _ = perform(script, Simulator(PROFILES["rc8"]), before=busy, datagrams=datagrams)
+    assert len(played) == len(script.lines)
+    assert [each.line.call for each in played if each.differs] == []
+    moved = next(each for each in played if each.line.question.command == "slvMove")
+    assert moved.arguments[0] != moved.line.arguments[0]
+    assert moved.arguments[1:] == moved.line.arguments[1:]
+
+
+def test_times_are_kept_and_pauses_cut() -> None:
+    script = recorded(motion)
+    played, seen = perform(script, Simulator(PROFILES["rc8"]))
+    again = script_of(seen)
+    # Both run on the same virtual clock; conversions to seconds and back cost nanoseconds.
+    assert all(abs(one.at - other.at) < 10_000 for one, other in zip(script.lines, again.lines, strict=True))
+    assert all(each.late < 10_000 for each in played)
+    _, hurried = perform(script, Simulator(PROFILES["rc8"]), longest_pause=100_000_000)
+    assert seen[-1].time - seen[0].time - (hurried[-1].time - hurried[0].time) > 800_000_000
+
+
+def test_what_the_recording_does_not_open_is_opened() -> None:
+    whole = recorded(motion)
+    asked = [line.question.command for line in whole.lines]
+    script = whole._replace(lines=whole.lines[asked.index("TakeArm") :])
+    played, seen = perform(script, Simulator(PROFILES["rc8"]))
+    assert [each.line.call for each in played if each.differs] == []
+    functions = [each.item.code for each in seen if each.flow.direction is Direction.REQUEST]  # type: ignore[union-attr]  # all are frames
+    assert functions[:3] == [1, 3, 7]
+
+
+def test_an_early_end_leaves_slave_mode_and_lets_go() -> None:
+    script = recorded(motion)
+    simulator = Simulator(PROFILES["rc8"])
+    asked: list[str | None] = []
+
+    def told(played: object) -> bool:
+        asked.append("one")
+        return len(asked) < 12
+
+    played, seen = perform(script, simulator, told)
+    assert played[-1].line.question.command == "slvMove"
+    commands = [
+        each.item.arguments[1].variant.value  # type: ignore[union-attr]  # all are frames
+        for each in seen
+        if each.flow.direction is Direction.REQUEST and each.item.code == 64  # type: ignore[union-attr]
+    ]
+    assert commands[-1] == "slvChangeMode"
+    assert seen[-2].item.code == 2  # type: ignore[union-attr]
+    assert simulator.machine.slave.mode is None
+
+
+def test_a_failure_that_was_none_is_one() -> None:
+    script = recorded(motion)
+    without = tuple(line for line in script.lines if line.question.command != "slvChangeMode")
+    cut = script._replace(lines=without)
+    played, _ = perform(cut, Simulator(PROFILES["rc8"]), lambda played: not played.failed)
+    refused = played[-1]
+    assert refused.line.question.command == "slvMove"
+    assert len(played) < len(without)
+    assert refused.failed
+    assert refused.differs
+    assert not refused.moved
+
+
+def test_a_recorded_refusal_is_no_failure() -> None:
+    async def wrong(session: Session) -> None:
+        await opened(session)
+        await session.exchange(101, [Variant(VT.I4, 999)])
+
+    played, _ = perform(recorded(wrong), Simulator(PROFILES["rc8"]), lambda played: not played.failed)
+    refused = [each for each in played if each.line.hresult == E_HANDLE]
+    assert [each.differs for each in refused] == [False]

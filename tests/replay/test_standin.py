@@ -1,0 +1,185 @@
+"""The controller's side of a recorded session, played to clients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.protocol.convention import ReplyReserved
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.hresult import E_BUSY, E_FAIL, E_NOTIMPL, S_EXECUTING, S_OK
+from bcapscope.protocol.variant import Variant
+from bcapscope.replay.script import Line, Script
+from bcapscope.replay.standin import Prompter, StandIn
+from bcapscope.simulator.conversation import MOST_WAITING
+from bcapscope.simulator.simulator import MOST_CLIENTS, Output
+from bcapscope.simulator.values import bstr, i4
+from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.question import Question
+from tests.replay.sessions import perform, recorded
+from tests.replay.test_performance import motion
+
+MS = 1_000_000
+CONVERSATION = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "")
+START, GET, MOVE = Question(1, None), Question(101, None), Question(64, "slvMove")
+
+
+def line(question: Question, *arguments: Variant, answer: int | None = 0, **other: Any) -> Line:
+    """Make a line whose answer tells it from others."""
+    fields: dict[str, Any] = {"call": 1, "at": 0, "took": 0, "notices": ()}
+    fields |= (
+        {"hresult": None, "values": ()} if answer is None else {"hresult": S_OK, "values": (i4(answer),)}
+    )
+    return Line(question=question, arguments=arguments, **{**fields, **other})
+
+
+def played(*lines: Line, delays: bool = True, replies: ReplyReserved = ReplyReserved.ZERO) -> StandIn:
+    return StandIn(Script(CONVERSATION, lines, replies), lambda peer, report: None, delays=delays)
+
+
+def codes(outputs: list[Output]) -> list[tuple[int, int]]:
+    """Return serial and result of each frame."""
+    return [(frame.serial, frame.code) for frame in (Frame(output.data) for output in outputs)]
+
+
+def get(serial: int, handle: int = 1, reserved: int = 0) -> bytes:
+    return encode(serial, reserved, 101, [i4(handle)])
+
+
+# which line answers
+
+
+@pytest.mark.parametrize(
+    ("asked", "answers"),
+    [
+        ([1, 1, 1], [10, 12, 13]),  # the next like it, in order
+        ([1, 1, 1, 1, 1], [10, 12, 13, 13, 13]),  # then the last
+        ([2, 2], [11, 11]),
+        ([2, 1, 1], [11, 12, 13]),
+        ([7], [10]),  # other arguments: the next at all
+        ([7, 7, 7, 7, 7], [10, 11, 12, 13, 13]),
+    ],
+)
+def test_lines_are_found_in_order(asked: list[int], answers: list[int]) -> None:
+    lines = (
+        line(GET, i4(1), answer=10),
+        line(GET, i4(2), answer=11),
+        line(GET, i4(1), answer=12),
+        line(GET, i4(1), answer=13),
+    )
+    prompter = Prompter(lines)
+    found = [prompter.find(GET, (i4(handle),)) for handle in asked]
+    assert [each and each.values[0].value for each in found] == answers
+
+
+def test_a_new_start_begins_from_the_top() -> None:
+    prompter = Prompter((line(START), line(GET, i4(1), answer=1), line(GET, i4(1), answer=2)))
+    told = []
+    for question in (START, GET, GET, START, GET):
+        found = prompter.find(question, () if question is START else (i4(1),))
+        assert found is not None
+        told.append(found.values[0].value)
+    assert told == [0, 1, 2, 0, 1]
+
+
+def test_commands_are_told_apart_without_regard_to_case() -> None:
+    prompter = Prompter((line(MOVE, i4(1), bstr("slvMove")),))
+    assert prompter.find(Question(64, "SLVMOVE"), ()) is not None
+    assert prompter.find(Question(64, "slvMov"), ()) is None
+    assert prompter.find(GET, ()) is None
+
+
+# time
+
+
+def test_an_answer_takes_as_long_as_it_did() -> None:
+    standin = played(line(GET, i4(1), took=5 * MS, notices=(2 * MS, 4 * MS)))
+    assert standin.datagram("a", get(7), 100) == []
+    assert standin.due(100) == 100 + 2 * MS
+    assert codes(standin.advance(100 + 2 * MS)) == [(7, S_EXECUTING)]
+    assert codes(standin.advance(100 + 5 * MS)) == [(7, S_EXECUTING), (7, S_OK)]
+    assert standin.due(100 + 5 * MS) is None
+
+
+def test_or_none_if_so_wished() -> None:
+    standin = played(line(GET, i4(1), took=5 * MS, notices=(2 * MS,)), delays=False)
+    assert codes(standin.datagram("a", get(7), 0)) == [(7, S_OK)]
+
+
+def test_a_retry_is_no_new_call() -> None:
+    standin = played(
+        line(GET, i4(1), answer=1, took=5 * MS), line(GET, i4(1), answer=2), replies=ReplyReserved.ECHOED
+    )
+    assert standin.datagram("a", get(7), 0) == []
+    assert standin.datagram("a", get(8, reserved=7), MS) == []
+    (answer,) = standin.advance(5 * MS)
+    frame = Frame(answer.data)
+    assert (frame.serial, frame.reserved, frame.arguments[0].variant.value) == (8, 7, 1)
+    (again,) = standin.datagram("a", get(9, reserved=7), 6 * MS)
+    assert Frame(again.data).arguments[0].variant.value == 1
+    (other,) = standin.datagram("a", get(10), 7 * MS)
+    assert Frame(other.data).arguments[0].variant.value == 2
+
+
+def test_what_was_never_answered_is_not_answered_until_the_client_goes_on() -> None:
+    standin = played(line(GET, i4(1), answer=None), line(GET, i4(2), answer=2))
+    assert standin.datagram("a", get(7), 0) == []
+    assert standin.datagram("a", get(8, reserved=7), MS) == []
+    assert standin.due(0) is None
+    assert codes(standin.datagram("a", get(9, handle=2), 2 * MS)) == [(9, S_OK)]
+
+
+def test_calls_that_come_before_an_answer_wait_for_it() -> None:
+    standin = played(line(GET, i4(1), answer=1, took=5 * MS), line(GET, i4(2), answer=2))
+    standin.connect("a", 0)
+    requests = get(1) + b"".join(get(serial, 2) for serial in range(2, MOST_WAITING + 3))
+    assert codes(standin.segment("a", requests, 0)) == [(MOST_WAITING + 2, E_BUSY)]
+    assert codes(standin.advance(5 * MS)) == [(serial, S_OK) for serial in range(1, MOST_WAITING + 2)]
+
+
+# whom
+
+
+def test_what_was_not_recorded_is_refused_and_counted() -> None:
+    standin = played(line(GET, i4(1)))
+    assert codes(standin.datagram("a", encode(3, 0, 64, [i4(1), bstr("Motor")]), 0)) == [(3, E_NOTIMPL)]
+    assert standin.unknown == 1
+
+
+def test_a_refusal_is_refused_again() -> None:
+    standin = played(line(GET, i4(1), hresult=E_FAIL, values=()), replies=ReplyReserved.UNKNOWN)
+    assert codes(standin.datagram("a", get(3), 0)) == [(3, E_FAIL)]
+
+
+def test_clients_have_a_script_each_and_their_number_is_bounded() -> None:
+    standin = played(line(GET, i4(1), answer=1), line(GET, i4(1), answer=2))
+    for number in range(MOST_CLIENTS + 5):
+        (output,) = standin.datagram(number, get(1), number)
+        assert Frame(output.data).arguments[0].variant.value == 1
+    assert not standin.connect("tcp", 0)
+    standin.reset(0)
+    assert standin.connect("tcp", 0)
+    assert standin.reset(0) == [Output("tcp", b"")]
+
+
+@given(st.lists(st.binary(max_size=80), max_size=20))
+def test_no_bytes_end_it(packets: list[bytes]) -> None:
+    standin = played(line(GET, i4(1)))
+    standin.connect("tcp", 0)
+    for packet in packets:
+        standin.datagram("udp", packet, 0)
+        standin.segment("tcp", packet, 0)
+    assert codes(standin.datagram("udp", get(3), 0)) == [(3, S_OK)]
+
+
+@pytest.mark.parametrize("datagrams", [True, False])
+def test_a_session_played_to_its_own_recording_goes_as_recorded(datagrams: bool) -> None:
+    script = recorded(motion, datagrams=datagrams)
+    standin = StandIn(script, lambda peer, report: None)
+    heard, _ = perform(script, standin, datagrams=datagrams)
+    assert len(heard) == len(script.lines)
+    assert not any(each.differs or each.moved for each in heard)
+    assert standin.unknown == 0
