@@ -1,4 +1,4 @@
-"""Bytes as lines: offset, sixteen bytes, the same as ASCII."""
+"""Bytes as lines: offset, sixteen bytes or fewer, the same as ASCII."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import NamedTuple
 from bcapscope.render.palette import PLAIN, Palette
 
 PER_LINE = 16
+"""Bytes of a line, where there is room for them."""
 
-_GAP = PER_LINE // 2
+_GAP = 8  # after as many bytes stands another blank
 _ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256)).decode("ascii")
 
 
@@ -29,7 +30,11 @@ class Highlight(NamedTuple):
 
 
 def hexdump(
-    data: bytes, highlights: Sequence[Highlight] = (), palette: Palette = PLAIN, first: int = 0
+    data: bytes,
+    highlights: Sequence[Highlight] = (),
+    palette: Palette = PLAIN,
+    first: int = 0,
+    per_line: int = PER_LINE,
 ) -> Iterator[str]:
     """Write bytes as lines, one after the other as they are asked for.
 
@@ -40,18 +45,19 @@ def hexdump(
         highlights: in the order of their `start`; where two overlap, the later one counts.
         palette: its `reset` ends a highlight.
         first: offset of the first byte.
+        per_line: bytes of a line, 8 or 16.
     """
     width = max(6, len(str(first + len(data))))
     pending = list(highlights)[::-1]
     active: list[Highlight] = []
-    for at in range(0, len(data), PER_LINE):
-        row = data[at : at + PER_LINE]
+    for at in range(0, len(data), per_line):
+        row = data[at : at + per_line]
         start = first + at
         while pending and pending[-1].start < start + len(row):
             active.append(pending.pop())
         active = [each for each in active if each.stop > start]
         caption = f"{palette.dim}{start:>{width}}{palette.reset}"
-        yield f"{caption}  {_line(row, _styles(row, start, active), palette.reset)}"
+        yield f"{caption}  {_line(row, _styles(row, start, active), palette.reset, per_line)}"
 
 
 def _styles(row: bytes, start: int, active: list[Highlight]) -> list[str]:
@@ -62,9 +68,9 @@ def _styles(row: bytes, start: int, active: list[Highlight]) -> list[str]:
     return styles
 
 
-def _line(row: bytes, styles: list[str], reset: str) -> str:
+def _line(row: bytes, styles: list[str], reset: str, per_line: int) -> str:
     plain = row[:_GAP].hex(" ") + ("  " + row[_GAP:].hex(" ") if len(row) > _GAP else "")
-    padding = " " * (3 * PER_LINE - len(plain))
+    padding = " " * (3 * per_line - (per_line <= _GAP) - len(plain))
     if not any(styles):
         return f"{plain}{padding}  {''.join(_ASCII[byte] for byte in row)}"
     shown, letters = [], []

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from itertools import islice
+from collections.abc import Iterator
 
-from bcapscope.protocol.arguments import Problem
-from bcapscope.protocol.fields import HRESULT, Field, envelope, fields
-from bcapscope.protocol.frame import Malformed
-from bcapscope.protocol.hresult import describe, is_failure
-from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import Highlight, hexdump
-from bcapscope.render.meaning import LONGEST_STRING, meaning
+from bcapscope.render.outline import Row, RowKind, Section, rows, sections
 from bcapscope.render.palette import PLAIN, Palette
-from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Question
-
-MOST_ELEMENTS = 32
-"""Elements of an array that are shown unless all are asked for."""
 
 BYTES_SHOWN = 8
 """Bytes of a field that one line shows."""
@@ -52,34 +43,18 @@ class TreeRenderer:
             seen: the frame or malformed bytes.
             question: for a reply, the request that it answers, where that was seen.
         """
-        item = seen.item
-        if isinstance(item, Malformed):
-            yield from self._malformed(item)
-            return
-        is_request = seen.flow.direction is Direction.REQUEST
-        function_id, command = question or (None, None)
-        wire = envelope(item)
-        whole = fields(item, is_request, function_id, command)
-        if not wire:
-            yield from self._section(whole, item.raw)
-            return
-        yield from self._section(wire, item.raw)
-        yield f"{self._palette.dim}unpacked, the first 9 bytes and EOT as above:{self._palette.reset}"
-        yield from self._section(whole[4:-1], item.body)
+        for section in sections(seen, question):
+            if section.caption:
+                yield f"{self._palette.dim}{section.caption}{self._palette.reset}"
+            yield from self._section(section)
 
-    def _malformed(self, item: Malformed) -> Iterator[str]:
-        """Write bytes that are no frame; of a hole in a stream there is nothing but the problem to show."""
-        size = len(item.raw)
-        name, value = ("bytes", item.raw) if size else ("no bytes", None)
-        yield from self._section((Field(name, 0, size, value, problems=item.problems),), item.raw)
-
-    def _section(self, found: Iterable[Field], body: bytes) -> Iterator[str]:
-        page = _Page(self._palette, self._full, body)
-        for field in found:
-            yield from page.field(field, 0)
-        if self._dump and body:
+    def _section(self, section: Section) -> Iterator[str]:
+        page = _Page(self._palette, self._full, section.body)
+        for row in rows(section, self._full):
+            yield from page.row(row)
+        if self._dump and section.body:
             yield ""
-            yield from hexdump(body, page.highlights, self._palette)
+            yield from hexdump(section.body, page.highlights, self._palette)
 
 
 class _Page:
@@ -92,31 +67,25 @@ class _Page:
         self._digits = len(str(len(body)))
         self.highlights: list[Highlight] = []
 
-    def field(self, field: Field, depth: int) -> Iterator[str]:
-        """Write a field and what it consists of."""
-        is_leaf = not field.children
-        text = meaning(field, None if self._full else LONGEST_STRING)
-        yield from self._rows(field, depth, self._colored(field, text, is_leaf), is_leaf)
-        if is_leaf:
-            yield from self._problems(field.start, field.stop, field.problems, depth)
-        yield from self._children(field, depth + 1)
-        if field.name == HRESULT and isinstance(field.value, int):
-            yield from self._advice(field.value, depth + 1)
-
-    def _colored(self, field: Field, text: str, is_leaf: bool) -> str:
+    def row(self, row: Row) -> Iterator[str]:
+        """Write a row: a line, and for all of a long field's bytes the lines that they need."""
         color = self._palette
-        if field.name == HRESULT and isinstance(field.value, int):
-            return f"{color.bad if is_failure(field.value) else color.good}{text}{color.reset}"
-        return f"{color.number}{text}{color.reset}" if is_leaf and text else text
+        margin = " " * (self._place_width + _HEX_WIDTH + 3) + _INDENT * row.depth
+        if row.kind is RowKind.PROBLEM:
+            self.highlights.append(Highlight(row.start, row.stop, color.problem))
+            yield f"{margin}{color.problem}!! {row.text}{color.reset}"
+        elif row.kind is RowKind.NOTE:
+            yield f"{margin}{color.dim}{row.text}{color.reset}"
+        else:
+            yield from self._field(row)
 
-    def _rows(self, field: Field, depth: int, text: str, is_leaf: bool) -> Iterator[str]:
-        """Write the line of a field, and for all of a long one's bytes the lines that they need."""
+    def _field(self, row: Row) -> Iterator[str]:
         color = self._palette
-        shown = self._body[field.start : field.stop] if is_leaf else b""
-        name = f"{_INDENT * depth}{color.name}{field.name}{color.reset}"
-        padding = " " * (_NAME_WIDTH - len(_INDENT) * depth - len(field.name) if text else 0)
-        left = self._place(field.start, field.stop)
-        yield f"{left}  {self._hex(shown)}  {name}{padding}{' ' if text else ''}{text}".rstrip()
+        shown = self._body[row.start : row.stop] if row.kind is RowKind.LEAF else b""
+        name = f"{_INDENT * row.depth}{color.name}{row.name}{color.reset}"
+        padding = " " * (_NAME_WIDTH - len(_INDENT) * row.depth - len(row.name) if row.text else 0)
+        text = f"{' ' if row.text else ''}{value_colored(row, color)}"
+        yield f"{self._place(row.start, row.stop)}  {self._hex(shown)}  {name}{padding}{text}".rstrip()
         if self._full:
             for start in range(BYTES_SHOWN, len(shown), BYTES_SHOWN):
                 yield f"{' ' * self._place_width}  {self._hex(shown[start:])}".rstrip()
@@ -137,32 +106,11 @@ class _Page:
             text = data[: BYTES_SHOWN - 1].hex(" ") + " …"
         return f"{self._palette.hex}{text}{self._palette.reset}{' ' * (_HEX_WIDTH - 1 - len(text))}"
 
-    def _children(self, field: Field, depth: int) -> Iterator[str]:
-        count = len(field.value) if isinstance(field.value, tuple) and field.name == "data" else 0
-        if self._full or count <= MOST_ELEMENTS:
-            for child in field.children:
-                yield from self.field(child, depth)
-            return
-        start = field.start
-        for child in islice(field.children, MOST_ELEMENTS):
-            yield from self.field(child, depth)
-            start = child.stop
-        rest = Field(f"… {count - MOST_ELEMENTS} more", start, field.stop)
-        yield from self._rows(rest, depth, "", is_leaf=True)
-        for problem in field.problems:
-            if problem.offset >= start:
-                yield from self._problems(problem.offset, problem.offset + 1, (problem,), depth)
 
-    def _problems(self, start: int, stop: int, problems: Iterable[Problem], depth: int) -> Iterator[str]:
-        color = self._palette
-        margin = " " * (self._place_width + _HEX_WIDTH + 3)
-        for problem in problems:
-            self.highlights.append(Highlight(start, stop, color.problem))
-            yield f"{margin}{_INDENT * depth}{color.problem}!! {printable(problem.reason)}{color.reset}"
-
-    def _advice(self, code: int, depth: int) -> Iterator[str]:
-        found = describe(code)
-        margin = " " * (self._place_width + _HEX_WIDTH + 3)
-        notes = [found.advice, "the meaning is a guess" if found.guess else None]
-        for note in filter(None, notes):
-            yield f"{margin}{_INDENT * depth}{self._palette.dim}{note}{self._palette.reset}"
+def value_colored(row: Row, palette: Palette) -> str:
+    """Write what a row means in its colour: results as good or bad, other values as numbers."""
+    if row.failed is not None:
+        return f"{palette.bad if row.failed else palette.good}{row.text}{palette.reset}"
+    if row.kind is RowKind.LEAF and row.text:
+        return f"{palette.number}{row.text}{palette.reset}"
+    return row.text

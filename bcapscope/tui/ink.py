@@ -21,10 +21,10 @@ INK = Palette(
 )
 """The palette for everything that a widget shows."""
 
-LIT = "\x0f"
-"""Before bytes and fields that are lit, because the cursor is on them in the other view."""
+LIT, CURSOR = "\x0f", "\x10"
+"""Before bytes that are lit because the cursor is on them in the other view; before the one that it is on."""
 
-_MARKS = re.compile("[\x01-\x07\x0e\x0f]")
+_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
 _NAMES: Mapping[str, str] = MappingProxyType(
     {
         INK.number: "number",
@@ -35,6 +35,7 @@ _NAMES: Mapping[str, str] = MappingProxyType(
         INK.bad: "bad",
         INK.dim: "dim",
         LIT: "lit",
+        CURSOR: "cursor",
     }
 )
 

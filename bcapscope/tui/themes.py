@@ -35,7 +35,8 @@ THEMES = (
         dark=True,
         variables={
             **_inks("#87d7ff", "#ffffff", "#9fb4cc", "#ff8f6f", "#87d787", "#ff6f6f", "#7c8896"),
-            "ink-lit": "#14181d on #ffd75f",
+            "ink-lit": "#ffe9a8 on #5a4a12",
+            "ink-cursor": "#14181d on #ffd75f",
             "border": "#3b4654",
             "block-cursor-background": "#2f5d7e",
             "block-cursor-foreground": "#ffffff",
@@ -59,7 +60,8 @@ THEMES = (
         dark=False,
         variables={
             **_inks("#00507a", "#000000", "#3d4f66", "#a03800", "#1f7a1f", "#b00020", "#6a7178"),
-            "ink-lit": "#000000 on #ffd24d",
+            "ink-lit": "#000000 on #ffe9a6",
+            "ink-cursor": "#000000 on #ffb000",
             "border": "#b9bdb5",
             "block-cursor-background": "#bfdcec",
             "block-cursor-foreground": "#000000",
@@ -83,7 +85,8 @@ THEMES = (
         dark=True,
         variables={
             **_inks("#a8d8f0", "#ffffff", "#b8b8b8", "#f0e442", "#56b4e9", "#e69f00", "#8c8c8c"),
-            "ink-lit": "#000000 on #f0e442",
+            "ink-lit": "#f7f2a8 on #5c5714",
+            "ink-cursor": "#000000 on #f0e442",
             "border": "#484848",
             "block-cursor-background": "#0072b2",
             "block-cursor-foreground": "#ffffff",

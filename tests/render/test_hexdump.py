@@ -18,6 +18,13 @@ def test_sixteen_bytes_a_line_with_a_gap_in_the_middle() -> None:
     ]
 
 
+def test_eight_bytes_a_line_where_there_is_little_room() -> None:
+    assert list(hexdump(b"0123456789", per_line=8)) == [
+        "     0  30 31 32 33 34 35 36 37  01234567",
+        "     8  38 39                    89",
+    ]
+
+
 def test_no_bytes_no_lines() -> None:
     assert list(hexdump(b"")) == []
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.frame import Frame, encode, parse_datagram
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.render.outline import MOST_ELEMENTS
 from bcapscope.render.palette import ANSI, PLAIN
-from bcapscope.render.tree import MOST_ELEMENTS, TreeRenderer
+from bcapscope.render.tree import TreeRenderer
 from bcapscope.traffic.observation import Direction
 from tests.render.scenes import HOSTILE, ROBOT, observe, scenes
 from tests.strategies import mutated_frames

@@ -1,7 +1,7 @@
 """Every label of the screen in English and Japanese, by a key.
 
-One module a screen holds the pairs; nothing is written in place. Keys have the name of their module before
-the point: ``say("shell.quit")``.
+One module a screen holds the pairs; nothing is written in place. Keys have the name of their screen or
+widget before the point: ``say("shell.quit")``.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
 
-from bcapscope.tui.words import shell
+from bcapscope.tui.words import shell, widgets
 
-CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType({**shell.WORDS})
+CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType({**shell.WORDS, **widgets.WORDS})
 """English and Japanese by key. Braces hold places for values, as in `str.format`."""
 
 

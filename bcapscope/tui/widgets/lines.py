@@ -1,0 +1,235 @@
+"""A list of any length: a line is made when it is shown."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+from rich.style import Style
+from textual.binding import Binding, BindingType
+from textual.cache import LRUCache
+from textual.events import Click, Resize
+from textual.geometry import Region, Size
+from textual.message import Message
+from textual.reactive import reactive
+from textual.scroll_view import ScrollView
+from textual.strip import Strip
+
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.ink import segments
+
+_KEPT = 500
+"""Strips that are kept: several screens full."""
+
+_SIDEWAYS = 8
+
+
+class Lines(ScrollView, can_focus=True):
+    """A list with a cursor; what it shows is what `count` and `line` say.
+
+    A subclass tells by `changed` that its lines are others than before, and by `grown` that there are more of
+    them.
+
+    Attributes:
+        cursor: index of the line that the cursor is on; 0 where there is none.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up,k", "move(-1)", "", show=False),
+        Binding("down,j", "move(1)", "", show=False),
+        Binding("pageup", "page(-1)", "", show=False),
+        Binding("pagedown", "page(1)", "", show=False),
+        Binding("home,g", "to_start", "lines.start", id="lines.start", show=False),
+        Binding("end,G", "to_end", "lines.end", id="lines.end", show=False),
+        Binding("left", "sideways(-1)", "", show=False),
+        Binding("right", "sideways(1)", "", show=False),
+        Binding("enter", "choose", "", show=False),
+    ]
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"lines--cursor", "lines--blurred"}
+    cursor: reactive[int] = reactive(0, repaint=False)
+
+    class Moved(Message):
+        """The cursor is on another line, or another line is where it is."""
+
+        def __init__(self, lines: Lines, index: int) -> None:
+            super().__init__()
+            self.lines, self.index = lines, index
+
+        @property
+        def control(self) -> Lines:
+            """The list."""
+            return self.lines
+
+    class Chosen(Moved):
+        """Enter was pressed on a line, or it was clicked when the cursor was there already."""
+
+    def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
+        super().__init__(id=id, classes=classes)
+        self._strips: LRUCache[tuple[object, ...], Strip] = LRUCache(_KEPT)
+        self._version = 0
+        self._width = 0
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """How many lines there are."""
+
+    @abstractmethod
+    def line(self, index: int) -> str:
+        """Return a line, rendered with `ink.INK`."""
+
+    # what a subclass says
+
+    def changed(self, cursor: int = 0) -> None:
+        """Show other lines than before, with the cursor on one of them."""
+        self._version += 1
+        self._width = 0
+        self.virtual_size = Size(self.size.width, self.count)
+        self.set_reactive(Lines.cursor, max(0, min(cursor, self.count - 1)))
+        self.scroll_x = self.scroll_target_x = 0
+        self._see_cursor()
+        self.refresh()
+        self._tell_moved()
+
+    def grown(self) -> None:
+        """Show that there are more lines; see `follows` for a cursor on the last one."""
+        height, count = self.virtual_size.height, self.count
+        if count == height:
+            return
+        self.virtual_size = Size(self.virtual_size.width, count)
+        if self.follows and self.cursor >= height - 1:
+            self.cursor = count - 1
+        elif height < self.scroll_offset.y + self.size.height:
+            self.refresh()
+        if height == 0:
+            self._tell_moved()
+
+    @property
+    def follows(self) -> bool:
+        """Whether a cursor on the last line goes along when there are more."""
+        return False
+
+    def repaint(self) -> None:
+        """Show the same lines in another way."""
+        self._version += 1
+        self.refresh()
+
+    # how it is drawn
+
+    def notify_style_update(self) -> None:
+        """Draw all anew in other colours."""
+        self._version += 1
+        super().notify_style_update()
+
+    def on_resize(self, event: Resize) -> None:
+        """Keep the cursor in sight."""
+        self.virtual_size = Size(max(self._width, self.size.width), self.count)
+        self._see_cursor()
+
+    def render_line(self, y: int) -> Strip:
+        """Draw one line of what is in sight."""
+        x, top = self.scroll_offset
+        index, width = y + top, self.size.width
+        if index >= self.count:
+            return Strip.blank(width, self.rich_style)
+        is_cursor = self.marks_cursor and index == self.cursor
+        key = (index, x, width, is_cursor, is_cursor and self.has_focus, self._version)
+        strip = self._strips.get(key)
+        if strip is None:
+            strip = self._strips[key] = self._draw(index, x, width, is_cursor)
+        return strip.apply_offsets(x, index)
+
+    @property
+    def marks_cursor(self) -> bool:
+        """Whether the line of the cursor has a colour of its own."""
+        return True
+
+    def _draw(self, index: int, x: int, width: int, is_cursor: bool) -> Strip:
+        strip = Strip(segments(self.line(index), scope_of(self).inks))
+        if strip.cell_length > self._width:
+            self._width = strip.cell_length
+            self.call_later(self._widen)
+        style = self.rich_style
+        if is_cursor:
+            style = self._cursor_style()
+        return strip.crop_extend(x, x + width, style).apply_style(style)
+
+    def _cursor_style(self) -> Style:
+        name = "lines--cursor" if self.has_focus else "lines--blurred"
+        if scope_of(self).no_color:
+            return Style(reverse=self.has_focus, underline=not self.has_focus)
+        return self.get_component_rich_style(name)
+
+    def _widen(self) -> None:
+        if self._width > self.virtual_size.width:
+            self.virtual_size = Size(self._width, self.virtual_size.height)
+
+    # the cursor
+
+    def go(self, index: int) -> None:
+        """Put the cursor on a line, the nearest there is."""
+        self.cursor = max(0, min(index, self.count - 1))
+
+    def watch_cursor(self, old: int, new: int) -> None:
+        """Draw both lines anew and tell."""
+        for index in (old, new):
+            self.refresh(Region(0, index - self.scroll_offset.y, self.size.width, 1))
+        self._see_cursor()
+        self._tell_moved()
+
+    def on_focus(self) -> None:
+        """Show that keys come here."""
+        self.refresh()
+
+    def on_blur(self) -> None:
+        """Show that keys go elsewhere."""
+        self.refresh()
+
+    def _tell_moved(self) -> None:
+        self.post_message(self.Moved(self, self.cursor))
+
+    def _see_cursor(self) -> None:
+        height = self.size.height
+        top, at = self.scroll_offset.y, self.cursor
+        if height and not top <= at < top + height:
+            aim = at if at < top else at - height + 1
+            if abs(at - top) > 2 * height:
+                aim = at - height // 2
+            self.scroll_to(y=max(0, aim), animate=False, immediate=True)
+
+    def action_move(self, by: int) -> None:
+        """Go up or down."""
+        self.go(self.cursor + by)
+
+    def action_page(self, by: int) -> None:
+        """Go up or down by what is in sight."""
+        self.go(self.cursor + by * max(1, self.size.height - 1))
+
+    def action_to_start(self) -> None:
+        """Go to the first line."""
+        self.go(0)
+
+    def action_to_end(self) -> None:
+        """Go to the last line."""
+        self.go(self.count - 1)
+
+    def action_sideways(self, by: int) -> None:
+        """Show what is further left or right."""
+        self.scroll_relative(x=by * _SIDEWAYS, animate=False)
+
+    def action_choose(self) -> None:
+        """Choose the line."""
+        if self.count:
+            self.post_message(self.Chosen(self, self.cursor))
+
+    def on_click(self, event: Click) -> None:
+        """Go to the line that was clicked; choose it where the cursor was there already."""
+        offset = event.get_content_offset(self)
+        if offset is None:
+            return
+        index = offset.y + self.scroll_offset.y
+        if index >= self.count:
+            return
+        if index == self.cursor and event.chain > 1:
+            self.action_choose()
+        self.go(index)
