@@ -6,15 +6,18 @@ import math
 import re
 import shlex
 from collections.abc import Iterator, Sequence
+from typing import Protocol
 
-from bcapscope.client.opened import Opened
-from bcapscope.client.target import Target
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, Param, function_name
 from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
 from bcapscope.render.escape import printable
 from bcapscope.render.notation import notation_text
+from bcapscope.traffic.opened import Opened
 
-_DEFAULT = Target("")
+_PORT = 5007
+_PROVIDER = "CaoProv.DENSO.VRC"
+"""What `bcapscope call` takes where nothing else is said."""
+
 _NAMED = frozenset(
     (
         ObjectClass.ROBOT,
@@ -28,18 +31,33 @@ _NAMED = frozenset(
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
+class Peer(Protocol):
+    """A controller, and how it is reached, such as `client.target.Target`."""
+
+    @property
+    def host(self) -> str: ...
+    @property
+    def port(self) -> int: ...
+    @property
+    def tcp(self) -> bool: ...
+    @property
+    def provider(self) -> str: ...
+    @property
+    def service(self) -> str: ...
+
+
 def hex_text(raw: bytes) -> str:
     """Write bytes in pairs of digits, blanks between, as every tool for hex reads them."""
     return raw.hex(" ").upper()
 
 
 def call_line(
-    target: Target, function_id: int, arguments: Sequence[Variant], subject: Opened | None
+    peer: Peer, function_id: int, arguments: Sequence[Variant], subject: Opened | None
 ) -> str | None:
     """Write a call as a command line of ours.
 
     Args:
-        target: the controller, and how it is reached.
+        peer: the controller, and how it is reached.
         function_id: what is called.
         arguments: all of them, the handle first.
         subject: what the handle stands for; the line opens it by its name. None to give the number.
@@ -56,7 +74,7 @@ def call_line(
     if None in texts:
         return None
     names = _names(subject) if skipped else []
-    words = ["bcapscope", "call", target.host, *_ways(target), *names, function.name]
+    words = ["bcapscope", "call", peer.host, *_ways(peer), *names, function.name]
     return shlex.join([*words, *_guarded([text for text in texts if text is not None])])
 
 
@@ -65,15 +83,15 @@ def _guarded(texts: list[str]) -> list[str]:
     return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
 
 
-def _ways(target: Target) -> Iterator[str]:
-    if target.port != _DEFAULT.port:
-        yield from ("--port", str(target.port))
-    if target.tcp:
+def _ways(peer: Peer) -> Iterator[str]:
+    if peer.port != _PORT:
+        yield from ("--port", str(peer.port))
+    if peer.tcp:
         yield "--tcp"
-    if target.provider != _DEFAULT.provider:
-        yield from ("--provider", target.provider)
-    if target.service:
-        yield from ("--service", target.service)
+    if peer.provider != _PROVIDER:
+        yield from ("--provider", peer.provider)
+    if peer.service:
+        yield from ("--service", peer.service)
 
 
 def _is_reached(subject: Opened) -> bool:
@@ -102,26 +120,24 @@ def _word(param: Param, argument: Variant) -> str | None:
     return notation_text(argument)
 
 
-def python_text(
-    target: Target, function_id: int, arguments: Sequence[Variant], subject: Opened | None
-) -> str:
+def python_text(peer: Peer, function_id: int, arguments: Sequence[Variant], subject: Opened | None) -> str:
     """Write a call as a program that makes it: connections first, everything let go at the end.
 
     Args:
-        target: the controller, and how it is reached.
+        peer: the controller, and how it is reached.
         function_id: what is called; with an id that no function has, the program sends just that.
         arguments: all of them, the handle first.
         subject: what the handle stands for; the program opens it. None to give the number.
     """
-    over = "over_tcp" if target.tcp else "over_udp"
-    option = f", {_literal(target.service)}" if target.service else ""
+    over = "over_tcp" if peer.tcp else "over_udp"
+    option = f", {_literal(peer.service)}" if peer.service else ""
     chain = _chain(subject)
     lines = [
         f"from bcapscope.client import Blocking, connect, {over}",
         "from bcapscope.protocol.variant import VT, Variant",
         "",
         "with Blocking() as wait:",
-        f"    service = wait.enter(connect({over}({target.host!r}, {target.port}){option}))",
+        f"    service = wait.enter(connect({over}({peer.host!r}, {peer.port}){option}))",
         *(f"    {line}" for line in _openings(chain)),
         f"    print({_call(function_id, arguments, chain)})",
     ]

@@ -9,11 +9,11 @@ import sys
 import pytest
 
 from bcapscope.client import objects
-from bcapscope.client.opened import Opened
 from bcapscope.client.target import Target
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.render.code import call_line, hex_text, method_name, python_text
+from bcapscope.traffic.opened import Opened
 from tests.cli.run import run
 from tests.client.server import UdpServer, udp_server
 

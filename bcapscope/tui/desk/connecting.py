@@ -6,12 +6,12 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 
-from bcapscope.client.opened import Opened
 from bcapscope.client.target import Target, reason_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.render.meaning import value_text
+from bcapscope.traffic.opened import Opened
 from bcapscope.tui.desk.desk import Desk
 from bcapscope.tui.desk.halt import ROBOT
 from bcapscope.tui.desk.news import Identity, Step, StepNews

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bcapscope.client.caller import Caller
-from bcapscope.client.opened import Book, Opened
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, command_of
 from bcapscope.client.target import Target, reason_of
@@ -28,6 +27,7 @@ from bcapscope.protocol.requester import Pace
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.opened import Book, Opened
 from bcapscope.tui.desk.arming import Arming, may_move
 from bcapscope.tui.desk.audit import Audit
 from bcapscope.tui.desk.halt import HaltLine, HaltNews, HaltState

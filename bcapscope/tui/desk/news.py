@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
 
-from bcapscope.client.opened import Opened
 from bcapscope.client.target import Target
+from bcapscope.traffic.opened import Opened
 from bcapscope.tui.desk.halt import HaltNews
 from bcapscope.tui.desk.record import Record
 

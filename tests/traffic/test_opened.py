@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from bcapscope.client.opened import Book, Opened
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.functions import ObjectClass, function_by_name
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.traffic.opened import Book, Opened
 
 
 def _note(book: Book, name: str, *values: object, handle: int | None = None) -> Opened | None:
