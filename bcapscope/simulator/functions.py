@@ -13,13 +13,13 @@ from typing import TypeAlias
 
 from bcapscope.protocol.commands import command as known_command
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass
-from bcapscope.protocol.hresult import E_INVALIDARG, E_NOT_IN_SLAVE_MODE, E_NOTIMPL
+from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator import systemvariables
 from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.context import Commands, Context
 from bcapscope.simulator.controllercommands import CONTROLLER_COMMANDS, TASK_COMMANDS
-from bcapscope.simulator.machine import READY, ROBSLAVE, RUNNING
+from bcapscope.simulator.machine import RUNNING
 from bcapscope.simulator.motions import drive, halt, move
 from bcapscope.simulator.objects import kept
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
@@ -198,13 +198,9 @@ def _task_start(context: Context, arguments: Arguments) -> Outcome:
 
 
 def _task_stop(context: Context, arguments: Arguments) -> Outcome:
-    """Run Task_Stop; slave mode of RC7 ends with RobSlave."""
     if integer_of(nth(arguments, 0)) not in range(5):
         raise RefusedError(E_INVALIDARG)
-    machine, name = context.machine, context.object.name.casefold()
-    machine.tasks[name] = READY
-    if name == ROBSLAVE.casefold() and machine.profile.needs_robslave and machine.slave.mode:
-        machine.stop(context.now, E_NOT_IN_SLAVE_MODE)
+    context.machine.stop_task(context.object.name, context.now)
     return DONE
 
 

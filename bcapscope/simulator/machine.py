@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_FAIL
+from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE
 from bcapscope.simulator.alarms import Alarms
 from bcapscope.simulator.arm import MS, Arm
 from bcapscope.simulator.controllog import ControlLog, Record
@@ -22,6 +22,7 @@ from bcapscope.simulator.refusals import (
     EMERGENCY_STOP,
     ERROR_IS_ACTIVE,
     MOTOR_IS_OFF,
+    NO_TOKEN,
     NOT_AUTOMATIC,
     POSITION_LIMIT,
     SOFTWARE_LIMIT,
@@ -35,6 +36,9 @@ READY, RUNNING = 2, 3
 
 ROBSLAVE = "RobSlave"
 
+OTHER_CLIENT = 0
+"""Owner of the arm who is none of the clients, which are numbered from 1: the pendant, or another network."""
+
 
 @dataclass(frozen=True, slots=True)
 class Start:
@@ -44,18 +48,36 @@ class Start:
         joints: eight, degrees.
         limits: of the six axes.
         mode: 1 manual, 2 teach check, 3 automatic.
+        token: the executable token is Ethernet's.
         motor: on already.
+        motor_time: ns that it takes to go on.
+        speed: external speed in percent, as set on the pendant.
         type_name: of the robot.
         tasks: programs that are loaded.
+        running: those of them that run.
+        errors: active ones, the oldest first.
+        emergency: the emergency stop is pressed.
+        arm_taken: a client that is not seen here has the arm.
+        udp_clients: places on UDP that half-open clients hold.
+        tcp_clients: the same on TCP.
         epoch: ns since 1970 at the time 0 of the model's clock.
     """
 
     joints: Joints = HOME
     limits: tuple[AxisLimit, ...] = LIMITS
     mode: int = AUTOMATIC
+    token: bool = True
     motor: bool = False
+    motor_time: int = MOTOR_ON_TIME
+    speed: float = 100.0
     type_name: str = "BCAPSCOPE-SIM6"
     tasks: tuple[str, ...] = (ROBSLAVE, "Pro1")
+    running: tuple[str, ...] = ()
+    errors: tuple[int, ...] = ()
+    emergency: bool = False
+    arm_taken: bool = False
+    udp_clients: int = 0
+    tcp_clients: int = 0
     epoch: int = 0
 
 
@@ -94,12 +116,13 @@ class Machine:
         self.alarms = Alarms()
         self.log = ControlLog()
         self.memory = Memory(profile.real)
-        self.speeds = Speeds()
+        self.speeds = Speeds(external=self.start.speed)
         self.mode = self.start.mode
         self.auto_mode = 2
-        self.emergency = False
-        self.owner: int | None = None
+        self.emergency = self.start.emergency
+        self.owner: int | None = OTHER_CLIENT if self.start.arm_taken else None
         self.tasks = dict.fromkeys((name.casefold() for name in self.start.tasks), READY)
+        self.tasks |= dict.fromkeys((name.casefold() for name in self.start.running), RUNNING)
         self.files = {f"{name}.pac".casefold(): f"{name}.pac" for name in self.start.tasks}
         self.tool = 0
         self.work = 0
@@ -107,6 +130,8 @@ class Machine:
         self.stopped_by = 0
         self.free_at = now
         self._motor_at: int | None = now if self.start.motor else None
+        for code in self.start.errors:
+            self.alarms.raise_(code, now)
 
     def date(self, now: int) -> float:
         """Return the controller's clock as days since 1899-12-30."""
@@ -124,14 +149,14 @@ class Machine:
             return now
         self.check_state()
         if self._motor_at is None:
-            self._motor_at = now + MOTOR_ON_TIME
+            self._motor_at = now + self.start.motor_time
         return self._motor_at
 
     def check_state(self) -> None:
         """Refuse what needs a controller without trouble.
 
         Raises:
-            RefusedError: emergency stop, an active error, or not in automatic mode.
+            RefusedError: emergency stop, an active error, not in automatic mode, or no executable token.
         """
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
@@ -139,6 +164,8 @@ class Machine:
             raise RefusedError(ERROR_IS_ACTIVE)
         if self.mode != AUTOMATIC:
             raise RefusedError(NOT_AUTOMATIC)
+        if not self.start.token:
+            raise RefusedError(NO_TOKEN)
 
     def check_motion(self, client: int, now: int) -> None:
         """Refuse what moves the robot unless everything is ready for it.
@@ -195,6 +222,19 @@ class Machine:
             self.tasks[ROBSLAVE.casefold()] = READY
         if level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
             self._motor_at = None
+
+    def switch_mode(self, mode: int, now: int) -> None:
+        """Turn the mode switch; leaving the automatic mode ends all motion and switches the motor off."""
+        self.mode = mode
+        if mode != AUTOMATIC:
+            self._motor_at = None
+            self.stop(now, NOT_AUTOMATIC)
+
+    def stop_task(self, name: str, now: int) -> None:
+        """Stop a program; slave mode of RC7 ends with RobSlave."""
+        self.tasks[name.casefold()] = READY
+        if name.casefold() == ROBSLAVE.casefold() and self.profile.needs_robslave and self.slave.mode:
+            self.stop(now, E_NOT_IN_SLAVE_MODE)
 
     def press_emergency_stop(self, now: int) -> None:
         """Press the emergency stop: the motor goes off, and nothing moves until it is let go."""

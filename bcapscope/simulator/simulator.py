@@ -80,6 +80,10 @@ class Simulator:
         self._report = report
         self._links: dict[Peer, _Link] = {}
         self._number = 0
+        for place in range(self.machine.start.udp_clients):
+            self._add(("half-open", "udp", place), None, now)
+        for place in range(self.machine.start.tcp_clients):
+            self._add(("half-open", "tcp", place), Splitter(limit=LARGEST_REQUEST), now)
 
     def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]:
         """Take a UDP datagram; return what to send."""
