@@ -31,9 +31,8 @@ T = TypeVar("T")
 
 
 class Style(StrEnum):
-    """How frames are written."""
+    """How frames are written, if not as lines."""
 
-    LINE = "line"
     TREE = "tree"
     CSV = "csv"
     JSON = "json"
@@ -48,9 +47,9 @@ class Style(StrEnum):
     help="Read hex as people paste it from mails, documents and tools; - is standard input.",
 )
 @options.ports
-@click.option("--tree", "style", flag_value=Style.TREE, type=Style, help="Every field, with its bytes.")
-@click.option("--csv", "style", flag_value=Style.CSV, type=Style, help="A table with a header.")
-@click.option("--json", "style", flag_value=Style.JSON, type=Style, help="One JSON object a frame.")
+@click.option("--tree", "styles", flag_value=Style.TREE, type=Style, multiple=True, help="Every field, with its bytes.")
+@click.option("--csv", "styles", flag_value=Style.CSV, type=Style, multiple=True, help="A table with a header.")
+@click.option("--json", "styles", flag_value=Style.JSON, type=Style, multiple=True, help="One JSON object a frame.")
 @click.option("--hex", "dump", is_flag=True, help="A hexdump under each frame.")
 @click.option("--full", is_flag=True, help="In trees, every byte and element of what is long.")
 @options.filter_option(RecordKind.FRAME)
@@ -62,7 +61,7 @@ def command(
     interface: str | None,
     text: str | None,
     ports: tuple[int, ...],
-    style: Style | None,
+    styles: tuple[Style, ...],
     dump: bool,
     full: bool,
     wanted: Filter | None,
@@ -77,6 +76,11 @@ def command(
     Exit codes: 0 all was read; 2 the command line makes no sense; 3 a capture is damaged or breaks off, all
     before the damage was given out; 4 nothing could be read; 6 the output could not be written; 130 Ctrl-C.
     """
+    if len(set(styles)) > 1:
+        raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
+    style = styles[0] if styles else None
+    if full and style is not Style.TREE:
+        raise click.UsageError("--full goes with --tree")
     if dump and style in (Style.CSV, Style.JSON):
         raise click.UsageError("--hex goes with lines and trees")
     reading = Reading(paths, ports, interface, text)

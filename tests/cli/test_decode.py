@@ -295,3 +295,17 @@ def test_closed_standard_streams_end_in_order(redirection: str, code: Exit) -> N
     done = subprocess.run(["sh", "-c", command], capture_output=True, check=False, input=b"")
     assert done.returncode == code
     assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--json", "--csv"), "--json and --csv exclude each other"),
+        (("--full",), "--full goes with --tree"),
+        (("--full", "--json"), "--full goes with --tree"),
+    ],
+)
+def test_styles_that_do_not_go_together_are_told(words: tuple[str, ...], told: str) -> None:
+    done = run("decode", CAPTURES / "retry-story.pcapng", *words)
+    assert (done.code, done.out) == (Exit.USAGE, "")
+    assert told in done.err
