@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from functools import partial
 from itertools import chain, starmap
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -27,6 +27,7 @@ from bcapscope.traffic.getters import FRAME_GETTERS, Told
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Question, Questions
 
+F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 
@@ -38,6 +39,10 @@ class Style(StrEnum):
     JSON = "json"
 
 
+def _style(style: Style, text: str) -> Callable[[F], F]:
+    return click.option(f"--{style}", "styles", flag_value=style, type=Style, multiple=True, help=text)
+
+
 @click.command(short_help="Read frames, one line each.")
 @options.paths
 @options.interface
@@ -47,9 +52,9 @@ class Style(StrEnum):
     help="Read hex as people paste it from mails, documents and tools; - is standard input.",
 )
 @options.ports
-@click.option("--tree", "styles", flag_value=Style.TREE, type=Style, multiple=True, help="Every field, with its bytes.")
-@click.option("--csv", "styles", flag_value=Style.CSV, type=Style, multiple=True, help="A table with a header.")
-@click.option("--json", "styles", flag_value=Style.JSON, type=Style, multiple=True, help="One JSON object a frame.")
+@_style(Style.TREE, "Every field, with its bytes.")
+@_style(Style.CSV, "A table with a header.")
+@_style(Style.JSON, "One JSON object a frame.")
 @click.option("--hex", "dump", is_flag=True, help="A hexdump under each frame.")
 @click.option("--full", is_flag=True, help="In trees, every byte and element of what is long.")
 @options.filter_option(RecordKind.FRAME)
