@@ -15,6 +15,10 @@ class LocalProtocolError(BcapError):
     """We were asked to send something that b-CAP cannot express; nothing was sent."""
 
 
+class TooLargeError(LocalProtocolError):
+    """A frame would be larger than b-CAP, or the transport, carries."""
+
+
 class RemoteProtocolError(BcapError):
     """The peer sent what it may not send, such as an answer of another type than the function has.
 

@@ -11,7 +11,7 @@ import struct
 import zlib
 from collections.abc import Sequence
 
-from bcapscope.errors import LocalProtocolError
+from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.protocol import layout as layouts
 from bcapscope.protocol.arguments import Argument, Problem
 from bcapscope.protocol.checksum import crc16
@@ -41,6 +41,7 @@ __all__ = [
     "Problem",
     "encode",
     "parse_datagram",
+    "renumbered",
 ]
 
 LARGEST_UDP_FRAME = 503
@@ -48,6 +49,7 @@ LARGEST_UDP_FRAME = 503
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _LENGTH_SERIAL_RESERVED = struct.Struct("<BIHH")
+_SERIAL_RESERVED = struct.Struct("<HH")
 _CODE_ARGC = struct.Struct("<IH")
 _SIGNED_CODE_ARGC = struct.Struct("<iH")
 _VERSION_1 = (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
@@ -230,7 +232,8 @@ def encode(
         framing: how the frame ends.
 
     Raises:
-        LocalProtocolError: a number or a value does not fit, or the frame grows over `LARGEST_FRAME`.
+        TooLargeError: the frame grows over `LARGEST_FRAME`.
+        LocalProtocolError: a number or a value does not fit.
     """
     if framing in _VERSION_1 and reserved != 1:
         raise LocalProtocolError(f"reserved {reserved}: it is 1 in the framing of version 1")
@@ -244,9 +247,14 @@ def encode(
     except struct.error as error:
         raise LocalProtocolError(f"serial {serial}, reserved {reserved}, code {code}: {error}") from error
     if max(length, len(inner)) > LARGEST_FRAME:
-        raise LocalProtocolError(f"a frame of {max(length, len(inner))} bytes, {LARGEST_FRAME} is the most")
+        raise TooLargeError(f"a frame of {max(length, len(inner))} bytes, {LARGEST_FRAME} is the most")
     crc = crc16(head[1:] + body).to_bytes(2, "little") if crc_size else b""
     return head + body + crc + bytes((EOT,))
+
+
+def renumbered(raw: bytes, serial: int, reserved: int) -> bytes:
+    """Return a frame of `Framing.PLAIN` with other numbers in its header."""
+    return raw[:5] + _SERIAL_RESERVED.pack(serial, reserved) + raw[9:]
 
 
 def _framed(inner: bytes, framing: Framing) -> bytes:

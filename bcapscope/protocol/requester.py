@@ -8,15 +8,14 @@ sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
 
 from __future__ import annotations
 
-import struct
 from collections import deque
 from collections.abc import Sequence
 from itertools import chain
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.errors import Arrival, Attempt, LocalProtocolError
+from bcapscope.errors import Arrival, Attempt, LocalProtocolError, TooLargeError
 from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame, Malformed, encode
+from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame, Malformed, encode, renumbered
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import S_EXECUTING, hresult_name, is_failure
 from bcapscope.protocol.variant import Variant
@@ -24,7 +23,6 @@ from bcapscope.protocol.variant import Variant
 _FORMER = 32
 """Tries of earlier calls that are remembered, to tell late replies from strange ones."""
 
-_SERIAL_RESERVED = struct.Struct("<HH")
 _LAST_SERIAL = 0xFFFF
 _ON_UDP = (Convention.SEED, Convention.OWN, Convention.CHAIN)
 
@@ -164,14 +162,14 @@ class Requester:
         """Begin a call.
 
         Raises:
-            LocalProtocolError: a call is under way, the arguments cannot be packed, or the packet is too
-                large for UDP. Nothing is sent then.
+            TooLargeError: the packet is too large for UDP.
+            LocalProtocolError: a call is under way, or the arguments cannot be packed. Nothing is sent then.
         """
         if self.calling:
             raise LocalProtocolError("a call is under way, and b-CAP takes one after the other")
         raw = encode(0, 0, function_id, arguments)
         if self.datagrams and len(raw) > LARGEST_UDP_FRAME:
-            raise LocalProtocolError(
+            raise TooLargeError(
                 f"{function_name(function_id)} would be a packet of {len(raw)} bytes, and UDP carries "
                 f"{LARGEST_UDP_FRAME}: connect over TCP, or send less"
             )
@@ -233,8 +231,7 @@ class Requester:
         this = _Try(serial, self._reserved(serial), now)
         self._tries.append(this)
         self._deadline = now + self._pace.timeout
-        raw = self._raw
-        self._outgoing.append(raw[:5] + _SERIAL_RESERVED.pack(serial, this.reserved) + raw[9:])
+        self._outgoing.append(renumbered(self._raw, serial, this.reserved))
 
     def _reserved(self, serial: int) -> int:
         if not self.datagrams:

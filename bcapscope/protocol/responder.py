@@ -12,8 +12,9 @@ from collections.abc import Iterable, Sequence
 from enum import Enum, Flag
 from typing import NamedTuple
 
+from bcapscope.errors import TooLargeError
 from bcapscope.protocol.convention import Convention, ReplyReserved
-from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.frame import LARGEST_FRAME, Frame, encode, renumbered
 from bcapscope.protocol.hresult import S_EXECUTING, S_OK
 from bcapscope.protocol.variant import Variant
 
@@ -76,7 +77,7 @@ class _Call:
         self.newest = frame.serial
         self.reserved = frame.reserved
         self.serials = {frame.serial, frame.reserved or frame.serial}
-        self.answer: tuple[int, tuple[Variant, ...]] | None = None
+        self.answer = b""
 
     def asked_by(self, frame: Frame) -> None:
         """Take `frame` for one more packet of this call."""
@@ -124,6 +125,7 @@ class Responder:
         replies: ReplyReserved = ReplyReserved.ZERO,
         convention: Convention = Convention.UNKNOWN,
         remembered: int = REMEMBERED,
+        largest: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
     ) -> None:
         """Begin with a client of which nothing is known.
@@ -133,11 +135,13 @@ class Responder:
             replies: what replies carry in reserved; `UNKNOWN` is the same as `ZERO`.
             convention: of the client, where that is known beforehand; else it is learnt.
             remembered: answers that are kept.
+            largest: bytes that an answer may have.
             defects: of DENSO's C server that are to be imitated.
         """
         self.convention = convention
         self._retries = retries
         self._echo = replies is ReplyReserved.ECHOED
+        self._largest = largest
         self._defects = defects
         self._calls: deque[_Call] = deque(maxlen=1 if Defect.FORGETS_FIRST in defects else remembered)
         self._running: _Call | None = None
@@ -164,8 +168,8 @@ class Responder:
             call.asked_by(frame)
             return Decision(Verdict.RUNNING)
         call.asked_by(frame)
-        assert call.answer is not None
-        return Decision(Verdict.REPEAT, self.reply(frame, *call.answer))
+        again = renumbered(call.answer, frame.serial, frame.reserved if self._echo else 0)
+        return Decision(Verdict.REPEAT, again)
 
     def answer(self, code: int, arguments: Sequence[Variant] = ()) -> bytes:
         """End the running call: keep its answer and make the frame to send, for the newest of its packets.
@@ -175,12 +179,15 @@ class Responder:
             arguments: of the reply.
 
         Raises:
+            TooLargeError: the answer is longer than `largest`; the call is still running.
             LocalProtocolError: the arguments cannot be packed; the call is still running.
         """
         call = self._running
         assert call is not None, "no call is being executed"
         raw = encode(call.newest, call.reserved if self._echo else 0, code, arguments)
-        call.answer = code, tuple(arguments)
+        if len(raw) > self._largest:
+            raise TooLargeError(f"an answer of {len(raw)} bytes, {self._largest} is the most")
+        call.answer = raw
         self._running = None
         if self._retries:
             self._calls.appendleft(call)

@@ -10,11 +10,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from bcapscope.protocol.frame import LARGEST_UDP_FRAME, SMALLEST_FRAME, Frame
+from bcapscope.errors import TooLargeError
+from bcapscope.protocol.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.functions import FUNCTIONS, ResultKind
 from bcapscope.protocol.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA, is_failure
 from bcapscope.protocol.responder import Responder, Verdict
-from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant, encode_argument
+from bcapscope.protocol.variant import EMPTY, Variant
 from bcapscope.simulator.client import Client
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.outcome import Answer, Running
@@ -58,12 +59,12 @@ class Conversation:
         self.client = Client(machine, number)
         self.heard = 0
         self._profile = machine.profile
-        self._udp = udp
         self._report = report
         self._responder = Responder(
             retries=udp,
             replies=machine.profile.replies,
             remembered=MOST_REMEMBERED,
+            largest=LARGEST_UDP_FRAME if udp else LARGEST_FRAME,
             defects=machine.profile.defects,
         )
         self._waiting: deque[Frame] = deque()
@@ -156,12 +157,13 @@ class Conversation:
 
     def _answer(self, answer: Answer, now: int) -> bytes:
         function_id, arguments, began = self._request
-        parts = self._parts(function_id, answer)
-        if self._udp and _is_too_long(parts):
+        try:
+            raw = self._responder.answer(answer.hresult, self._parts(function_id, answer))
+        except TooLargeError:
             answer = Answer(E_TOO_MUCH_DATA)
-            parts = self._parts(function_id, answer)
+            raw = self._responder.answer(answer.hresult, self._parts(function_id, answer))
         self._report(Report(self.client.number, function_id, arguments, answer, began, now))
-        return self._responder.answer(answer.hresult, parts)
+        return raw
 
     def _parts(self, function_id: int, answer: Answer) -> tuple[Variant, ...]:
         """Return the arguments of a reply: the value, EMPTY or none, as the profile has it."""
@@ -172,8 +174,3 @@ class Conversation:
             return (answer.value,)
         failed = is_failure(answer.hresult)
         return (EMPTY,) if (self._profile.empty_on_error if failed else self._profile.empty_result) else ()
-
-
-def _is_too_long(parts: tuple[Variant, ...]) -> bool:
-    sized = [part for part in parts if part.vt & ARRAY or part.vt == VT.BSTR]
-    return SMALLEST_FRAME + sum(len(encode_argument(part)) for part in sized) > LARGEST_UDP_FRAME

@@ -79,6 +79,7 @@ class Simulator:
         self.refused = 0
         self._report = report
         self._links: dict[Peer, _Link] = {}
+        self._running: dict[Peer, Conversation] = {}
         self._number = 0
         for place in range(self.machine.start.udp_clients):
             self._add(("half-open", "udp", place), None, now)
@@ -87,18 +88,16 @@ class Simulator:
 
     def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]:
         """Take a UDP datagram; return what to send."""
-        link = self._links.get(peer)
         items = parse_datagram(data) if len(data) <= LARGEST_UDP_FRAME else ()
         frame = items[0] if len(items) == 1 else None
         if not isinstance(frame, Frame) or frame.problems:
             self.dropped += 1
             return []
-        link = link or self._new_udp(peer, now)
+        link = self._links.get(peer) or self._new_udp(peer, now)
         if link is None:
             self.dropped += 1
             return []
-        outputs = [Output(peer, each) for each in link.conversation.receive(frame, now)]
-        return outputs + self.advance(now)
+        return self._receive(peer, link.conversation, frame, now)
 
     def connect(self, peer: Peer, now: int) -> bool:
         """Take a TCP connection; return False if there are too many, for the caller to close it."""
@@ -126,12 +125,13 @@ class Simulator:
                 self.disconnect(peer, now)
                 outputs.append(Output(peer, b""))
                 break
-            outputs += [Output(peer, each) for each in link.conversation.receive(frame, now)]
-        return outputs + self.advance(now)
+            outputs += self._receive(peer, link.conversation, frame, now)
+        return outputs
 
     def disconnect(self, peer: Peer, now: int) -> None:
         """Let go of a client that is gone."""
         link = self._links.pop(peer, None)
+        self._running.pop(peer, None)
         if link is not None:
             link.conversation.close(now)
 
@@ -145,22 +145,35 @@ class Simulator:
     def advance(self, now: int) -> list[Output]:
         """Let time pass; return what to send."""
         self.machine.advance(now)
-        outputs: list[Output] = []
-        for peer, link in self._links.items():
-            if link.conversation.is_running:
-                outputs += [Output(peer, each) for each in link.conversation.poll(now)]
-        return outputs
+        return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
         """Return when `advance` is to be called next at the latest; None if nothing is under way."""
-        times = [self.machine.due()]
-        times += [link.conversation.due(now) for link in self._links.values() if link.conversation.is_running]
+        due = self.machine.due()
+        if not self._running:
+            return due
+        times = [due, *(conversation.due(now) for conversation in self._running.values())]
         return min((time for time in times if time is not None), default=None)
 
     @property
     def clients(self) -> int:
         """Clients that are remembered."""
         return len(self._links)
+
+    def _receive(self, peer: Peer, conversation: Conversation, frame: Frame, now: int) -> list[Output]:
+        """Hand on a request; what others wait for may have come true by it."""
+        outputs = [Output(peer, each) for each in conversation.receive(frame, now)]
+        if conversation.is_running:
+            self._running[peer] = conversation
+        return outputs + self._poll(now) if self._running else outputs
+
+    def _poll(self, now: int) -> list[Output]:
+        outputs: list[Output] = []
+        for peer, conversation in list(self._running.items()):
+            outputs += [Output(peer, each) for each in conversation.poll(now)]
+            if not conversation.is_running:
+                del self._running[peer]
+        return outputs
 
     def _count(self, udp: bool) -> int:
         return sum((link.splitter is None) is udp for link in self._links.values())

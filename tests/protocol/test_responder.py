@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.errors import LocalProtocolError
+from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.protocol.convention import Convention, ReplyReserved
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.hresult import E_BUSY, S_EXECUTING, S_OK
@@ -117,6 +117,20 @@ def test_what_cannot_be_packed_leaves_the_call_running() -> None:
         responder.answer(S_OK, (Variant(VT.I2, 70000),))
     assert responder.running
     responder.answer(S_OK)
+
+
+def test_an_answer_that_is_too_large_leaves_the_call_running() -> None:
+    text = Variant(VT.BSTR, "x" * 100)
+    size = len(encode(1, 0, S_OK, (text,)))
+    for largest, fits in ((size, True), (size - 1, False)):
+        responder = Responder(largest=largest)
+        responder.receive(_request(5, 0))
+        if fits:
+            assert len(responder.answer(S_OK, (text,))) == size
+        else:
+            with pytest.raises(TooLargeError):
+                responder.answer(S_OK, (text,))
+        assert responder.running is not fits
 
 
 def test_on_tcp_everything_is_new() -> None:

@@ -18,6 +18,7 @@ from tests.simulator.desk import MS, Desk, Operator, Person, ints, joints
 from tests.strategies import variants
 
 E_HANDLE, E_INVALIDARG, E_NOTIMPL = 0x80070006, 0x80070057, 0x80004001
+E_TOO_MUCH_DATA = 0x80000909
 
 
 @pytest.fixture(params=list(PROFILES))
@@ -353,6 +354,14 @@ def test_a_retry_is_answered_and_not_run_again() -> None:
     assert Frame(first).arguments == Frame(again).arguments
     assert (Frame(again).serial, Frame(again).reserved) == (101, 100)
     assert len(desk.simulator._links["client"].conversation.client.objects) == count + 1
+
+
+def test_what_a_datagram_cannot_carry_is_refused() -> None:
+    """The names of all variables are a few kB."""
+    for tcp, result in ((False, E_TOO_MUCH_DATA), (True, 0)):
+        operator = Operator(Desk("rc8"), tcp=tcp)
+        assert operator.call("Controller_GetVariableNames", operator.controller, bstr("")).hresult == result
+        assert operator.call("Controller_GetName", operator.controller).hresult == 0
 
 
 def test_reserved_is_echoed_by_rc7_only() -> None:
