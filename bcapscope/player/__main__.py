@@ -13,8 +13,9 @@ from typing import TextIO
 from msgspec import structs
 
 from bcapscope.client.target import reason_of
+from bcapscope.errors import BcapError
 from bcapscope.player.channel import open_channel
-from bcapscope.player.controllog import write_log
+from bcapscope.player.controllog import read_log, write_log
 from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import run
 from bcapscope.player.journal import Journal
@@ -54,15 +55,19 @@ def _play(plan: Plan, desk: Desk, journal: Journal, log: TextIO | None, grade: G
         return Ended(Outcome.UNANSWERED, f"{target}: {reason_of(error)}")
     visit = Visit(plan, channel, desk, journal)
     ended = run(visit.perform())
-    ended = structs.replace(ended, realtime=grade.realtime, logged=len(visit.records or ()))
+    ended = structs.replace(ended, realtime=grade.realtime)
     try:
-        if log is not None:
-            write_log(log, visit.records or ())
+        if log is not None and visit.logged:
+            records = read_log(target, plan.robot)
+            write_log(log, records)
             log.flush()
+            ended = structs.replace(ended, logged=len(records))
         journal.save(channel)
-    except OSError as error:
-        reason = f"the log or the capture could not be written: {reason_of(error)}; {ended.reason}"
-        return structs.replace(ended, outcome=Outcome.UNWRITABLE, reason=reason.rstrip("; "))
+    except (OSError, BcapError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else str(error)
+        told = f"the log or the capture could not be written: {reason}"
+        more = f"; {ended.reason}" if ended.reason else ""
+        return structs.replace(ended, outcome=Outcome.UNWRITABLE, reason=told + more)
     return ended
 
 

@@ -1,7 +1,7 @@
 """The controller's own log of a motion, saved as CSV.
 
-StartLog and StopLog are those of DENSO Wave 2009, How to use the Slave mode; a record of GetLogRecord, its
-order and the titles of the columns are those of ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py.
+What a record of GetLogRecord holds, its order and the titles of the columns are those of
+ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py.
 """
 
 from __future__ import annotations
@@ -11,6 +11,13 @@ from collections.abc import Sequence
 from typing import TextIO
 
 from bcapscope.client.objects import Robot
+from bcapscope.client.reach import Reach
+from bcapscope.client.session import PACES, Session
+from bcapscope.client.target import Target
+from bcapscope.player.channel import open_channel
+from bcapscope.player.exchanger import BlockingExchanger, run
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.variant import Value
 
 _AXES = ("指令値", "エンコーダ値", "電流値", "負荷率")
@@ -30,19 +37,31 @@ TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) 
 """The 39 columns: set point, encoder, current and load of each axis, then what the program adds."""
 
 
-async def start_log(robot: Robot) -> None:
-    """Empty the log and begin to record."""
-    await robot.execute("ClearLog")
-    await robot.execute("StartLog")
+async def _read(session: Session, target: Target, robot_name: str) -> list[Value]:
+    try:
+        reach = Reach(session, target.service, target.connect, {ObjectClass.ROBOT: robot_name})
+        robot = Robot(session, await reach.handle(ObjectClass.ROBOT))
+        count = await robot.execute("GetLogCount")
+        total = count if isinstance(count, int) else 0
+        return [await robot.execute("GetLogRecord", index) for index in range(total)]
+    finally:
+        await session.close()
 
 
-async def read_log(robot: Robot) -> list[Value]:
-    """Stop recording and return the records, the oldest first."""
-    await robot.execute("StopLog")
-    count = await robot.execute("GetLogCount")
-    return [
-        await robot.execute("GetLogRecord", index) for index in range(count if isinstance(count, int) else 0)
-    ]
+def read_log(target: Target, robot: str) -> list[Value]:
+    """Read the records that the controller holds, the oldest first.
+
+    By a connection of its own, over TCP: a record has 39 values, too many for the 503 bytes of a datagram.
+
+    Raises:
+        BcapError: as `Session.call`.
+        OSError: there is no way to the controller.
+    """
+    channel = open_channel(target.host, target.port, tcp=True)
+    tcp = (Convention.TCP0, Convention.TCP1)
+    convention = target.convention if target.convention in tcp else Convention.TCP0
+    session = Session(BlockingExchanger(channel, convention), PACES)
+    return run(_read(session, target, robot))
 
 
 def write_log(file: TextIO, records: Sequence[Value]) -> None:

@@ -186,9 +186,14 @@ class Packet(msgspec.Struct, frozen=True, tag=True):
 class Topic(StrEnum):
     """What a question is about."""
 
+    BEGIN = "begin"
+    """All is known that can be known without moving."""
     ARM = "arm"
+    """A robot will move, for this is not the simulator."""
     APPROACH = "approach"
+    """The robot is not at the first set point."""
     CLEAR = "clear"
+    """The controller shows an error."""
 
 
 class Question(msgspec.Struct, frozen=True, tag=True):

@@ -11,9 +11,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import degrees, isfinite
 
+import numpy as np
+
 from bcapscope.client.objects import Controller, Robot, Task, handle_of
 from bcapscope.client.reach import Reach
 from bcapscope.errors import ControllerError, RemoteProtocolError
+from bcapscope.player.checks_motion import NEAR
+from bcapscope.player.curve import unwound
 from bcapscope.player.messages import Point
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import ObjectClass
@@ -21,9 +25,6 @@ from bcapscope.protocol.hresult import E_ROBOTISBUSY
 from bcapscope.protocol.poses import AXES, numbers
 from bcapscope.protocol.slavemode import Generation, PoseType
 from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
-
-NEAR = 0.05
-"""deg or mm: as far as the first set point may be from where the robot stands."""
 
 _MS = 1_000_000
 _POLL = 50 * _MS
@@ -214,6 +215,15 @@ class Station:
             except ControllerError:
                 return
 
+    async def start_log(self) -> None:
+        """Empty the controller's log and begin to record."""
+        await self.robot.execute("ClearLog")
+        await self.robot.execute("StartLog")
+
+    async def stop_log(self) -> None:
+        """Record no more."""
+        await self.robot.execute("StopLog")
+
     async def errors(self) -> tuple[tuple[int, str], ...]:
         """Read the errors that are active, the newest first; nothing is cleared."""
         controller = Controller(self._reach.session, await self._reach.handle(ObjectClass.CONTROLLER))
@@ -271,15 +281,9 @@ class Station:
 
 def distance(kind: PoseType, here: Point, there: Point) -> float:
     """Return the largest difference of an axis, deg or mm; direction cosines count as angles, Fig not."""
-    far = 0.0
-    for axis, a, b in zip(AXES[kind], here, there, strict=False):
-        way = abs(b - a)
-        if axis.unit == "deg" and kind is PoseType.P:
-            way = abs((b - a + 180) % 360 - 180)
-        elif not axis.unit:
-            way = 0.0 if axis.name == "Fig" else degrees(way)
-        far = max(far, way)
-    return far
+    before, after = unwound(kind, np.vstack((here, there)))
+    ways = zip(AXES[kind], np.abs(after - before).tolist(), strict=False)
+    return max(way if axis.unit else degrees(way) for axis, way in ways if axis.name != "Fig")
 
 
 def _value(reply: Frame, name: str) -> Variant:

@@ -19,7 +19,7 @@ from bcapscope.client.session import PACES, Session
 from bcapscope.client.target import reason_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.player.channel import Channel
-from bcapscope.player.controllog import read_log, start_log
+from bcapscope.player.checks_motion import NEAR
 from bcapscope.player.course import Course
 from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import BlockingExchanger
@@ -40,14 +40,14 @@ from bcapscope.player.messages import (
 )
 from bcapscope.player.monitor import Monitor
 from bcapscope.player.pace import HaltedError, Move, Pacer
-from bcapscope.player.station import NEAR, Station, distance
+from bcapscope.player.station import Station, distance
 from bcapscope.player.trajectory import Source, Trajectory
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import E_BUSY
 from bcapscope.protocol.requester import Pace, Refused
 from bcapscope.protocol.slavemode import PoseType, SlaveMode, mode_pose_type, slave_mode
-from bcapscope.protocol.variant import VT, Value, Variant
+from bcapscope.protocol.variant import VT, Variant
 
 _ROBOT_EXECUTE = 64
 _ROBOT_HALT = 70
@@ -77,12 +77,12 @@ class Visit:
     """One visit.
 
     Attributes:
-        records: of the controller's log, if the plan wants one; None where there are none yet.
+        logged: the controller's log holds this visit's motion.
     """
 
     def __init__(self, plan: Plan, channel: Channel, desk: Desk, journal: Journal) -> None:
         """Get ready; nothing is sent yet."""
-        self.records: list[Value] | None = None
+        self.logged = False
         self._plan = plan
         self._channel = channel
         self._desk = desk
@@ -141,7 +141,9 @@ class Visit:
                 await self._clear(error)
 
     def _arm(self) -> None:
-        """Make sure that somebody knows that a robot will move."""
+        """Make sure that somebody wants it, and knows if a robot will move."""
+        if self._ask(Topic.BEGIN, "Begin?", (NO, YES)) != YES:
+            raise EndedEarly(Outcome.DECLINED, "nobody said that it may begin")
         station = self._station
         if station.simulator or self._plan.armed:
             return
@@ -165,8 +167,9 @@ class Visit:
                 stack.push_async_callback(self._undo, station.motor_off)
             await self._approach(trajectory.kind, trajectory.vector(0))
             if self._plan.log is not None:
-                await start_log(station.robot)
-                stack.push_async_callback(self._undo, self._read_log)
+                await station.start_log()
+                self.logged = True
+                stack.push_async_callback(self._undo, station.stop_log)
             self._show(State.ENTERING)
             await station.set_formats(trajectory.kind)
             # Before the call: its reply may be lost, and yet it was done.
@@ -210,6 +213,7 @@ class Visit:
             pacer.play()
         except HaltedError:
             self._journal.pacing = False
+            self._exchanger.abandon()
             await self._halt()
             raise EndedEarly(Outcome.HALTED, self._desk.reason) from None
         finally:
@@ -258,9 +262,6 @@ class Visit:
     async def _leave(self) -> None:
         self._show(State.LEAVING)
         await self._station.robot.slv_change_mode(0)
-
-    async def _read_log(self) -> None:
-        self.records = await read_log(self._station.robot)
 
     async def _undo(self, step: Callable[[], Awaitable[None]]) -> None:
         """End what was begun; what the controller refuses is told, and the rest goes on."""

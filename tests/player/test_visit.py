@@ -1,0 +1,316 @@
+"""The whole sequence against a simulator in memory, under a clock that jumps: nothing here takes time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+
+import pytest
+
+from bcapscope.player.messages import Ended, Order, Outcome, Peer, Plan, Progress, State, Topic, Trouble
+from bcapscope.player.visit import AGAIN, CLEAR, YES
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.slavemode import Generation
+from bcapscope.simulator.machine import Start
+from tests.player.simulated import HOME, MS, TARGET, Stage, named, wave
+
+
+def plan(mode: int, **more: object) -> Plan:
+    """Make a plan for the usual way."""
+    return Plan(**{"target": TARGET, "mode": mode, "points": wave(), **more})  # type: ignore[arg-type]
+
+
+def set_points(stage: Stage) -> list[tuple[int, Frame]]:
+    """Return all packets with set points, retries included."""
+    return [(time, frame) for time, frame in stage.channel.sent if named(frame) == "slvMove"]
+
+
+def first_axis(frame: Frame) -> float:
+    """Return J1 of a set point."""
+    row = frame.arguments[2].variant.value
+    assert isinstance(row, tuple)
+    assert isinstance(row[0], float)
+    return row[0]
+
+
+def speeds(stage: Stage) -> list[float]:
+    """Return the steps of J1 between set points."""
+    ways = [first_axis(frame) for _, frame in set_points(stage) if frame.reserved == 0]
+    return [b - a for a, b in pairwise(ways)]
+
+
+def fall_silent(stage: Stage, count: int) -> None:
+    """Let nothing arrive any more once so many packets with set points were sent."""
+
+    def look(_: int) -> None:
+        if len(set_points(stage)) > count:
+            stage.channel.silent_from = 0
+
+    stage.desk.at_poll = look
+
+
+def order_after(stage: Stage, count: int, order: Order) -> None:
+    """Give an order once so many packets with set points were sent."""
+    stage.desk.at_poll = lambda _: order if len(set_points(stage)) > count else None
+
+
+def test_rc8_is_led_through_the_sequence_and_left_as_it_was() -> None:
+    stage = Stage()
+    ended = stage.play(plan(0x102))
+    assert (ended.outcome, ended.reason, ended.left) == (Outcome.DONE, "", True)
+    assert stage.said == [
+        *("Service_Start", "Controller_Connect", "Controller_GetRobot", "TakeArm", "Motor"),
+        *("slvSendFormat", "slvRecvFormat", "slvChangeMode 258", "slvMove", "slvChangeMode 0"),
+        *("Motor", "GiveArm", "Robot_Release", "Controller_Disconnect", "Service_Stop"),
+    ]
+    assert not stage.simulator.machine.motor_is_on(stage.channel.now())
+
+
+def test_rc7_has_robslave_started_and_stopped() -> None:
+    stage = Stage("rc7")
+    assert stage.play(plan(0x002)).outcome is Outcome.DONE
+    assert stage.said == [
+        *("Service_Start", "Controller_Connect", "Controller_GetRobot", "Controller_GetTask", "Task_Start"),
+        *("Motor", "slvChangeMode 2", "slvMove", "slvChangeMode 0", "Motor", "Task_Stop"),
+        *("Task_Release", "Robot_Release", "Controller_Disconnect", "Service_Stop"),
+    ]
+    assert set(stage.simulator.machine.tasks.values()) == {2}
+
+
+def test_a_motor_that_was_on_stays_on() -> None:
+    stage = Stage(start=Start(motor=True))
+    assert stage.play(plan(0x202)).outcome is Outcome.DONE
+    assert "Motor" not in stage.said
+    assert stage.simulator.machine.motor_is_on(stage.channel.now())
+
+
+def test_looking_changes_nothing() -> None:
+    stage = Stage("rc7")
+    assert stage.play(plan(0x002, look_only=True)).outcome is Outcome.LOOKED
+    (peer,) = [message for message in stage.desk.told if isinstance(message, Peer)]
+    assert (peer.simulator, peer.generation, peer.pose, peer.distance) == (True, Generation.RC7, HOME, 0.0)
+    assert peer.facts["type name"] == "BCAPSCOPE-SIM6"
+    assert not {"Motor", "Task_Start", "slvMove"} & set(stage.said)
+    assert stage.desk.asked == []
+
+
+@pytest.mark.parametrize(
+    ("profile", "mode"), [("rc7", 0x002), ("rc7", 0x001), ("rc7", 0x003), ("rc8", 0x202), ("rc8", 0x002)]
+)
+def test_with_five_per_cent_lost_each_way_it_completes_and_nothing_runs_twice(
+    profile: str, mode: int
+) -> None:
+    stage = Stage(profile, loss=0.05)
+    poses = {1: "P", 3: "T"}
+    points = wave(400, 2.0) if mode & 0xF == 2 else position_wave(poses[mode & 0xF])
+    ended = stage.play(plan(mode, points=points, may_approach=True))
+    assert (ended.outcome, ended.reason) == (Outcome.DONE, "")
+    assert stage.simulator.machine.slave.taken == ended.counts.sent - ended.counts.repeated
+    assert ended.counts.retries > 10
+    check_retries(stage)
+
+
+def position_wave(kind: str) -> list[tuple[float, ...]]:
+    """Make a small way of X there and back, from HOME."""
+    first = (350.0, 0.0, 400.0, 0.0, 90.0, 0.0, 1.0)
+    rest = first[1:] if kind == "P" else (0.0, 400.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+    return [(350.0 - (value[0]), *rest) for value in wave(400, 2.0)]
+
+
+def check_retries(stage: Stage) -> None:
+    """Compare the tries with the slides: 2 ms apart, 7 after the first, the first serial in reserved."""
+    tries: Counter[int] = Counter()
+    first = (0, 0)
+    for time, frame in set_points(stage):
+        if frame.reserved == 0:
+            first = (frame.serial, time)
+            continue
+        number = tries[first[0]] = tries[first[0]] + 1
+        assert frame.reserved == first[0]
+        assert frame.serial == first[0] + number
+        assert time - first[1] == number * 2 * MS
+    assert max(tries.values()) <= 7
+
+
+def test_set_points_go_out_on_the_millisecond() -> None:
+    stage = Stage()
+    ended = stage.play(plan(0x102, points=wave(1000, 2.0), period=MS))
+    times = [time for time, _ in set_points(stage)]
+    assert {b - a for a, b in pairwise(times)} == {MS}
+    assert (ended.lateness.most, ended.counts.retries, ended.counts.unanswered) == (0, 0, 0)
+
+
+def test_async_goes_on_without_retries_when_packets_are_lost() -> None:
+    stage = Stage(loss=0.05)
+    ended = stage.play(plan(0x102, points=wave(1000, 2.0), period=MS))
+    assert (ended.outcome, ended.counts.retries) == (Outcome.DONE, 0)
+    assert ended.counts.unanswered > 50
+    assert all(frame.reserved == 0 for _, frame in set_points(stage))
+
+
+def test_the_controller_sets_the_pace_where_it_waits() -> None:
+    stage = Stage("rc8")
+    stage.play(plan(0x202))
+    firsts = [time for time, frame in set_points(stage) if frame.reserved == 0]
+    assert {b - a for a, b in pairwise(firsts[8:])} == {8 * MS}
+
+
+@pytest.mark.parametrize(
+    ("profile", "mode"), [("rc7", 0x002), ("rc8", 0x202), ("rc8", 0x102), ("rc8", 0x002)]
+)
+def test_a_stop_brings_the_robot_to_rest_on_its_way(profile: str, mode: int) -> None:
+    stage = Stage(profile)
+    order_after(stage, 120, Order.STOP)
+    ended = stage.play(plan(mode, points=wave(600, 40.0)))
+    assert ended.outcome is Outcome.STOPPED
+    assert ended.left
+    assert 30 < ended.index < 500
+    steps = [abs(step) for step in speeds(stage)]
+    assert max(steps) > 0.1
+    assert steps[-1] == 0
+    assert max(abs(b - a) for a, b in pairwise(steps)) < 0.1
+    assert not stage.simulator.machine.alarms.active
+    assert stage.said[-5:] == [
+        *(["Motor", "GiveArm"] if profile == "rc8" else ["Task_Stop", "Task_Release"]),
+        *("Robot_Release", "Controller_Disconnect", "Service_Stop"),
+    ]
+    assert State.STOPPING in [message.state for message in stage.desk.told if isinstance(message, Progress)]
+
+
+def test_rounds_without_end_go_on_until_they_are_stopped() -> None:
+    stage = Stage()
+    order_after(stage, 1000, Order.STOP)
+    ended = stage.play(plan(0x102, rounds=0))
+    assert ended.outcome is Outcome.STOPPED
+    assert 1000 < ended.index < 1200
+    assert max(map(abs, speeds(stage))) < 0.5
+
+
+def test_a_halt_comes_before_everything_else() -> None:
+    stage = Stage("rc7")
+    order_after(stage, 120, Order.HALT)
+    ended = stage.play(plan(0x002, points=wave(600, 40.0)))
+    assert ended.outcome is Outcome.HALTED
+    place = stage.said.index("Robot_Halt")
+    assert stage.said[place - 1 : place + 2] == ["slvMove", "Robot_Halt", "slvChangeMode 0"]
+    assert stage.said[-1] == "Service_Stop"
+    halted = next(time for time, frame in stage.channel.sent if named(frame) == "Robot_Halt")
+    assert halted - set_points(stage)[-1][0] <= 8 * MS
+
+
+def test_an_order_during_the_motion_to_the_first_point_halts_it() -> None:
+    stage = Stage(start=Start(joints=(60.0, *HOME[1:])))
+    stage.desk.at_poll = lambda count: Order.STOP if "Robot_Move" in stage.said else None
+    assert stage.play(plan(0x202, may_approach=True)).outcome is Outcome.STOPPED
+    assert "slvMove" not in stage.said
+    assert stage.said[stage.said.index("Robot_Halt") :][:3] == ["Robot_Halt", "Motor", "GiveArm"]
+
+
+@pytest.mark.parametrize("answer", ["yes", "no"])
+def test_the_first_point_is_gone_to_if_the_user_agrees(answer: str) -> None:
+    stage = Stage(start=Start(joints=(20.0, *HOME[1:])), answers={Topic.APPROACH: answer})
+    ended = stage.play(plan(0x202))
+    assert stage.desk.asked == [Topic.BEGIN, Topic.APPROACH]
+    if answer == "no":
+        assert ended.outcome is Outcome.DECLINED
+        assert "Robot_Move" not in stage.said
+    else:
+        assert ended.outcome is Outcome.DONE
+        (move,) = [frame for _, frame in stage.channel.sent if named(frame) == "Robot_Move"]
+        texts = [argument.variant.value for argument in move.arguments[2:]]
+        assert texts == ["@E J(0, 0, 90, 0, 90, 0, 0, 0)", "SPEED=10,NEXT"]
+    assert stage.said[-1] == "Service_Stop"
+
+
+def test_a_controller_that_falls_silent_is_given_up() -> None:
+    stage = Stage("rc7")
+    fall_silent(stage, 99)
+    ended = stage.play(plan(0x002))
+    assert (ended.outcome, ended.left) == (Outcome.UNANSWERED, False)
+    tries = [frame for _, frame in set_points(stage)][-8:]
+    assert len({frame.reserved for frame in tries[1:]}) == 1
+    assert stage.said[-1] == "slvChangeMode 0"
+
+
+def test_in_async_silence_ends_it_too() -> None:
+    stage = Stage()
+    fall_silent(stage, 99)
+    ended = stage.play(plan(0x102, points=wave(600)))
+    assert ended.outcome is Outcome.UNANSWERED
+    assert 100 <= ended.index <= 120
+
+
+def test_an_error_is_read_before_it_is_cleared() -> None:
+    stage = Stage("rc7", answers={Topic.CLEAR: CLEAR})
+    ended = stage.play(plan(0x002, points=[*wave()[:60], (90.0, *HOME[1:6])]))
+    assert ended.outcome is Outcome.REFUSED
+    assert ended.reason.startswith("Robot_Execute slvMove was refused: 0x8")
+    (trouble,) = [message for message in stage.desk.told if isinstance(message, Trouble)]
+    assert [hex(code)[:6] for code, _ in trouble.errors] == ["0x8420"]
+    commands = [str(frame.arguments[1].variant.value) for _, frame in stage.channel.sent if frame.code == 17]
+    assert commands == ["GetCurErrorCount", "GetCurErrorInfo", "ClearError"]
+    assert not stage.simulator.machine.alarms.active
+    assert stage.said[-1] == "Service_Stop"
+
+
+def test_an_error_is_left_where_nobody_wants_it_cleared() -> None:
+    stage = Stage()
+    assert stage.play(plan(0x202, points=[*wave()[:60], (90.0, *HOME[1:6])])).outcome is Outcome.REFUSED
+    assert stage.simulator.machine.alarms.active
+
+
+def test_after_clearing_it_begins_again_with_robslave_and_the_first_point() -> None:
+    stage = Stage("rc7", answers={Topic.CLEAR: AGAIN})
+    pressed: list[bool] = []
+
+    def press(_: int) -> None:
+        if len(set_points(stage)) > 150 and not pressed:
+            pressed.append(True)
+            stage.simulator.machine.press_emergency_stop(stage.channel.now())
+            stage.simulator.machine.emergency = False
+
+    stage.desk.at_poll = press
+    ended = stage.play(plan(0x002, may_approach=True))
+    assert ended.outcome is Outcome.DONE
+    assert [name for name in stage.said if name in ("Task_Start", "Robot_Move", "slvChangeMode 2")] == [
+        *("Task_Start", "slvChangeMode 2", "Task_Start", "Robot_Move", "slvChangeMode 2")
+    ]
+
+
+@pytest.mark.parametrize("armed", [True, False])
+def test_a_real_controller_needs_arming(armed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bcapscope.client.reach.SIMULATOR_TEXT", "what no simulator says")
+    stage = Stage()
+    ended = stage.play(plan(0x202, armed=armed))
+    assert ended.outcome is (Outcome.DONE if armed else Outcome.UNARMED)
+    assert ("TakeArm" in stage.said) is armed
+    assert stage.desk.asked == ([Topic.BEGIN] if armed else [Topic.BEGIN, Topic.ARM])
+
+
+def test_a_typed_confirmation_arms_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bcapscope.client.reach.SIMULATOR_TEXT", "what no simulator says")
+    assert Stage(answers={Topic.ARM: YES}).play(plan(0x202)).outcome is Outcome.DONE
+
+
+def test_a_mode_that_the_controller_lacks_is_said() -> None:
+    ended = Stage("rc7").play(plan(0x202))
+    assert (ended.outcome, ended.reason) == (Outcome.FAILED, "RC7 has no slave mode 0x202")
+
+
+def test_nobody_at_the_other_end() -> None:
+    stage = Stage(loss=1.0)
+    ended = stage.play(plan(0x202))
+    assert isinstance(ended, Ended)
+    assert ended.outcome is Outcome.UNANSWERED
+    assert "Service_Start was not answered in time, 5 tries" in ended.reason
+
+
+def test_the_log_of_the_controller_runs_during_the_motion() -> None:
+    stage = Stage()
+    assert stage.play(plan(0x202, log="anything")).outcome is Outcome.DONE
+    assert stage.visit.logged
+    assert [name for name in stage.said if "Log" in name or "slv" in name] == [
+        *("ClearLog", "StartLog", "slvSendFormat", "slvRecvFormat", "slvChangeMode 514", "slvMove"),
+        *("slvChangeMode 0", "StopLog"),
+    ]
+    assert len(stage.simulator.machine.log.records) > 120
