@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
-import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 import click
 
@@ -16,7 +16,12 @@ from bcapscope.cli.reading import Reading
 from bcapscope.cli.serving import Log, Tap, end_in_order, reach, serve_in_order
 from bcapscope.cli.stats import wanted_calls
 from bcapscope.client.reach import Reach
+from bcapscope.client.session import Session
 from bcapscope.errors import BcapError
+from bcapscope.player.channel import Channel, open_channel
+from bcapscope.player.exchanger import BlockingExchanger, run
+from bcapscope.player.realtime import undisturbed
+from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.guard import always_passes, request_effect
 from bcapscope.render.call import counted
@@ -30,8 +35,6 @@ from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 
 _MOST_LISTED = 8
-_SPIN = 0.002
-"""Seconds; an event loop wakes by the millisecond, which is too coarse for set points."""
 
 
 @click.command(short_help="Play one side of a recorded session again.")
@@ -102,7 +105,10 @@ def command(
         raise click.UsageError("which HOST is to be called?")
     stage = _Stage(script, keep_going, as_json, quiet, color)
     with failures_told(target):
-        sys.exit(asyncio.run(stage.run(target, arm, round(longest_pause * 1e9))))
+        end_in_order()
+        with undisturbed():
+            code = run(stage.play(target, arm, round(longest_pause * 1e9)))
+        sys.exit(code)
 
 
 def _script(reading: Reading, wanted: Filter | None, client: str | None) -> Script:
@@ -154,17 +160,14 @@ class _Stage:
         self._calls = self._different = self._unanswered = 0
         self._latest = 0
 
-    async def run(self, target: Target, armed: bool, longest_pause: int) -> Exit:
-        """Play it; return how it went."""
+    async def play(self, target: Target, armed: bool, longest_pause: int) -> Exit:
+        """Play it without an event loop, which knows no microseconds; return how it went."""
         if not armed and self._moves() and not await _is_simulator(target):
             return Exit.UNARMED
-        task = asyncio.current_task()
-        assert task is not None
-        end_in_order(task)
         try:
-            async with target.session() as session:
+            async with _session(target) as (session, channel):
                 reach = Reach(session, target.service, target.connect, {})
-                play = Performance(self._script, reach, time.monotonic_ns, _wait_until, longest_pause)
+                play = Performance(self._script, reach, channel, longest_pause)
                 await play.play(self._told)
         except ValueError as error:
             raise BcapError(str(error)) from None
@@ -197,7 +200,7 @@ class _Stage:
 
 
 async def _is_simulator(target: Target) -> bool:
-    async with target.session() as session:
+    async with _session(target) as (session, _):
         if await Reach(session, target.service, target.connect, {}).meets_simulator():
             return True
     narrate(
@@ -206,9 +209,12 @@ async def _is_simulator(target: Target) -> bool:
     return False
 
 
-async def _wait_until(when: int) -> None:
-    left = (when - time.monotonic_ns()) / 1e9
-    if left > _SPIN:
-        await asyncio.sleep(left - _SPIN)
-    while time.monotonic_ns() < when:
-        await asyncio.sleep(0)
+@asynccontextmanager
+async def _session(target: Target) -> AsyncIterator[tuple[Session, Channel]]:
+    channel = open_channel(target.host, target.port, target.tcp)
+    convention = target.convention or (Convention.SEED if channel.datagrams else Convention.TCP0)
+    session = Session(BlockingExchanger(channel, convention), target.paces)
+    try:
+        yield session, channel
+    finally:
+        await session.close()

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import gc
 import ipaddress
 import signal
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from types import FrameType
 
 from bcapscope.capture.recording import Address, Recording
@@ -43,8 +41,7 @@ def serve_in_order(
         take: called with each of `watched` that can be read.
         watched: file descriptors; `take` may change it.
     """
-    for number in _ENDS:
-        signal.signal(number, _terminate)
+    end_in_order()
     # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
     gc.collect()
     gc.freeze()
@@ -56,11 +53,10 @@ def serve_in_order(
         server.close()
 
 
-def end_in_order(task: asyncio.Task[object]) -> None:
-    """Let signals that end programs cancel a task, as Ctrl-C does, so that it lets go of what it holds."""
-    with suppress(NotImplementedError):  # on Windows
-        for number in _ENDS:
-            asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+def end_in_order() -> None:
+    """Let signals that end programs do as Ctrl-C does, so that all is let go of."""
+    for number in _ENDS:
+        signal.signal(number, _terminate)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

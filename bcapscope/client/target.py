@@ -46,6 +46,11 @@ class Target:
         """The four arguments of Controller_Connect."""
         return self.name, self.provider, self.machine, self.connect_option
 
+    @property
+    def paces(self) -> Paces:
+        """How long to wait and how often to ask again."""
+        return Paces(others=Pace(round(self.timeout * _MS), self.retries))
+
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{host}:{self.port} over {'TCP' if self.tcp else 'UDP'}"
@@ -55,9 +60,8 @@ class Target:
     ) -> AbstractAsyncContextManager[Session]:
         """Open a session."""
         opener = (over_tcp if self.tcp else over_udp)(self.host, self.port)
-        paces = Paces(others=Pace(round(self.timeout * _MS), self.retries))
         return open_session(
-            opener, convention=self.convention, paces=paces, observer=observer, listener=listener
+            opener, convention=self.convention, paces=self.paces, observer=observer, listener=listener
         )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from bcapscope.client.reach import Reach
+from bcapscope.player.channel import Channel
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, ResultKind
 from bcapscope.protocol.hresult import is_failure, is_success
 from bcapscope.protocol.requester import Answered, Settled, TimedOut
@@ -60,8 +61,7 @@ class Performance:
         self,
         script: Script,
         reach: Reach,
-        now: Callable[[], int],
-        wait_until: Callable[[int], Awaitable[None]],
+        channel: Channel,
         longest_pause: int,
     ) -> None:
         """Prepare.
@@ -69,14 +69,12 @@ class Performance:
         Args:
             script: to play.
             reach: of a session in which nothing is open yet.
-            now: tells the time, ns.
-            wait_until: waits for a time of `now`.
+            channel: whose clock and patience are used.
             longest_pause: longer ones between two calls are cut to that many ns.
         """
         self._script = script
         self._reach = reach
-        self._now = now
-        self._wait_until = wait_until
+        self._channel = channel
         self._longest_pause = longest_pause
         self._handles: dict[tuple[ObjectClass, int], int] = {}
 
@@ -91,13 +89,14 @@ class Performance:
             BcapError: what was missing could not be opened, or a call cannot be sent.
             OSError: the link is gone.
         """
-        start = self._now()
+        channel = self._channel
+        start = channel.now()
         for line, at in zip(self._script.lines, self._times(), strict=True):
             arguments = await self._arguments(line)
             if arguments is None:
                 continue
-            await self._wait_until(start + at)
-            late = self._now() - start - at
+            channel.wait(start + at)
+            late = channel.now() - start - at
             settled = await self._exchange(line, arguments)
             self._learn(line, settled)
             if not told(

@@ -8,11 +8,12 @@ import pytest
 
 from bcapscope.client import Session
 from bcapscope.protocol.hresult import E_HANDLE
+from bcapscope.protocol.requester import Answered
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.replay.performance import Played
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
-from bcapscope.traffic.observation import Direction
-from tests.replay.sessions import CONNECT, perform, recorded, script_of
+from tests.replay.sessions import CONNECT, perform, recorded
 
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 
@@ -66,43 +67,47 @@ def test_handles_are_those_of_the_new_session(datagrams: bool) -> None:
 
 def test_times_are_kept_and_pauses_cut() -> None:
     script = recorded(motion)
-    played, seen = perform(script, Simulator(PROFILES["rc8"]))
-    again = script_of(seen)
-    # Both run on the same virtual clock; conversions to seconds and back cost nanoseconds.
-    assert all(abs(one.at - other.at) < 10_000 for one, other in zip(script.lines, again.lines, strict=True))
+    played, wire = perform(script, Simulator(PROFILES["rc8"]))
+    asked = {frame.serial: time for time, frame in reversed(wire.sent)}
+    firsts = [asked[_answered(each).attempts[0].serial] for each in played]
+    assert [first - firsts[0] - each.late for first, each in zip(firsts, played, strict=True)] == [
+        line.at for line in script.lines
+    ]
+    # Both run on virtual clocks; conversions to seconds and back cost nanoseconds.
     assert all(each.late < 10_000 for each in played)
     _, hurried = perform(script, Simulator(PROFILES["rc8"]), longest_pause=100_000_000)
-    assert seen[-1].time - seen[0].time - (hurried[-1].time - hurried[0].time) > 800_000_000
+    assert wire.sent[-1][0] - hurried.sent[-1][0] > 800_000_000
+
+
+def _answered(played: Played) -> Answered:
+    assert isinstance(played.settled, Answered)
+    return played.settled
 
 
 def test_what_the_recording_does_not_open_is_opened() -> None:
     whole = recorded(motion)
     asked = [line.question.command for line in whole.lines]
     script = whole._replace(lines=whole.lines[asked.index("TakeArm") :])
-    played, seen = perform(script, Simulator(PROFILES["rc8"]))
+    played, wire = perform(script, Simulator(PROFILES["rc8"]))
     assert [each.line.call for each in played if each.differs] == []
-    functions = [each.item.code for each in seen if each.flow.direction is Direction.REQUEST]  # type: ignore[union-attr]  # all are frames
-    assert functions[:3] == [1, 3, 7]
+    assert [frame.code for _, frame in wire.sent][:3] == [1, 3, 7]
 
 
 def test_an_early_end_leaves_slave_mode_and_lets_go() -> None:
     script = recorded(motion)
     simulator = Simulator(PROFILES["rc8"])
-    asked: list[str | None] = []
+    count = 0
 
-    def told(played: object) -> bool:
-        asked.append("one")
-        return len(asked) < 12
+    def told(played: Played) -> bool:
+        nonlocal count
+        count += 1
+        return count < 12
 
-    played, seen = perform(script, simulator, told)
+    played, wire = perform(script, simulator, told)
     assert played[-1].line.question.command == "slvMove"
-    commands = [
-        each.item.arguments[1].variant.value  # type: ignore[union-attr]  # all are frames
-        for each in seen
-        if each.flow.direction is Direction.REQUEST and each.item.code == 64  # type: ignore[union-attr]
-    ]
+    commands = [frame.arguments[1].variant.value for _, frame in wire.sent if frame.code == 64]
     assert commands[-1] == "slvChangeMode"
-    assert seen[-2].item.code == 2  # type: ignore[union-attr]
+    assert wire.sent[-1][1].code == 2
     assert simulator.machine.slave.mode is None
 
 
