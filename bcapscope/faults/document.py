@@ -1,0 +1,242 @@
+"""Reading faults from YAML: the vocabulary that rule files and scenarios share.
+
+A document is checked against a `msgspec.Struct`; one with faults in it has a field ``faults:
+tuple[AnyFault, ...]``. An error names the line and the field.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Iterable
+from enum import Enum
+from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
+
+import msgspec
+import yaml
+
+from bcapscope.faults.fault import ACTIONS, AnyFault
+from bcapscope.faults.quantities import QUANTITIES
+from bcapscope.traffic.filter_tokens import nearest
+
+LONGEST_DOCUMENT = 1 << 20
+"""Characters; the longest that people write have some ten thousand."""
+
+T = TypeVar("T")
+
+_AT = re.compile(r" - at `([^`]*)`$")
+_STEP = re.compile(r"\.([^.\[]+)|\[([0-9]+)\]")
+_FIELD = re.compile(r"field `([^`]*)`")
+
+
+class DocumentError(ValueError):
+    """A document that makes no sense; its text has line, field and reason.
+
+    Attributes:
+        path: names and indexes that lead to the place.
+        line: of the text, from 1; 0 where there is no text.
+        reason: what is wrong there.
+    """
+
+    def __init__(self, path: tuple[str | int, ...], line: int, reason: str) -> None:
+        super().__init__(path, line, reason)
+        self.path = path
+        self.line = line
+        self.reason = reason
+
+    def __str__(self) -> str:
+        where = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path)
+        parts = (f"line {self.line}" if self.line else "", where.removeprefix("."), self.reason)
+        return ": ".join(part for part in parts if part)
+
+
+class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a file of rules holds.
+
+    Attributes:
+        faults: applied in this order.
+    """
+
+    faults: tuple[AnyFault, ...]
+
+
+def read_document(text: str, kind: type[T]) -> T:
+    """Read a YAML document as a struct.
+
+    Args:
+        text: one document; no anchors, and each key once.
+        kind: of the whole; its fields may be of the quantities of `bcapscope.faults.quantities` as well.
+
+    Raises:
+        DocumentError: it is no YAML, or does not fit.
+    """
+    root, data = _parse(text)
+    try:
+        found: T = convert(data, kind)
+    except DocumentError as error:
+        raise DocumentError(error.path, _line(root, error), error.reason) from error.__cause__
+    return found
+
+
+def convert(data: object, kind: Any) -> Any:
+    """Make plain data, as JSON or YAML give it, into a struct, checking everything.
+
+    Raises:
+        DocumentError: it does not fit; there is no line to tell.
+    """
+    try:
+        return msgspec.convert(data, kind, dec_hook=_decode)
+    except msgspec.ValidationError as error:
+        raise _explained(error, data, kind) from error
+    except RecursionError:
+        raise DocumentError((), 0, "lists inside lists without end") from None
+
+
+def fault_of(data: object) -> AnyFault:
+    """Make plain data into a fault.
+
+    Raises:
+        DocumentError: it does not fit.
+    """
+    found: AnyFault = convert(data, AnyFault)
+    return found
+
+
+def plain(value: object) -> Any:
+    """Make a struct into plain data again, as it stands in a document, what is as usual left out."""
+    return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
+
+
+def _decode(kind: type, written: object) -> object:
+    if kind in QUANTITIES:
+        return kind.read(written)
+    raise NotImplementedError(f"{kind} is no quantity")
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses what makes a document mean something else than it seems to."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem="anchors are not read", problem_mark=event.start_mark)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.MarkedYAMLError(problem="a key is one word", problem_mark=key.start_mark)
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(
+                    problem=f"{key.value!r} stands here twice", problem_mark=key.start_mark
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def _parse(text: str) -> tuple[yaml.Node | None, object]:
+    if len(text) > LONGEST_DOCUMENT:
+        raise DocumentError((), 0, f"longer than {LONGEST_DOCUMENT} characters, the most that is read")
+    try:
+        loader = _Loader(text)
+        try:
+            root = loader.get_single_node()
+            return root, None if root is None else loader.construct_document(root)
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        raise DocumentError((), mark.line + 1 if mark else 0, error.problem or "no YAML") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise DocumentError((), 0, f"no YAML: {error}") from error
+
+
+class _Place(NamedTuple):
+    """Where in the data an error is.
+
+    Attributes:
+        path: names and indexes that lead there.
+        kind: of the struct that it is in, as far as it is known.
+    """
+
+    path: tuple[str | int, ...]
+    kind: Any
+
+
+def _explained(error: msgspec.ValidationError, data: object, kind: Any) -> DocumentError:
+    text = str(error)
+    match = _AT.search(text)
+    reason = text[: match.start()] if match else text
+    steps = _STEP.findall(match[1]) if match else []
+    path: tuple[str | int, ...] = tuple(int(index) if index else name for name, index in steps)
+    place = _Place(path, _kind_at(path, data, kind))
+    return DocumentError(path, 0, _in_words(reason, place, data))
+
+
+def _in_words(reason: str, place: _Place, data: object) -> str:
+    field = _FIELD.search(reason)
+    fields = getattr(place.kind, "__struct_encode_fields__", ())
+    if field and "missing" in reason:
+        hint = f", such as {' or '.join(sorted(ACTIONS))}" if field[1] == "action" else ""
+        return f"{field[1]} is missing{hint}"
+    if field:
+        return f"there is no field {field[1]!r}{nearest(field[1], fields)}"
+    last = place.path[-1] if place.path else ""
+    if last == "action" and reason.startswith("Invalid value"):
+        word = str(_value_at(place.path, data))
+        return f"there is no action {word!r}{nearest(word, ACTIONS)}"
+    if reason.startswith("Invalid enum value"):
+        wrong = _value_at(place.path, data)
+        return f"{wrong!r} is none of {', '.join(_choices(place.kind, str(last)))}"
+    return reason.replace("`", "")
+
+
+def _kind_at(path: Iterable[str | int], data: object, kind: Any) -> Any:
+    """Find the struct that a path ends in: that of the document, or the fault that names its action."""
+    found = kind
+    for step in (None, *path):
+        if step is not None:
+            data = _child(data, step)
+        action = data.get("action") if isinstance(data, dict) else None
+        if isinstance(action, str) and action in ACTIONS:
+            found = ACTIONS[action]
+    return found
+
+
+def _value_at(path: Iterable[str | int], data: object) -> object:
+    for step in path:
+        data = _child(data, step)
+    return data
+
+
+def _child(data: object, step: str | int) -> object:
+    if isinstance(data, dict):
+        return data.get(step)
+    if isinstance(data, list) and isinstance(step, int) and step < len(data):
+        return data[step]
+    return None
+
+
+def _choices(kind: Any, name: str) -> list[str]:
+    written = getattr(kind, "__struct_encode_fields__", ())
+    names = dict(zip(written, getattr(kind, "__struct_fields__", ()), strict=True))
+    hint = get_type_hints(kind).get(names.get(name, ""))
+    kinds = [each for each in (hint, *get_args(hint)) if isinstance(each, type) and issubclass(each, Enum)]
+    return [str(member.value) for each in kinds for member in each]
+
+
+def _line(root: yaml.Node | None, error: DocumentError) -> int:
+    node, line = root, 1 if root is None else root.start_mark.line + 1
+    for step in error.path:
+        if isinstance(node, yaml.SequenceNode) and isinstance(step, int) and step < len(node.value):
+            node = node.value[step]
+            line = node.start_mark.line + 1
+        elif isinstance(node, yaml.MappingNode):
+            found = [(key, value) for key, value in node.value if key.value == step]
+            if not found:
+                break
+            line, node = found[0][0].start_mark.line + 1, found[0][1]
+    quoted = re.search(r"no field '([^']*)'", error.reason)
+    if quoted and isinstance(node, yaml.MappingNode):
+        line = next((key.start_mark.line + 1 for key, _ in node.value if key.value == quoted[1]), line)
+    return line

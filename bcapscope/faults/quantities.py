@@ -1,0 +1,267 @@
+"""What stands in a fault: durations, shares, rates, result codes, conditions, spans, as people write them.
+
+Each class has `read`, which takes what YAML or the command line gives, and `text`, which writes it back.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from fractions import Fraction
+from typing import Self
+
+from bcapscope.protocol.hresult import hresult_name
+from bcapscope.protocol.hresult_table import SYMBOLS
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filter_operands import UNITS
+from bcapscope.traffic.filter_tokens import nearest
+from bcapscope.traffic.filters import Filter, compile_filter
+
+LONGEST_DURATION = 10**9 * 86_400 * 365
+"""A year, in ns: far beyond any test, and its sums stay exact."""
+
+MOST_INDEXES = 8
+"""Indexes of an argument; controllers nest two deep."""
+
+_NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
+_DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
+_SHARE = re.compile(rf"({_NUMBER})\s*%")
+_RATE = re.compile(rf"({_NUMBER})\s*([kM]?)(bit|B)/s")
+_CODE = re.compile(r"0[xX][0-9A-Fa-f]{1,8}|-?[0-9]{1,10}")
+_PATH = re.compile(r"arg((?:\[[0-9]{1,5}\])+)")
+_SPAN = re.compile(r"([-+0-9.eE]*?)\.\.([-+0-9.eE]*)")
+_MULTIPLES = {"": 1, "k": 1000, "M": 1_000_000}
+_CODES = {entry.name: entry.code for entry in SYMBOLS if entry.name}
+_FOLDED_CODES = {name.casefold(): code for name, code in _CODES.items()}
+
+
+class Duration(int):
+    """Nanoseconds; written with a unit: ``3ms``, ``1.5 s``, ``200us``."""
+
+    @classmethod
+    def read(cls, written: object) -> Self:
+        """Read a duration.
+
+        Raises:
+            ValueError: it is none, or longer than a year.
+        """
+        if written == 0 and not isinstance(written, bool):
+            return cls(0)
+        match = _DURATION.fullmatch(written.strip()) if isinstance(written, str) else None
+        if match is None or match[2] not in UNITS:
+            raise ValueError(f"{_shown(written)} is no duration, such as 3ms; units are ns, us, ms and s")
+        value = round(Fraction(match[1]) * UNITS[match[2]])
+        if value > LONGEST_DURATION:
+            raise ValueError(f"{_shown(written)} is longer than a year")
+        return cls(value)
+
+    @property
+    def text(self) -> str:
+        """In the largest unit that keeps it whole."""
+        unit = next(unit for unit in ("s", "ms", "us", "ns") if self % UNITS[unit] == 0)
+        return f"{self // UNITS[unit]}{unit}"
+
+
+class Share(float):
+    """A share or probability, 0 to 1; written as ``5%`` or ``0.05``."""
+
+    @classmethod
+    def read(cls, written: object) -> Self:
+        """Read a share.
+
+        Raises:
+            ValueError: it is none, or not within 0 and 1.
+        """
+        match = _SHARE.fullmatch(written.strip()) if isinstance(written, str) else None
+        value: float
+        if match:
+            value = float(Fraction(match[1]) / 100)
+        elif isinstance(written, int | float) and not isinstance(written, bool):
+            value = float(written)
+        else:
+            raise ValueError(f"{_shown(written)} is no percentage, such as 5%")
+        if not 0 <= value <= 1:
+            raise ValueError(f"{_shown(written)} is not within 0% and 100%")
+        return cls(value)
+
+    @property
+    def text(self) -> str:
+        """As a percentage, exactly."""
+        percent = f"{self * 100:.15g}"
+        exact = "e" not in percent and float(Fraction(percent) / 100) == float(self)
+        return f"{percent}%" if exact else f"{Fraction(float(self)) * 100:.40f}".rstrip("0").rstrip(".") + "%"
+
+
+class Rate(float):
+    """Bytes per second; written as ``64kbit/s`` or ``8kB/s``."""
+
+    @classmethod
+    def read(cls, written: object) -> Self:
+        """Read a rate.
+
+        Raises:
+            ValueError: it is none, or 0.
+        """
+        match = _RATE.fullmatch(written.strip()) if isinstance(written, str) else None
+        if match is None:
+            raise ValueError(f"{_shown(written)} is no rate, such as 64kbit/s or 8kB/s")
+        value = Fraction(match[1]) * _MULTIPLES[match[2]] / (8 if match[3] == "bit" else 1)
+        if value < 1:
+            raise ValueError(f"{_shown(written)} is less than a byte a second")
+        return cls(float(value))
+
+    @property
+    def text(self) -> str:
+        """In bits a second, as large ones as keep it whole."""
+        for letter, multiple in (("M", 1_000_000), ("k", 1000)):
+            if self * 8 % multiple == 0:
+                return f"{self * 8 / multiple:.15g}{letter}bit/s"
+        return f"{self * 8:.15g}bit/s"
+
+
+class ResultCode(int):
+    """An HRESULT, unsigned; written by name or as a number, signed or unsigned."""
+
+    @classmethod
+    def read(cls, written: object) -> Self:
+        """Read a result code.
+
+        Raises:
+            ValueError: no such name, or a number of more than 32 bits.
+        """
+        if isinstance(written, str):
+            known = _FOLDED_CODES.get(written.strip().casefold())
+            if known is not None:
+                return cls(known)
+            if not _CODE.fullmatch(written.strip()):
+                raise ValueError(f"{_shown(written)} is no HRESULT{nearest(written, _CODES)}")
+            written = int(written, 0)
+        if not isinstance(written, int) or isinstance(written, bool) or not -(2**31) <= written < 2**32:
+            raise ValueError(f"{_shown(written)} is no HRESULT: a name such as E_FAIL, or 32 bits")
+        return cls(written & 0xFFFFFFFF)
+
+    @property
+    def text(self) -> str:
+        """Its name, or hexadecimal digits."""
+        name = hresult_name(self)
+        return name if _CODES.get(name) == self else f"0x{self:08X}"
+
+
+class Condition:
+    """A filter of frames, both directions; a response has the function and the command of its request.
+
+    Attributes:
+        filter: compiled.
+    """
+
+    __slots__ = ("filter",)
+
+    def __init__(self, compiled: Filter) -> None:
+        self.filter = compiled
+
+    @classmethod
+    def read(cls, written: object) -> Self:
+        """Compile an expression.
+
+        Raises:
+            FilterError: it makes no sense as one; a ValueError.
+            ValueError: it is no text.
+        """
+        if isinstance(written, bool):  # YAML has made these of the words
+            written = str(written).lower()
+        if not isinstance(written, str):
+            raise ValueError(f"{_shown(written)} is no filter, such as 'command == slvMove'")
+        return cls(compile_filter(written, RecordKind.FRAME))
+
+    @property
+    def text(self) -> str:
+        """As it was written."""
+        return self.filter.expression
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Condition) and self.text == other.text
+
+    def __hash__(self) -> int:
+        return hash(self.text)
+
+    def __repr__(self) -> str:
+        return f"Condition({self.text!r})"
+
+
+class Span:
+    """A lowest and a highest number; written as ``-90..90``, ``..90`` or ``0..``.
+
+    Attributes:
+        low: minus infinity where there is none.
+        high: infinity where there is none.
+    """
+
+    __slots__ = ("high", "low")
+
+    def __init__(self, low: float, high: float) -> None:
+        self.low = low
+        self.high = high
+
+    @classmethod
+    def read(cls, written: object) -> Self:
+        """Read a span.
+
+        Raises:
+            ValueError: it is none, or nothing is in it.
+        """
+        match = _SPAN.fullmatch(written.strip()) if isinstance(written, str) else None
+        try:
+            if match is None or not (match[1] or match[2]):
+                raise ValueError
+            low = float(match[1]) if match[1] else -math.inf
+            high = float(match[2]) if match[2] else math.inf
+        except ValueError:
+            raise ValueError(f"{_shown(written)} is no span, such as -90..90") from None
+        if low > high:
+            raise ValueError(f"nothing is within {_shown(written)}")
+        return cls(low, high)
+
+    @property
+    def text(self) -> str:
+        """As it is written."""
+        low, high = (
+            repr(limit).removesuffix(".0") if math.isfinite(limit) else "" for limit in (self.low, self.high)
+        )
+        return f"{low}..{high}"
+
+    def clamp(self, number: float) -> float:
+        """Return the number, or the end of the span that it is beyond; an end for what is no number, too."""
+        if math.isnan(number):
+            return self.low if math.isfinite(self.low) else self.high
+        return min(max(number, self.low), self.high)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Span) and (self.low, self.high) == (other.low, other.high)
+
+    def __hash__(self) -> int:
+        return hash((self.low, self.high))
+
+    def __repr__(self) -> str:
+        return f"Span({self.low}, {self.high})"
+
+
+QUANTITIES = (Duration, Share, Rate, ResultCode, Condition, Span)
+"""All of these; each has `read` and `text`."""
+
+
+def read_path(written: str) -> tuple[int, ...]:
+    """Read the indexes to an argument, or to an element in it, written as in filters: ``arg[2][0]``.
+
+    Raises:
+        ValueError: it is none.
+    """
+    match = _PATH.fullmatch(written)
+    indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()
+    if not 1 <= len(indexes) <= MOST_INDEXES:
+        raise ValueError(f"{_shown(written)} is no argument, such as arg[2][0]")
+    return indexes
+
+
+def _shown(written: object) -> str:
+    text = repr(written)
+    return text if len(text) <= 60 else f"{text[:59]}…"

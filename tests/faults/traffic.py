@@ -1,0 +1,84 @@
+"""Messages for the tests of faults, and a way to run them through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from bcapscope.faults.message import Closing, Output, Send, Taken
+from bcapscope.faults.notation import read_fault
+from bcapscope.faults.shaper import Shaper
+from bcapscope.protocol.frame import encode
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+
+MS = 1_000_000
+ROBOT_EXECUTE = 64
+CLIENT, SERVER = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
+
+
+class Talk(NamedTuple):
+    """Both directions of one conversation."""
+
+    up: Flow
+    down: Flow
+
+
+def talk(transport: Transport = Transport.UDP, client: Endpoint = CLIENT) -> Talk:
+    """Make a conversation."""
+    conversation = Conversation(client, SERVER, transport, "port 5007")
+    return Talk(Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE))
+
+
+def request(serial: int, command: str = "slvMove", reserved: int = 0, values: Sequence[float] = ()) -> bytes:
+    """Make a Robot_Execute."""
+    arguments = (
+        Variant(VT.I4, 1),
+        Variant(VT.BSTR, command),
+        Variant.array(VT.R4, tuple(values or (1.0, 2.0, 3.0))),
+    )
+    return encode(serial, reserved, ROBOT_EXECUTE, arguments)
+
+
+def reply(serial: int, code: int = 0, reserved: int = 0) -> bytes:
+    """Make a reply with a value."""
+    return encode(serial, reserved, code, (Variant(VT.I4, 5),))
+
+
+def shaper(*faults: str, seed: int = 1) -> Shaper:
+    """Set up faults at time 0."""
+    return Shaper(map(read_fault, faults), seed=seed, now=0)
+
+
+def sent(outputs: Iterable[Output]) -> list[bytes]:
+    """Give the bytes of all that is sent."""
+    return [output.data for output in outputs if isinstance(output, Send)]
+
+
+def closed(outputs: Iterable[Output]) -> list[Closing]:
+    """Give the connections that are ended."""
+    return [output for output in outputs if isinstance(output, Closing)]
+
+
+def run_dry(machine: Shaper, now: int) -> list[tuple[int, bytes]]:
+    """Let time pass until nothing is held; give what is sent with its time."""
+    found = []
+    while (due := machine.due()) is not None:
+        now = max(now, due)
+        found += [(now, data) for data in sent(machine.advance(now))]
+    return found
+
+
+def arrivals(
+    machine: Shaper, flow: Flow, messages: Sequence[bytes], every: int = MS
+) -> list[tuple[int, bytes]]:
+    """Let messages pass, one after each `every` ns; give what arrives with its time."""
+    found: list[tuple[int, bytes]] = []
+    now = 0
+    for message in messages:
+        while (due := machine.due()) is not None and due <= now:
+            found += [(due, data) for data in sent(machine.advance(due))]
+        taken: Taken = machine.take(flow, message, now)
+        found += [(now, data) for data in sent(taken.outputs)]
+        now += every
+    return found + run_dry(machine, 0)
