@@ -1,0 +1,204 @@
+"""Trajectories as objects: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
+
+A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`, each with `positions` in
+radians and `time_from_start`; it may lie deeper, as in MoveIt's RobotTrajectory or a recorded goal.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import degrees, isfinite
+from typing import Any
+
+import numpy as np
+
+from bcapscope.player import timing
+from bcapscope.player.curve import Array
+from bcapscope.player.layout import Wishes, layout_of_titles, titles_text
+from bcapscope.player.trajectory import MOST_POINTS, Column, Source, Trajectory, TrajectoryError
+from bcapscope.protocol.poses import AXES
+from bcapscope.protocol.slavemode import PoseType
+
+OWN = "bcapscope trajectory 1"
+"""What `extract` calls its format."""
+
+_DEEPEST, _MOST_FOUND, _SHOWN = 8, 256, 40
+_RADIAN = degrees(1.0)
+_NONE = (None, "", "~", "null")  # YAML is read as text
+_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+_AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
+
+
+def read_records(documents: Sequence[object], source: Source, wishes: Wishes) -> tuple[Trajectory, ...]:
+    """Read what a JSON or YAML parser made of a file.
+
+    Args:
+        documents: one of JSON, one or several of YAML.
+        source: where they are from.
+        wishes: what the user says; of ROS messages only what they leave open.
+
+    Raises:
+        TrajectoryError: there is no trajectory among them.
+    """
+    if len(documents) == 1 and isinstance(documents[0], dict) and documents[0].get("format") == OWN:
+        return (_own(documents[0], source, wishes),)
+    seen: set[int] = set()
+    found = [message for document in documents for message in _messages(document, _DEEPEST, seen)]
+    if not found:
+        keys = [str(key) for document in documents if isinstance(document, dict) for key in document]
+        told = f", only {titles_text(keys)}" if keys else ""
+        raise TrajectoryError(f"there is no trajectory in it: no joint_names with points{told}")
+    if len(found) > _MOST_FOUND:
+        raise TrajectoryError(f"more than {_MOST_FOUND} trajectories")
+    if wishes.kind not in (None, PoseType.J):
+        raise TrajectoryError(f"a JointTrajectory has joints, no type {wishes.kind}")
+    several = len(found) > 1
+    return tuple(
+        _ros(message, replace(source, part=f"trajectory {number}" if several else ""))
+        for number, message in enumerate(found, 1)
+    )
+
+
+def _own(document: dict[str, Any], source: Source, wishes: Wishes) -> Trajectory:
+    titles, rows = document.get("columns"), document.get("rows")
+    if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles):
+        raise TrajectoryError("columns is no list of names")
+    if not isinstance(rows, list) or not rows:
+        raise TrajectoryError("rows is no list of set points")
+    layout = layout_of_titles(titles, wishes)
+    if layout is None:
+        raise TrajectoryError(f"no columns of a pose among these: {titles_text(titles)}")
+    places = [column.place - 1 for column in layout.columns]
+    names = [column.axis for column in layout.columns]
+    points = _table([_chosen(row, places, len(titles), number) for number, row in enumerate(rows, 1)], names)
+    points *= [column.factor for column in layout.columns]
+    grid = document.get("interval_ms")
+    known = _float(grid)
+    note = "each set point counts as one cycle, whenever it was sent"
+    return Trajectory(
+        kind=layout.kind,
+        points=points,
+        source=replace(
+            source,
+            form=f"set points of bcapscope extract, {source.form}",
+            part=f"stay {document['stay']}" if isinstance(document.get("stay"), int) else "",
+            columns=layout.columns,
+            notes=(*source.notes, *layout.notes, note),
+        ),
+        period=known / 1000 if isfinite(known) and known > 0 else None,
+    )
+
+
+def _chosen(row: object, places: Sequence[int], width: int, number: int) -> list[object]:
+    if not isinstance(row, list) or len(row) != width:
+        raise TrajectoryError(f"set point {number} is no list of {width} values")
+    return [row[place] for place in places]
+
+
+def _messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
+    """Yield what looks like a JointTrajectory; what YAML refers to many times is looked at once."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    if isinstance(node, dict):
+        if isinstance(node.get("joint_names"), list) and isinstance(node.get("points"), list):
+            yield node
+            return
+        children: Sequence[object] = list(node.values())
+    else:
+        children = node if isinstance(node, list) else ()
+    if deep:
+        for child in children:
+            if isinstance(child, dict | list):
+                yield from _messages(child, deep - 1, seen)
+
+
+def _ros(message: dict[str, Any], source: Source) -> Trajectory:
+    names, points = message["joint_names"], message["points"]
+    if not names or not all(isinstance(name, str) for name in names):
+        raise TrajectoryError("joint_names is no list of names")
+    if not 0 < len(points) <= MOST_POINTS:
+        raise TrajectoryError(f"{len(points)} points are no trajectory")
+    order, notes = _order(names)
+    rows, seconds = [], []
+    for number, point in enumerate(points, 1):
+        positions = point.get("positions") if isinstance(point, dict) else None
+        if not isinstance(positions, list) or len(positions) != len(names):
+            raise TrajectoryError(f"point {number} has no positions for {len(names)} joints")
+        rows.append([positions[place] for place in order])
+        seconds.append(_seconds(point.get("time_from_start")))
+    axes = [axis.name for axis in AXES[PoseType.J][: len(order)]]
+    columns = [
+        Column(axis, place + 1, names[place], "rad", _RADIAN) for axis, place in zip(axes, order, strict=True)
+    ]
+    timed = all(moment is not None for moment in seconds)
+    found = timing.of_times(np.array(seconds, dtype=np.float64)) if timed else timing.Timing(None, None)
+    if timed:
+        columns.append(Column("time", 0, "time_from_start", "s"))
+    return Trajectory(
+        kind=PoseType.J,
+        points=_table(rows, axes) * _RADIAN,
+        source=replace(
+            source,
+            form=f"JointTrajectory, {source.form}",
+            columns=tuple(columns),
+            notes=(*source.notes, "radians were converted to degrees", *notes),
+        ),
+        period=found.period,
+        times=found.times,
+    )
+
+
+def _order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
+    """Return which joint of the message is J1, J2 and so on: by the numbers in their names, else as listed.
+
+    Raises:
+        TrajectoryError: there are more joints than a robot has.
+    """
+    numbers = [_LAST_NUMBER.search(name) for name in names]
+    by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
+    count = sum(found is not None for found in numbers)
+    if count and len(by_number) == count and sorted(by_number) == list(_AXIS_NUMBERS[:count]):
+        others = [name for name, found in zip(names, numbers, strict=True) if not found]
+        left = (f"left out, having no number: {titles_text(others)}",) if others else ()
+        return [by_number[number] for number in sorted(by_number)], left
+    if len(names) > len(_AXIS_NUMBERS):
+        raise TrajectoryError(f"{len(names)} joints, and no numbers in their names that tell J1 to J8")
+    return list(range(len(names))), (f"joints are taken in the order listed: {titles_text(names)}",)
+
+
+def _seconds(value: object) -> float | None:
+    """Read a duration: a number, or an object with seconds and nanoseconds; NaN for what is neither."""
+    if value in _NONE:
+        return None
+    if isinstance(value, dict):
+        whole, rest = value.get("sec", value.get("secs", 0)), value.get("nanosec", value.get("nsecs", 0))
+        parts = _float(whole), _float(rest)
+        return parts[0] + parts[1] * 1e-9
+    return _float(value)
+
+
+def _float(value: object) -> float:
+    try:
+        return float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
+
+
+def _table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
+    """Make numbers of values; NaN and infinities may be text.
+
+    Raises:
+        TrajectoryError: a value is none.
+    """
+    if len(rows) > MOST_POINTS:
+        raise TrajectoryError(f"more than {MOST_POINTS} set points")
+    table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)
+    for place in np.argwhere(np.isnan(table)).tolist():
+        value = rows[place[0]][place[1]]
+        if not (isinstance(value, float) or (isinstance(value, str) and value.strip().casefold() == "nan")):
+            told = repr(value[:_SHOWN]) if isinstance(value, str) else f"a {type(value).__name__}"
+            raise TrajectoryError(f"set point {place[0] + 1}: {told} is no number for {names[place[1]]}")
+    return table
