@@ -1,0 +1,256 @@
+"""The relay: one thread that moves bytes between clients and controllers and looks at none of them.
+
+What passed goes into a ring that another process watches. Only where there are rules are they asked first.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import Protocol, TypeAlias
+
+from bcapscope.proxy.hook import Action, Policy, Send
+from bcapscope.proxy.poller import READ, make_poller, wait_precisely
+from bcapscope.proxy.ring import Count, Kind, RingWriter
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+
+Address: TypeAlias = tuple[str, int]
+Handler: TypeAlias = Callable[[int], None]
+"""Is called with what happened to a file descriptor."""
+
+PATIENCE = 0.25
+"""Seconds that it waits at most, so that it notices soon that it is to end."""
+
+_TICK = 1_000_000_000
+"""ns between looks at what does not come by itself: silent clients, full buffers."""
+
+MOST_CLIENTS = 256
+"""Clients of all listeners. The official server takes 20 (orin_bcap C/src/bcap_server.c)."""
+
+
+class Session(Protocol):
+    """One client's way to its controller.
+
+    Attributes:
+        number: of the client, never used twice.
+        conversation: between the client and the controller itself.
+        heard: when it was last heard, ns of `time.time_ns`.
+    """
+
+    number: int
+    conversation: Conversation
+    heard: int
+
+    def send(self, up: bool, data: bytes) -> int:
+        """Send, to the controller or to the client; return when, 0 if not all of it went out yet."""
+
+    def passed_on(self, up: bool) -> None:
+        """Take notice that nothing of a direction is held back any more."""
+
+    def close(self, reset: bool, why: str) -> None:
+        """Let go."""
+
+    def sweep(self, now: int) -> None:
+        """Do what is to be done from time to time."""
+
+
+class Port(Protocol):
+    """A socket that clients come to."""
+
+    def open(self) -> None:
+        """Begin to take clients."""
+
+    def close(self) -> None:
+        """Take no more clients."""
+
+    def release(self) -> None:
+        """Let go of the socket; `close` came before, and no session is left."""
+
+    def sweep(self, now: int) -> None:
+        """Do what is to be done from time to time."""
+
+
+class Relay:
+    """Moves bytes.
+
+    Attributes:
+        ring: what passed, for whoever watches.
+        counts: of the ring.
+        policy: the rules; None without.
+        sessions: those that are open, by number.
+        buffer: for whatever is being received; one thread needs one.
+    """
+
+    def __init__(self, ring: RingWriter, policy: Policy | None = None) -> None:
+        """Begin without listeners."""
+        self.ring = ring
+        self.counts = ring.counts
+        self.policy = policy
+        self.sessions: dict[int, Session] = {}
+        self.buffer = bytearray(1 << 16)
+        self._poller = make_poller()
+        self._handlers: dict[int, Handler] = {}
+        self._ports: list[Port] = []
+        self._next_tick = 0
+        self._stopped = self._closed = False
+
+    def listen(self, ports: Iterable[Port]) -> None:
+        """Take clients from these ports."""
+        for port in ports:
+            self._ports.append(port)
+            port.open()
+
+    def stop(self) -> None:
+        """End `run` soon; from a signal handler or from what it calls."""
+        self._stopped = True
+
+    def run(self, idle: Callable[[], None] = lambda: None) -> None:
+        """Move bytes until stopped.
+
+        Args:
+            idle: called about once a second; it must not wait.
+        """
+        self._stopped = False
+        handlers, poll, policy, clock = self._handlers, self._poller.poll, self.policy, time.monotonic_ns
+        while not self._stopped:
+            for descriptor, happened in poll(PATIENCE) if policy is None else self._wait(policy):
+                handler = handlers.get(descriptor)
+                if handler is not None:
+                    handler(happened)
+            if policy is not None:
+                self._take_due(policy)
+            if clock() >= self._next_tick:
+                self._tick()
+                idle()
+
+    def close(self) -> None:
+        """Let go of all clients and ports."""
+        self.close_ports()
+        for session in list(self.sessions.values()):
+            session.close(False, "the proxy ended")
+        for port in self._ports:
+            port.release()
+        self._poller.close()
+
+    def close_ports(self) -> None:
+        """Take no more clients, and nothing more from those of UDP."""
+        if not self._closed:
+            self._closed = True
+            for port in self._ports:
+                port.close()
+
+    # For ports and sessions.
+
+    def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
+        """Call `handler` whenever something happens to a file descriptor."""
+        self._handlers[descriptor] = handler
+        self._poller.register(descriptor, mask)
+
+    def change(self, descriptor: int, mask: int) -> None:
+        """Wait for something else of a file descriptor."""
+        self._poller.modify(descriptor, mask)
+
+    def unwatch(self, descriptor: int) -> None:
+        """Forget a file descriptor."""
+        if self._handlers.pop(descriptor, None) is not None:
+            self._poller.unregister(descriptor)
+
+    def has_room(self) -> bool:
+        """Tell whether there may be another client."""
+        return len(self.sessions) < MOST_CLIENTS
+
+    def meet(self, session: Session, ends: Sequence[Endpoint]) -> None:
+        """Take in a new client.
+
+        Args:
+            session: its way to the controller.
+            ends: the client, where it came to, our end towards the controller, and the controller.
+        """
+        self.counts[Count.CLIENTS] += 1
+        self.sessions[session.number] = session
+        told = json.dumps([session.conversation.transport, *ends]).encode()
+        self.ring.must(Kind.OPENED, session.number, told, time.time_ns())
+        if self.policy is not None:
+            self.policy.opened(session.number, session.conversation, time.monotonic_ns())
+
+    def next_number(self) -> int:
+        """Return the number of the next client."""
+        return self.counts[Count.CLIENTS] + 1
+
+    def part(self, session: Session, why: str) -> None:
+        """Forget a client."""
+        if self.sessions.pop(session.number, None) is not None:
+            self.ring.must(Kind.GONE, session.number, why.encode(), time.time_ns())
+            if self.policy is not None:
+                self.policy.gone(session.number, time.monotonic_ns())
+
+    def tell(self, text: str) -> None:
+        """Tell the user something."""
+        self.ring.must(Kind.TOLD, 0, text.encode("utf-8", "replace"), time.time_ns())
+
+    def rule(self, session: Session, up: bool, data: bytes, came: int) -> None:
+        """Ask the rules what becomes of something that came, and do it."""
+        assert self.policy is not None
+        direction = direction_of(up)
+        note, actions = self.policy.receive(session.number, direction, data, time.monotonic_ns())
+        if not note and len(actions) == 1:
+            action = actions[0]
+            if action == (session.number, direction, data, ""):
+                left = session.send(up, data)
+                self.ring.put(up, session.number, came, left, data)
+                return
+        self.counts[Count.RULED] += 1
+        self.ring.put(up, session.number, came, 0, data, note=note.encode()[:4096])
+        self._perform(actions)
+
+    def _perform(self, actions: Sequence[Action]) -> None:
+        for action in actions:
+            session = self.sessions.get(action.client)
+            if session is None:
+                continue
+            if isinstance(action, Send):
+                up = action.toward is Direction.REQUEST
+                left = session.send(up, action.data)
+                if left:
+                    note = action.note.encode()[:4096]
+                    self.ring.put(up, session.number, 0, left, action.data, note=note)
+            else:
+                self.tell(f"{session.conversation.client}: {action.note}")
+                session.close(action.reset, action.note)
+
+    def _wait(self, policy: Policy) -> Sequence[tuple[int, int]]:
+        due = policy.due()
+        if due is None:
+            return self._poller.poll(PATIENCE)
+        seconds = (due - time.monotonic_ns()) / 1e9
+        return wait_precisely(self._poller, min(max(seconds, 0.0), PATIENCE))
+
+    def _take_due(self, policy: Policy) -> None:
+        due, now = policy.due(), time.monotonic_ns()
+        if due is not None and due <= now:
+            actions = policy.take(now)
+            self._perform(actions)
+            for number in {action.client for action in actions}:
+                session = self.sessions.get(number)
+                for up in (True, False) if session is not None else ():
+                    if session is not None and not policy.holds(number, direction_of(up)):
+                        session.passed_on(up)
+
+    def _tick(self) -> None:
+        self._next_tick = time.monotonic_ns() + _TICK
+        now = time.time_ns()
+        for port in self._ports:
+            port.sweep(now)
+        for session in list(self.sessions.values()):
+            session.sweep(now)
+
+
+def direction_of(up: bool) -> Direction:
+    """Return whether that is what clients or what controllers say."""
+    return Direction.REQUEST if up else Direction.RESPONSE
+
+
+def conversation(client: Endpoint, controller: Endpoint, transport: Transport) -> Conversation:
+    """Make the conversation of a client that came to a proxy."""
+    return Conversation(client, controller, transport, "the proxy")

@@ -1,0 +1,217 @@
+"""From the relay to whoever watches it: a ring in memory that both share.
+
+Writing costs the relay about a microsecond, no system call, and never waits: what finds no room is counted.
+There is one writer and one reader. The reader takes what was written by the time of its look before, so that
+no processor's order of stores matters.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from enum import IntEnum
+from typing import NamedTuple
+
+HEADER = 4096
+"""Bytes before the records: where writer and reader are, and the counts."""
+
+_HEAD = struct.Struct("=IBBHIIqq")
+_PAD = struct.Struct("=IB3x")
+_WRITTEN, _READ, _COUNTS = 0, 1, 8  # places in the header, in 8 bytes
+
+
+class Kind(IntEnum):
+    """What a record tells."""
+
+    PAD = 0
+    """Nothing: the rest of the memory is too small for the next one."""
+    DATA = 1
+    """A datagram or bytes of a stream: came, or left, or both."""
+    OPENED = 2
+    """A new client; `data` is JSON."""
+    END = 3
+    """A stream's direction has ended."""
+    GONE = 4
+    """A client is forgotten; `data` is why."""
+    TOLD = 5
+    """Something for the user, in words."""
+
+
+class Count(IntEnum):
+    """What the relay counts."""
+
+    CAME_UP = 0
+    """Datagrams from clients."""
+    LEFT_UP = 1
+    """Datagrams sent to controllers."""
+    CAME_DOWN = 2
+    LEFT_DOWN = 3
+    BYTES_UP = 4
+    """Of streams, sent to controllers."""
+    BYTES_DOWN = 5
+    FULL = 6
+    """Datagrams that the system would not send."""
+    LOST = 7
+    """Datagrams that found no room in a socket's buffer."""
+    DENIED = 8
+    """Datagrams and connections of clients that are not allowed."""
+    CLIENTS = 9
+    """Clients, all in all."""
+    UNWATCHED = 10
+    """Records that found no room."""
+    RULED = 11
+    """Datagrams and pieces of streams that a rule touched."""
+
+
+class Record(NamedTuple):
+    """One thing that the relay did.
+
+    Attributes:
+        kind: what.
+        up: from client to controller; else the other way.
+        client: its number; 0 where it concerns none.
+        came: ns since 1970 when it was received, or happened; 0 for data that were only sent.
+        left: ns since 1970 when it had been sent; 0 if it was not, or not yet.
+        data: what.
+        note: what a rule did.
+    """
+
+    kind: Kind
+    up: bool
+    client: int
+    came: int
+    left: int
+    data: bytes
+    note: str
+
+
+class _Ring:
+    def __init__(self, memory: memoryview) -> None:
+        """Use memory that both ends share, zeros at first; its size is a multiple of 8 beyond `HEADER`."""
+        self._marks = memory[:HEADER].cast("Q")
+        self._space = memory[HEADER:]
+        self._size = len(self._space)
+        self.counts = self._marks[_COUNTS : _COUNTS + len(Count)]
+
+    def release(self) -> None:
+        """Let go of the memory."""
+        self.counts.release()
+        self._marks.release()
+        self._space.release()
+
+
+class RingWriter(_Ring):
+    """The relay's end.
+
+    Attributes:
+        counts: by `Count`; the relay's own, to be added to in place.
+    """
+
+    def __init__(self, memory: memoryview) -> None:
+        super().__init__(memory)
+        self._written = 0
+        self._owed: deque[tuple[Kind, bool, int, int, bytes]] = deque()
+        self._abandoned = False
+
+    def abandon(self) -> None:
+        """Go on without a reader."""
+        self._abandoned = True
+        self._owed.clear()
+
+    def put(
+        self,
+        up: bool,
+        client: int,
+        came: int,
+        left: int,
+        data: bytes | memoryview,
+        *,
+        note: bytes = b"",
+        kind: Kind = Kind.DATA,
+    ) -> bool:
+        """Write a record, or count it as unwatched; tell whether there was room."""
+        if self._owed and not self._settle():
+            self.counts[Count.UNWATCHED] += 1
+            return False
+        length = len(data)
+        need = 39 + length + len(note) & ~7
+        size, written = self._size, self._written
+        place = written % size
+        rest = size - place
+        pad = rest if need > rest else 0
+        if written + pad + need - self._marks[_READ] > size:
+            self.counts[Count.UNWATCHED] += 1
+            return False
+        space = self._space
+        if pad:
+            _PAD.pack_into(space, place, pad, Kind.PAD)
+            written += pad
+            place = 0
+        _HEAD.pack_into(space, place, need, kind, up, len(note), client, length, came, left)
+        place += 32
+        end = place + length
+        space[place:end] = data
+        if note:
+            space[end : end + len(note)] = note
+        self._marks[_WRITTEN] = self._written = written + need
+        return True
+
+    def must(self, kind: Kind, client: int, data: bytes, now: int, *, up: bool = False) -> None:
+        """Write what has to be known, now or as soon as there is room; everything else waits for it."""
+        if not self._abandoned:
+            self._owed.append((kind, up, client, now, data))
+            self._settle()
+
+    def _settle(self) -> bool:
+        owed, self._owed = self._owed, deque()
+        unwatched = self.counts[Count.UNWATCHED]
+        while owed:
+            kind, up, client, now, data = owed[0]
+            if not self.put(up, client, now, 0, data, kind=kind):
+                self.counts[Count.UNWATCHED] = unwatched  # it is not given up
+                break
+            owed.popleft()
+        self._owed = owed
+        return not owed
+
+
+class RingReader(_Ring):
+    """The watcher's end.
+
+    Attributes:
+        counts: by `Count`; the relay's.
+    """
+
+    def __init__(self, memory: memoryview) -> None:
+        super().__init__(memory)
+        self._read = self._ready = 0
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that were written and not taken yet."""
+        return self._marks[_WRITTEN] - self._read
+
+    def take(self, most: int = 8192) -> list[Record]:
+        """Return what had been written at the last look, so many records at most, and look again."""
+        records: list[Record] = []
+        space, size, read = self._space, self._size, self._read
+        while read < self._ready and len(records) < most:
+            place = read % size
+            need, kind, up, noted, client, length, came, left = _peek(space, place)
+            read += need
+            if kind != Kind.PAD:
+                end = place + 32 + length
+                data = bytes(space[place + 32 : end])
+                note = str(space[end : end + noted], "utf-8", "replace") if noted else ""
+                records.append(Record(Kind(kind), bool(up), client, came, left, data, note))
+        self._marks[_READ] = self._read = read
+        if read == self._ready:
+            self._ready = self._marks[_WRITTEN]
+        return records
+
+
+def _peek(space: memoryview, place: int) -> tuple[int, ...]:
+    """Read the head of a record; that of a pad may be cut by the end of the memory."""
+    if len(space) - place < _HEAD.size:
+        return (*_PAD.unpack_from(space, place), 0, 0, 0, 0, 0, 0)
+    return _HEAD.unpack_from(space, place)

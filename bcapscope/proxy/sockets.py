@@ -1,0 +1,166 @@
+"""Opening sockets, and what else systems do differently."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, TypeAlias
+
+from bcapscope.errors import BcapError
+from bcapscope.traffic.observation import Endpoint, Transport
+
+SocketAddress: TypeAlias = tuple[Any, ...]
+"""As the socket module has it: host, port, and for IPv6 flow and scope."""
+
+Receive: TypeAlias = Callable[[list[bytearray], int], tuple[int, list[tuple[int, int, bytes]], int, Any]]
+"""Like `socket.recvmsg_into`."""
+
+CONTROL = 64
+"""Bytes for what the system says of a datagram: when it came."""
+
+_RECEIVE_BUFFER = 4 << 20
+_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_MEMINFO = 33, 35, 55  # asm-generic/socket.h of Linux
+_MEMINFO = struct.Struct("=9I")
+_MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
+_TIMESPEC = struct.Struct("@ll")
+_BACKLOG = 32
+
+
+class ListenError(BcapError):
+    """An address cannot be listened on, or a controller's name is unknown."""
+
+
+def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
+    """Open a socket for clients.
+
+    Raises:
+        ListenError: that cannot be done.
+    """
+    family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
+    stream = transport is Transport.TCP
+    sock = socket.socket(family, socket.SOCK_STREAM if stream else socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        if family == socket.AF_INET6:
+            sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        if stream and sys.platform != "win32":  # there it would let others take our port
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(resolve(endpoint, transport)[1])
+        if stream:
+            sock.listen(_BACKLOG)
+        else:
+            prepare_datagrams(sock)
+    except OSError as error:
+        sock.close()
+        where = f"{endpoint.host} {transport.upper()} port {endpoint.port}"
+        raise ListenError(f"cannot listen on {where}: {reason(error)}") from None
+    return sock
+
+
+def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddress]:
+    """Return the address family and the address.
+
+    Raises:
+        ListenError: there is no such host.
+    """
+    kind = socket.SOCK_STREAM if transport is Transport.TCP else socket.SOCK_DGRAM
+    try:
+        family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
+    except (OSError, UnicodeError) as error:
+        raise ListenError(f"there is no way to {endpoint}: {reason(error)}") from None
+    return family, address
+
+
+def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
+    """Open a socket that hears its peer only.
+
+    Raises:
+        OSError: there is no way to it.
+    """
+    sock = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        prepare_datagrams(sock)
+        sock.connect(address)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def prepare_datagrams(sock: socket.socket) -> None:
+    """Ask for room and for times; what the system does not give is done without."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+    if sys.platform == "linux":
+        with suppress(OSError):  # beyond the usual limit only for root
+            sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
+        with suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+
+def receiver(sock: socket.socket) -> Receive:
+    """Return `recvmsg_into`, or what does the same where there is none."""
+    return getattr(sock, "recvmsg_into", None) or partial(_receive_plainly, sock)
+
+
+def _receive_plainly(
+    sock: socket.socket, buffers: list[bytearray], _: int
+) -> tuple[int, list[tuple[int, int, bytes]], int, Any]:
+    size, address = sock.recvfrom_into(buffers[0])
+    return size, [], 0, address
+
+
+def kernel_time(control: list[tuple[int, int, bytes]], now: int) -> int:
+    """Return when a datagram came, ns since 1970; `now` where the system does not say."""
+    if not control or len(control[0][2]) != _TIMESPEC.size:
+        return now
+    seconds, nanoseconds = _TIMESPEC.unpack(control[0][2])
+    return int(seconds * 1_000_000_000 + nanoseconds)
+
+
+def drops(sock: socket.socket) -> int:
+    """Return how many datagrams found no room in the buffer of a socket; 0 where the system does not say."""
+    if sys.platform == "linux":
+        with suppress(OSError, struct.error):
+            found = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
+            return int(_MEMINFO.unpack(found)[_MEMINFO_DROPS])
+    return 0
+
+
+def reset(sock: socket.socket) -> None:
+    """Close a stream by RST."""
+    with suppress(OSError):
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
+    sock.close()
+
+
+def endpoint_of(address: SocketAddress) -> Endpoint:
+    """Return the host and port of an address."""
+    return Endpoint(address[0], address[1])
+
+
+def facing(sock: socket.socket, client: SocketAddress) -> Endpoint:
+    """Return the address by which `client` reaches us through a socket that takes datagrams.
+
+    Where it listens on all addresses, that is the one that the system answers from.
+    """
+    own = sock.getsockname()
+    if own[0] not in ("0.0.0.0", "::"):
+        return endpoint_of(own)
+    with suppress(OSError), socket.socket(sock.family, socket.SOCK_DGRAM) as probe:
+        probe.connect(client)
+        return Endpoint(probe.getsockname()[0], own[1])
+    return endpoint_of(own)
+
+
+def reason(error: Exception) -> str:
+    """Return what the system says, without what Python says around it."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number is not None and number > 0 and not isinstance(error, socket.gaierror):
+        return os.strerror(number).lower()
+    return str(getattr(error, "strerror", None) or error).lower()

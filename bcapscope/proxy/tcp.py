@@ -1,0 +1,333 @@
+"""Streams: half-close, reset and back-pressure pass through."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import time
+from contextlib import suppress
+
+from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
+from bcapscope.proxy.relay import Relay, conversation, direction_of
+from bcapscope.proxy.ring import Count, Kind
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, reason, reset, resolve
+from bcapscope.proxy.spec import Listener
+from bcapscope.traffic.observation import Transport
+
+CONNECT_WITHIN = 10_000_000_000
+"""ns."""
+
+MOST_PENDING = 1 << 18
+"""Bytes that rules may hand over for a peer that does not read, before nothing more is read for it. Without
+rules it is what one read gave."""
+
+_AT_ONCE = 1 << 16
+
+
+class TcpPort:
+    """A socket that clients connect to.
+
+    Attributes:
+        relay: whose it is.
+        address: where it listens.
+        controller: address family and address of the controller.
+        to: the same as the user says it.
+    """
+
+    def __init__(self, relay: Relay, listener: Listener) -> None:
+        """Listen.
+
+        Raises:
+            ListenError: that cannot be done.
+        """
+        self.relay = relay
+        self.controller = resolve(listener.to, Transport.TCP)
+        self.to = endpoint_of(self.controller[1])
+        self._socket = listen_on(listener.listen, Transport.TCP)
+        self.address = endpoint_of(self._socket.getsockname())
+        self._listener = listener
+        self._paused = False
+
+    def open(self) -> None:
+        """Begin to take clients."""
+        self.relay.watch(self._socket.fileno(), self._acceptable)
+
+    def close(self) -> None:
+        """Take no more clients."""
+        self.relay.unwatch(self._socket.fileno())
+        self._socket.close()
+
+    def release(self) -> None:
+        """Do nothing: the socket is closed by now."""
+
+    def sweep(self, now: int) -> None:
+        """Try again to take clients where that failed."""
+        if self._paused:
+            self._paused = False
+            self.relay.change(self._socket.fileno(), READ)
+
+    def _acceptable(self, _: int) -> None:
+        relay = self.relay
+        try:
+            client, address = self._socket.accept()
+        except (BlockingIOError, ConnectionError):
+            return
+        except OSError as error:  # no more file descriptors, say
+            relay.tell(f"no client can be taken on {self.address} TCP: {reason(error)}")
+            self._paused = True
+            relay.change(self._socket.fileno(), 0)
+            return
+        why = self._refusal(address[0])
+        if why:
+            relay.counts[Count.DENIED] += 1
+            relay.tell(f"{endpoint_of(address)} {why}; its connection is closed")
+            reset(client)
+            return
+        server = socket.socket(self.controller[0], socket.SOCK_STREAM)
+        server.setblocking(False)
+        problem = server.connect_ex(self.controller[1])
+        session = TcpSession(self, client, server, address)
+        if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
+            session.fail(problem)
+
+    def _refusal(self, host: str) -> str:
+        if not self._listener.allows(host):
+            return "is not allowed"
+        return "" if self.relay.has_room() else "is one client too many"
+
+
+class _Half:
+    """One direction of a connection.
+
+    Attributes:
+        up: from client to controller.
+        source: what is read.
+        sink: what is written.
+        pending: what could not be written yet.
+        ended: the source has ended.
+        shut: and the sink was told.
+    """
+
+    __slots__ = ("ended", "pending", "shut", "sink", "source", "up")
+
+    def __init__(self, up: bool, source: socket.socket, sink: socket.socket) -> None:
+        self.up = up
+        self.source = source
+        self.sink = sink
+        self.pending = bytearray()
+        self.ended = self.shut = False
+
+
+class TcpSession:
+    """A client and its connection to the controller.
+
+    Attributes:
+        number: of the client.
+        conversation: between the client and the controller.
+        heard: when the client was last heard, ns since 1970.
+    """
+
+    def __init__(
+        self, port: TcpPort, client: socket.socket, server: socket.socket, address: SocketAddress
+    ) -> None:
+        """Take in a client that has connected; `server` is on its way."""
+        relay = port.relay
+        for sock in (client, server):
+            sock.setblocking(False)
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        self.number = relay.next_number()
+        self.conversation = conversation(endpoint_of(address), port.to, Transport.TCP)
+        self.heard = time.time_ns()
+        self._relay = relay
+        self._port = port
+        self._client = client
+        self._server = server
+        self._up = _Half(True, client, server)
+        self._down = _Half(False, server, client)
+        self._connected = self._closed = False
+        self._masks: dict[int, int | None] = {client.fileno(): 0, server.fileno(): WRITE}
+        relay.watch(client.fileno(), self._client_happened, 0)
+        relay.watch(server.fileno(), self._server_happened, WRITE)
+        ends = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
+        relay.meet(self, (*ends, port.to))
+
+    def fail(self, problem: int) -> None:
+        """Give up: there is no way to the controller."""
+        to = self._port.to
+        text = reason(OSError(problem, ""))
+        self._relay.tell(f"{self.conversation.client}: no connection to {to} over TCP: {text}")
+        self.close(True, "no way to the controller")
+
+    def send(self, up: bool, data: bytes) -> int:
+        """Send what rules give; return when, 0 if not all of it went out yet."""
+        if self._closed:
+            return 0
+        half = self._up if up else self._down
+        left, sent = self._write(half, memoryview(data))
+        if 0 < sent < len(data):
+            self._relay.ring.put(up, self.number, 0, left, data[:sent])
+        return left if sent == len(data) else 0
+
+    def passed_on(self, up: bool) -> None:
+        """Pass the end of a direction on, if it has ended."""
+        self._shut(self._up if up else self._down)
+
+    def close(self, reset_both: bool, why: str) -> None:
+        """Close both connections."""
+        if self._closed:
+            return
+        self._closed = True
+        for half in (self._up, self._down):
+            if half.pending and not reset_both:
+                with suppress(OSError):
+                    half.sink.send(half.pending)
+        for sock in (self._client, self._server):
+            self._relay.unwatch(sock.fileno())
+            if reset_both:
+                reset(sock)
+            else:
+                sock.close()
+        self._relay.part(self, why)
+
+    def sweep(self, now: int) -> None:
+        """Give up a connection that is not made."""
+        if not self._connected and now - self.heard > CONNECT_WITHIN:
+            self.fail(errno.ETIMEDOUT)
+
+    def _client_happened(self, happened: int) -> None:
+        self._handle(happened, self._client, self._up, self._down)
+
+    def _server_happened(self, happened: int) -> None:
+        if not self._connected:
+            problem = self._server.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            if problem:
+                self.fail(problem)
+            elif happened & WRITE:
+                self._connected = True
+                self._want()
+        else:
+            self._handle(happened, self._server, self._down, self._up)
+
+    def _handle(self, happened: int, sock: socket.socket, incoming: _Half, outgoing: _Half) -> None:
+        """Do what can be done on one socket: read the half that begins there, write the other."""
+        if happened & ERROR:
+            self._break(incoming, sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR))
+            return
+        if happened & WRITE and outgoing.pending:
+            self._flush(outgoing)
+        if happened & (READ | HANG_UP) and not self._closed:
+            if self._reads(incoming):
+                self._read(incoming)
+            elif happened & HANG_UP:  # or it would be told again and again
+                self._set(sock, None)
+
+    def _read(self, half: _Half) -> None:
+        relay = self._relay
+        try:
+            size = half.source.recv_into(relay.buffer)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._break(half, error.errno or 0)
+            return
+        came = time.time_ns()
+        if half.up:
+            self.heard = came
+        if not size:
+            half.ended = True
+            if relay.policy is None or not relay.policy.holds(self.number, direction_of(half.up)):
+                self._shut(half)
+            self._want()
+        elif relay.policy is not None:
+            relay.rule(self, half.up, bytes(relay.buffer[:size]), came)
+        else:
+            self._pass_on(half, memoryview(relay.buffer)[:size], came)
+
+    def _pass_on(self, half: _Half, data: memoryview, came: int) -> None:
+        ring = self._relay.ring
+        left, sent = self._write(half, data)
+        if sent == len(data):
+            ring.put(half.up, self.number, came, left, data)
+        else:
+            ring.put(half.up, self.number, came, 0, data)
+            if sent:
+                ring.put(half.up, self.number, 0, left, data[:sent])
+
+    def _write(self, half: _Half, data: memoryview) -> tuple[int, int]:
+        """Write what the sink takes and keep the rest; return when, and how many bytes it took."""
+        sent = 0
+        if not half.pending:
+            try:
+                sent = half.sink.send(data)
+            except BlockingIOError:
+                pass
+            except OSError as error:
+                self._break(self._down if half.up else self._up, error.errno or 0)
+                return 0, 0
+        left = time.time_ns()
+        self._relay.counts[Count.BYTES_UP if half.up else Count.BYTES_DOWN] += sent
+        if sent < len(data):
+            half.pending += data[sent:]
+            self._want()
+        return left, sent
+
+    def _flush(self, half: _Half) -> None:
+        """Write what is pending."""
+        data = bytes(half.pending[:_AT_ONCE])
+        half.pending, pending = bytearray(), half.pending
+        left, sent = self._write(half, memoryview(data))
+        if self._closed:
+            return
+        half.pending = pending
+        del half.pending[:sent]
+        if sent:
+            self._relay.ring.put(half.up, self.number, 0, left, data[:sent])
+        self._shut(half)
+        self._want()
+
+    def _shut(self, half: _Half) -> None:
+        """Pass the end of a direction on, once all before it is out; let go when both are over."""
+        if half.pending or half.shut or not half.ended or self._closed:
+            return
+        half.shut = True
+        self._relay.ring.must(Kind.END, self.number, b"", time.time_ns(), up=half.up)
+        with suppress(OSError):
+            half.sink.shutdown(socket.SHUT_WR)
+        if self._up.shut and self._down.shut:
+            self.close(False, "ended by both sides")
+
+    def _break(self, half: _Half, problem: int) -> None:
+        """Pass on that the source of a direction is broken."""
+        who = "the client" if half.up else "the controller"
+        text = reason(OSError(problem, "")) if problem else "reset"
+        self.close(True, f"{who}: {text}")
+
+    def _reads(self, half: _Half) -> bool:
+        """Tell whether more may be read: never while a peer does not take what there is."""
+        most = 0 if self._relay.policy is None else MOST_PENDING
+        return self._connected and not half.ended and len(half.pending) <= most
+
+    def _want(self) -> None:
+        """Tell the poller what is waited for now."""
+        if self._closed:
+            return
+        for sock, incoming, outgoing in (
+            (self._client, self._up, self._down),
+            (self._server, self._down, self._up),
+        ):
+            self._set(sock, READ * self._reads(incoming) | WRITE * bool(outgoing.pending))
+
+    def _set(self, sock: socket.socket, mask: int | None) -> None:
+        descriptor = sock.fileno()
+        known = self._masks[descriptor]
+        if mask == known:
+            return
+        self._masks[descriptor] = mask
+        if mask is None:
+            self._relay.unwatch(descriptor)
+        elif known is None:
+            handler = self._client_happened if sock is self._client else self._server_happened
+            self._relay.watch(descriptor, handler, mask)
+        else:
+            self._relay.change(descriptor, mask)

@@ -1,0 +1,263 @@
+"""Datagrams: each client gets a socket of its own, so that the controller tells them apart."""
+
+from __future__ import annotations
+
+import socket
+import time
+
+from bcapscope.proxy.poller import READ
+from bcapscope.proxy.relay import Relay, conversation
+from bcapscope.proxy.ring import Count
+from bcapscope.proxy.sockets import (
+    CONTROL,
+    SocketAddress,
+    connect_datagrams,
+    drops,
+    endpoint_of,
+    facing,
+    kernel_time,
+    listen_on,
+    reason,
+    receiver,
+    resolve,
+)
+from bcapscope.proxy.spec import Listener
+from bcapscope.traffic.observation import Transport
+
+FORGET_AFTER = 600_000_000_000
+"""ns of silence after which a client is forgotten. It would then be another client to the controller, so this
+is long; its socket costs nothing."""
+
+GIVE_WAY_AFTER = 10_000_000_000
+"""ns of silence after which a client makes room for a new one when there are too many, as in the official
+server (orin_bcap C/src/bcap_server.c)."""
+
+_MOST_STRANGERS = 256
+"""Addresses that are told to be refused, each once."""
+
+
+class UdpPort:
+    """A socket that clients send to.
+
+    Attributes:
+        relay: whose it is.
+        address: where it listens.
+        controller: address family and address of the controller.
+        to: the same as the user says it.
+        sender: the socket.
+        refused: the user was told that the controller refuses datagrams.
+    """
+
+    def __init__(self, relay: Relay, listener: Listener, forget_after: int = FORGET_AFTER) -> None:
+        """Listen.
+
+        Raises:
+            ListenError: that cannot be done.
+        """
+        self.relay = relay
+        self.controller = resolve(listener.to, Transport.UDP)
+        self.sender = listen_on(listener.listen, Transport.UDP)
+        self.address = endpoint_of(self.sender.getsockname())
+        self.to = endpoint_of(self.controller[1])
+        self.refused = False
+        self._listener = listener
+        self._forget_after = forget_after
+        self._sessions: dict[SocketAddress, UdpSession] = {}
+        self._strangers: set[str] = set()
+        self._receive = receiver(self.sender)
+        self._buffers = [relay.buffer]
+        self._view = memoryview(relay.buffer)
+        self._dropped = 0
+
+    def open(self) -> None:
+        """Begin to take clients."""
+        self.relay.watch(self.sender.fileno(), self._readable)
+
+    def close(self) -> None:
+        """Take nothing more; what comes for clients is still sent to them."""
+        self._count_drops()
+        self.relay.unwatch(self.sender.fileno())
+
+    def release(self) -> None:
+        """Close the socket."""
+        self.sender.close()
+
+    def sweep(self, now: int) -> None:
+        """Forget who was silent for long; count what the system dropped."""
+        self._count_drops()
+        for session in list(self._sessions.values()):
+            if now - session.heard > self._forget_after:
+                session.close(False, f"silent for {self._forget_after // 1_000_000_000} s")
+
+    def forget(self, address: SocketAddress) -> None:
+        """Forget a client."""
+        self._sessions.pop(address, None)
+
+    def _readable(self, _: int) -> None:
+        try:
+            size, control, _, address = self._receive(self._buffers, CONTROL)
+        except OSError:  # nothing there after all; on Windows an earlier client's closed port
+            return
+        relay = self.relay
+        session = self._sessions.get(address)
+        if session is None:
+            session = self._meet(address)
+            if session is None:
+                return
+        data = self._view[:size]
+        relay.counts[Count.CAME_UP] += 1
+        if relay.policy is None:
+            try:
+                session.upstream.send(data)
+                left = session.heard = time.time_ns()
+                relay.counts[Count.LEFT_UP] += 1
+            except OSError as error:
+                left = session.send_again(data, error)
+            relay.ring.put(True, session.number, kernel_time(control, left or session.heard), left, data)
+        else:
+            session.heard = time.time_ns()
+            relay.rule(session, True, bytes(data), kernel_time(control, session.heard))
+
+    def _meet(self, address: SocketAddress) -> UdpSession | None:
+        """Open a way to the controller for a new client, if it may have one."""
+        relay = self.relay
+        if not self._listener.allows(address[0]):
+            relay.counts[Count.DENIED] += 1
+            if address[0] not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
+                self._strangers.add(address[0])
+                relay.tell(f"{endpoint_of(address)} is not allowed; its datagrams are dropped")
+            return None
+        if not relay.has_room() and not self._make_room():
+            relay.counts[Count.DENIED] += 1
+            return None
+        try:
+            upstream = connect_datagrams(*self.controller)
+        except OSError as error:
+            relay.tell(f"{endpoint_of(address)}: no way to {self.to}: {reason(error)}")
+            return None
+        session = self._sessions[address] = UdpSession(self, address, upstream)
+        return session
+
+    def _make_room(self) -> bool:
+        silent = min(self._sessions.values(), key=lambda each: each.heard, default=None)
+        if silent is None or time.time_ns() - silent.heard < GIVE_WAY_AFTER:
+            return False
+        silent.close(False, "silent, and there are too many clients")
+        return True
+
+    def _count_drops(self) -> None:
+        dropped = drops(self.sender)
+        self.relay.counts[Count.LOST] += dropped - self._dropped
+        self._dropped = dropped
+
+
+class UdpSession:
+    """A client and its socket.
+
+    Attributes:
+        number: of the client.
+        conversation: between the client and the controller.
+        heard: when the client was last heard, ns since 1970.
+        upstream: the socket, connected to the controller.
+    """
+
+    def __init__(self, port: UdpPort, address: SocketAddress, upstream: socket.socket) -> None:
+        """Take in a client that was heard for the first time."""
+        relay = port.relay
+        client = endpoint_of(address)
+        self.number = relay.next_number()
+        self.conversation = conversation(client, port.to, Transport.UDP)
+        self.heard = time.time_ns()
+        self.upstream = upstream
+        self._port = port
+        self._relay = relay
+        self._address = address
+        self._receive = receiver(upstream)
+        self._buffers = [relay.buffer]
+        self._view = memoryview(relay.buffer)
+        self._send_down = port.sender.sendto
+        self._dropped = 0
+        relay.watch(upstream.fileno(), self._readable, READ)
+        relay.meet(self, (client, facing(port.sender, address), endpoint_of(upstream.getsockname()), port.to))
+
+    def send(self, up: bool, data: bytes) -> int:
+        """Send a datagram; return when, 0 if the system would not."""
+        counts = self._relay.counts
+        try:
+            if up:
+                self.upstream.send(data)
+            else:
+                self._send_down(data, self._address)
+        except OSError as error:
+            return self.send_again(data, error) if up else self._refuse(data, error)
+        counts[Count.LEFT_UP if up else Count.LEFT_DOWN] += 1
+        return time.time_ns()
+
+    def send_again(self, data: bytes | memoryview, error: OSError) -> int:
+        """Send up what the system did not take, if it only had to tell of an earlier datagram first."""
+        if not isinstance(error, ConnectionRefusedError):
+            return self._refuse(data, error)
+        self._tell_refused()
+        try:
+            self.upstream.send(data)
+        except OSError as again:
+            return self._refuse(data, again)
+        self._relay.counts[Count.LEFT_UP] += 1
+        return time.time_ns()
+
+    def passed_on(self, up: bool) -> None:
+        """Do nothing: datagrams have no end."""
+
+    def close(self, reset: bool, why: str) -> None:
+        """Close the socket."""
+        self._count_drops()
+        self._relay.unwatch(self.upstream.fileno())
+        self.upstream.close()
+        self._port.forget(self._address)
+        self._relay.part(self, why)
+
+    def sweep(self, now: int) -> None:
+        """Count what the system dropped; who is silent is the port's business."""
+        self._count_drops()
+
+    def _readable(self, _: int) -> None:
+        try:
+            size, control, _, _ = self._receive(self._buffers, CONTROL)
+        except ConnectionRefusedError:
+            self._tell_refused()
+            return
+        except OSError:
+            return
+        data = self._view[:size]
+        relay = self._relay
+        relay.counts[Count.CAME_DOWN] += 1
+        self._port.refused = False
+        if relay.policy is None:
+            try:
+                self._send_down(data, self._address)
+                left = time.time_ns()
+                relay.counts[Count.LEFT_DOWN] += 1
+            except OSError as error:
+                left = self._refuse(data, error)
+            relay.ring.put(False, self.number, kernel_time(control, left or time.time_ns()), left, data)
+        else:
+            relay.rule(self, False, bytes(data), kernel_time(control, time.time_ns()))
+
+    def _tell_refused(self) -> None:
+        """Tell once, until something comes from the controller again."""
+        if not self._port.refused:
+            self._port.refused = True
+            self._relay.tell(f"{self._port.to} refuses datagrams: nobody listens on UDP there (ICMP)")
+
+    def _refuse(self, data: bytes | memoryview, error: OSError) -> int:
+        """Count what cannot be sent."""
+        relay = self._relay
+        relay.counts[Count.FULL] += 1
+        if relay.counts[Count.FULL] & (relay.counts[Count.FULL] - 1) == 0:  # the 1st, 2nd, 4th, 8th …
+            relay.tell(f"{self.conversation.client}: {len(data)} bytes could not be sent: {reason(error)}")
+        return 0
+
+    def _count_drops(self) -> None:
+        dropped = drops(self.upstream)
+        self._relay.counts[Count.LOST] += dropped - self._dropped
+        self._dropped = dropped
