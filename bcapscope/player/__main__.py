@@ -37,10 +37,12 @@ def main() -> None:
             log = None if plan.log is None else stack.enter_context(_new(plan.log))
         except OSError as error:
             desk.deliver(Ended(Outcome.UNWRITABLE, f"{error.filename}: {reason_of(error)}"))
+            desk.finish()
             return
         grade = stack.enter_context(undisturbed(plan.realtime and not plan.look_only))
         desk.deliver(Readiness(grade.realtime, grade.locked, grade.text))
         desk.deliver(_play(plan, desk, journal, log, grade))
+    desk.finish()
 
 
 def _new(path: str) -> TextIO:

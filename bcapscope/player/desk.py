@@ -27,7 +27,10 @@ _WHOLE = 4096
 """Bytes that a pipe takes whole or not at all (PIPE_BUF on Linux)."""
 
 _PATIENCE = 2.0
-"""Seconds that a message which must not be lost waits for a reader."""
+"""Seconds that the last messages wait for a reader."""
+
+_MOST_UNWRITTEN = 1 << 20
+"""Bytes that wait for a reader at most; what comes then is lost."""
 
 GONE = "the program that started the player is gone"
 
@@ -101,21 +104,24 @@ class Desk:
         return True
 
     def deliver(self, message: Message) -> None:
-        """Tell something that must not be left out, unless nobody reads for `_PATIENCE`."""
-        self._unwritten += encode_message(message) + b"\n"
+        """Tell something that must not be left out; it waits for a reader, and nobody waits for it."""
+        if len(self._unwritten) < _MOST_UNWRITTEN:
+            self._unwritten += encode_message(message) + b"\n"
+        self._flush()
+
+    def finish(self) -> None:
+        """Wait until all is told, or nobody reads any more."""
         give_up = time.monotonic() + _PATIENCE
-        while not self._flush() and not self._gone:
-            rest = give_up - time.monotonic()
-            if rest <= 0:
-                break
-            select.select((), (self._messages,), (), rest)
+        while not self._flush() and not self._gone and time.monotonic() < give_up:
+            select.select((), (self._messages,), (), _PATIENCE)
 
     def ask(self, question: Question) -> str:
         """Ask and wait for the answer; the first choice where there is an order instead, or nobody."""
         self._answers.clear()
         self.deliver(question)
         while self.poll() is None and not self._answers:
-            select.select((self._commands,), (), (), 0.5)
+            told = self._flush()
+            select.select((self._commands,), () if told else (self._messages,), (), 0.5)
         answer = self._answers.pop(0) if self._answers else ""
         return answer if answer in question.choices else question.choices[0]
 

@@ -36,7 +36,10 @@ from bcapscope.protocol.slavemode import ModeKind, SlaveMode
 from bcapscope.protocol.variant import VT, Variant
 
 SILENCE = 100_000_000
-"""ns without any reply after which a controller that does not wait counts as gone: a dozen of its periods."""
+"""ns without any reply after which a controller that does not wait counts as gone: a dozen of its periods.
+
+On TCP it is the time-out of a call, since TCP itself takes longer than this to send again what was lost.
+"""
 
 REPEAT_AFTER = 1_000_000
 """ns after which a set point that found the buffer full is sent again."""
@@ -112,6 +115,7 @@ class Pacer:
         self._move = move
         self._course = course
         self._idle = idle
+        self._silence = SILENCE if exchanger.link.datagrams else move.pace.timeout
         self._throttle = _Throttle(round(FASTEST * move.period), move.mode.slots + 1)
         self._last = 0
         self._heard = 0
@@ -192,7 +196,7 @@ class Pacer:
         self._hear_late()
         if isinstance(settled, TimedOut):
             by_clock = self._move.mode.kind in _BY_CLOCK
-            if not by_clock or self._exchanger.link.now() - self._heard > SILENCE:
+            if not by_clock or self._exchanger.link.now() - self._heard > self._silence:
                 raise ExchangeTimeout(_NAME, settled.attempts)
             return None
         self._answered += 1

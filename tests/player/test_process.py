@@ -1,0 +1,237 @@
+"""The player's process against a simulator on real sockets, as the command line and the screen use it."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+
+from bcapscope.client.target import Target
+from bcapscope.player.messages import Message, Outcome, Packet, Plan, Progress, Question, Readiness
+from bcapscope.player.process import Player
+from bcapscope.simulator.machine import Machine
+from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.server import Server
+from bcapscope.simulator.simulator import Simulator
+from tests.player.simulated import wave
+
+M = TypeVar("M", bound=Message)
+PATIENCE = 30.0
+
+
+class Sim:
+    """A simulator that serves in a thread.
+
+    Attributes:
+        machine: its controller.
+        port: where it listens.
+    """
+
+    def __init__(self) -> None:
+        simulator = Simulator(PROFILES["rc8"], now=time.monotonic_ns())
+        self.machine: Machine = simulator.machine
+        self._server = Server(simulator, "127.0.0.1", 0)
+        self.port = self._server.address[1]
+        self._over = False
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it; may be called again."""
+        self._over = True
+        self._thread.join()
+
+    def _serve(self) -> None:
+        while not self._over:
+            self._server.step(0.05)
+        self._server.close()
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        """Wait until something is true of the controller."""
+        give_up = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < give_up
+            time.sleep(0.01)
+
+
+@pytest.fixture
+def sim() -> Iterator[Sim]:
+    made = Sim()
+    yield made
+    made.close()
+
+
+def plan(sim: Sim, **more: object) -> Plan:
+    """Make a plan that takes eight seconds unless it is stopped.
+
+    Over TCP and in a mode that forgives, since a simulator in a thread of a busy machine may be late.
+    """
+    usual = {"mode": 0x102, "points": wave(1000, 40.0), "target": Target("127.0.0.1", sim.port, tcp=True)}
+    return Plan(**{**usual, **more})  # type: ignore[arg-type]
+
+
+def until(player: Player, kind: type[M], also: Callable[[M], bool] = lambda _: True) -> M:
+    """Read messages until one of a kind comes; begin when asked."""
+    give_up = time.monotonic() + PATIENCE
+    while time.monotonic() < give_up:
+        for message in player.wait(1.0):
+            if isinstance(message, Question):
+                player.answer("yes")
+            if isinstance(message, kind) and also(message):
+                return message
+        assert player.ended is None, player.ended
+    raise AssertionError(f"no {kind.__name__} came")
+
+
+def playing(player: Player) -> Progress:
+    """Wait until the robot moves."""
+    return until(player, Progress, lambda message: message.index > 50)
+
+
+def test_it_plays_and_tells(sim: Sim, tmp_path: Path) -> None:
+    log, record = tmp_path / "log.csv", tmp_path / "all.pcapng"
+    chosen = plan(sim, points=wave(100), log=str(log), record=str(record))
+    messages: list[Message] = []
+    with Player(chosen) as player:
+        while player.ended is None:
+            for message in player.wait(PATIENCE):
+                messages.append(message)
+                if isinstance(message, Question):
+                    player.answer("yes")
+    ended = player.ended
+    assert (ended.outcome, ended.reason, ended.index) == (Outcome.DONE, "", 100)
+    assert messages[-1] is ended
+    assert {type(message).__name__ for message in messages} >= {"Readiness", "Peer", "Packet", "Progress"}
+    shown = [message for message in messages if isinstance(message, Progress) and message.commanded]
+    assert len(shown) > 5
+    assert len(shown[-2].returned) == 8
+    assert log.read_text(encoding="utf-8").count("\n") == ended.logged + 1 > 100
+    assert record.stat().st_size > 100 * 150
+    assert sim.machine.slave.mode is None
+
+
+def test_a_stop_ends_it_in_order(sim: Sim) -> None:
+    with Player(plan(sim)) as player:
+        playing(player)
+        player.stop()
+    assert player.ended is not None
+    assert (player.ended.outcome, player.ended.reason) == (Outcome.STOPPED, "stop was asked for")
+    assert player.ended.left
+    assert not sim.machine.alarms.active
+
+
+def test_a_halt_ends_it_at_once(sim: Sim) -> None:
+    with Player(plan(sim)) as player:
+        playing(player)
+        player.halt()
+        sim.wait(lambda: sim.machine.stops > 0)
+    assert player.ended is not None
+    assert player.ended.outcome is Outcome.HALTED
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_stop_it_too(sim: Sim, number: signal.Signals) -> None:
+    with Player(plan(sim)) as player:
+        playing(player)
+        os.kill(player.pid, number)
+        stopping = until(player, Progress, lambda message: message.state == "coming to rest")
+        assert stopping.commanded
+    assert player.ended is not None
+    assert (player.ended.outcome, player.ended.reason) == (Outcome.STOPPED, f"{number.name} came")
+
+
+_PARENT = """
+import sys
+from bcapscope.client.target import Target
+from bcapscope.player.messages import Plan, Progress, Question
+from bcapscope.player.process import Player
+from tests.player.simulated import wave
+
+player = Player(Plan(target=Target("127.0.0.1", int(sys.argv[1]), True), mode=0x102, points=wave(1000, 40.0)))
+while True:
+    for message in player.wait(1.0):
+        if isinstance(message, Question):
+            player.answer("yes")
+        if isinstance(message, Progress) and message.index > 50:
+            print(player.pid, flush=True)
+"""
+
+
+def test_when_the_program_that_started_it_is_killed_the_robot_comes_to_rest(sim: Sim) -> None:
+    argv = [sys.executable, "-c", _PARENT, str(sim.port)]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        assert int(parent.stdout.readline())
+        parent.kill()
+        parent.stdout.close()
+    sim.wait(lambda: sim.machine.slave.mode is None and sim.machine.owner is None)
+    assert not sim.machine.alarms.active
+
+
+def test_nobody_reading_delays_nothing(sim: Sim) -> None:
+    with Player(plan(sim, points=wave(250, 8.0))) as player:
+        fcntl.fcntl(player, fcntl.F_SETPIPE_SZ, 4096)
+        playing(player)
+        sim.wait(lambda: sim.machine.owner is None)
+    assert player.ended is not None
+    assert player.ended.outcome is Outcome.DONE
+    assert not sim.machine.alarms.active
+
+
+def test_a_controller_that_is_killed_is_told(sim: Sim) -> None:
+    with Player(plan(sim)) as player:
+        playing(player)
+        sim.close()
+        until_ended(player)
+    assert player.ended is not None
+    assert (player.ended.outcome, player.ended.left) == (Outcome.UNANSWERED, False)
+
+
+def until_ended(player: Player) -> None:
+    """Read until the last message."""
+    give_up = time.monotonic() + PATIENCE
+    while player.ended is None:
+        assert time.monotonic() < give_up
+        player.wait(1.0)
+
+
+def test_a_tcp_port_where_nobody_listens() -> None:
+    with Player(Plan(target=Target("127.0.0.1", 1, tcp=True), mode=2)) as player:
+        until_ended(player)
+    assert player.ended is not None
+    assert player.ended.reason == "127.0.0.1:1 over TCP: connection refused"
+
+
+def test_files_are_never_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("mine")
+    with Player(Plan(target=Target("127.0.0.1", 1), mode=2, log=str(path))) as player:
+        until_ended(player)
+    assert player.ended is not None
+    assert (player.ended.outcome, player.ended.reason) == (Outcome.UNWRITABLE, f"{path}: file exists")
+    assert path.read_text() == "mine"
+
+
+def test_a_player_that_is_killed_is_told(sim: Sim) -> None:
+    with Player(plan(sim)) as player:
+        until(player, Readiness)
+        os.kill(player.pid, signal.SIGKILL)
+        until_ended(player)
+    assert player.ended is not None
+    assert player.ended.reason == "the player ended with signal 9"
+
+
+def test_frames_are_told_outside_of_the_pace(sim: Sim) -> None:
+    with Player(plan(sim, look_only=True)) as player:
+        packet = until(player, Packet)
+        assert packet.sent
+        assert packet.raw[9:11] == b"\x01\x00"
