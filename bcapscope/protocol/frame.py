@@ -48,11 +48,9 @@ LARGEST_UDP_FRAME = 503
 """Whole frame, UDP and serial line (orin_bcap C/include/dn_udp.h); longer ones are refused unsent."""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
-_LENGTH_SERIAL_RESERVED = struct.Struct("<BIHH")
 _SERIAL_RESERVED = struct.Struct("<HH")
-_CODE_ARGC = struct.Struct("<IH")
-_SIGNED_CODE_ARGC = struct.Struct("<iH")
-_VERSION_1 = (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
+_HEADER = struct.Struct("<BIHHIH").pack
+_SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
 
 class Malformed:
@@ -235,21 +233,20 @@ def encode(
         TooLargeError: the frame grows over `LARGEST_FRAME`.
         LocalProtocolError: a number or a value does not fit.
     """
-    if framing in _VERSION_1 and reserved != 1:
-        raise LocalProtocolError(f"reserved {reserved}: it is 1 in the framing of version 1")
+    packed = b"".join(map(encode_argument, arguments))
+    length = SMALLEST_FRAME + len(packed)
     try:
-        inner = (_SIGNED_CODE_ARGC if code < 0 else _CODE_ARGC).pack(code, len(arguments))
-        inner += b"".join(map(encode_argument, arguments))
-        body = _framed(inner, framing)
-        crc_size = 2 if framing is Framing.SERIAL_LINE else 0
-        length = 10 + len(body) + crc_size
-        head = _LENGTH_SERIAL_RESERVED.pack(SOH, length, serial, reserved)
+        header = (_SIGNED_HEADER if code < 0 else _HEADER)(
+            SOH, length, serial, reserved, code, len(arguments)
+        )
     except struct.error as error:
         raise LocalProtocolError(f"serial {serial}, reserved {reserved}, code {code}: {error}") from error
-    if max(length, len(inner)) > LARGEST_FRAME:
-        raise TooLargeError(f"a frame of {max(length, len(inner))} bytes, {LARGEST_FRAME} is the most")
-    crc = crc16(head[1:] + body).to_bytes(2, "little") if crc_size else b""
-    return head + body + crc + bytes((EOT,))
+    raw = header + packed + b"\x04"
+    if framing is not Framing.PLAIN:
+        raw = _framed(raw, framing, reserved)
+    if max(length, len(raw)) > LARGEST_FRAME:
+        raise TooLargeError(f"a frame of {max(length, len(raw))} bytes, {LARGEST_FRAME} is the most")
+    return raw
 
 
 def renumbered(raw: bytes, serial: int, reserved: int) -> bytes:
@@ -257,9 +254,15 @@ def renumbered(raw: bytes, serial: int, reserved: int) -> bytes:
     return raw[:5] + _SERIAL_RESERVED.pack(serial, reserved) + raw[9:]
 
 
-def _framed(inner: bytes, framing: Framing) -> bytes:
-    if framing is Framing.VERSION_1:
-        return inner + b"\x00"
+def _framed(plain: bytes, framing: Framing, reserved: int) -> bytes:
+    """Turn a plain frame into one that ends otherwise."""
+    numbers, inner = plain[5:9], plain[9:-1]
+    if framing is Framing.SERIAL_LINE:
+        checked = (len(plain) + 2).to_bytes(4, "little") + numbers + inner
+        return plain[:1] + checked + crc16(checked).to_bytes(2, "little") + plain[-1:]
+    if reserved != 1:
+        raise LocalProtocolError(f"reserved {reserved}: it is 1 in the framing of version 1")
+    body = inner + b"\x00"
     if framing is Framing.VERSION_1_ZLIB:
-        return len(inner).to_bytes(4, "little") + zlib.compress(inner) + b"\x01"
-    return inner
+        body = len(inner).to_bytes(4, "little") + zlib.compress(inner) + b"\x01"
+    return plain[:1] + (10 + len(body)).to_bytes(4, "little") + numbers + body + plain[-1:]

@@ -29,6 +29,9 @@ _MOST_TRIES = 16
 """Twice of what any client sends for one call, the one that tries without end left out."""
 
 
+_CHAINS = (Convention.UNKNOWN, Convention.CHAIN)
+
+
 class Defect(Flag):
     """What DENSO's C server gets wrong (orin_bcap C/src/bCAPServer/bcap_server.c), imitated on demand."""
 
@@ -64,6 +67,9 @@ class Decision(NamedTuple):
 
     verdict: Verdict
     reply: bytes | None = None
+
+
+_NEW = Decision(Verdict.NEW)
 
 
 class _Call:
@@ -143,7 +149,8 @@ class Responder:
         self._echo = replies is ReplyReserved.ECHOED
         self._largest = largest
         self._defects = defects
-        self._calls: deque[_Call] = deque(maxlen=1 if Defect.FORGETS_FIRST in defects else remembered)
+        self._forgets_first = Defect.FORGETS_FIRST in defects
+        self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
         self._running: _Call | None = None
         self._heard = False
 
@@ -163,7 +170,7 @@ class Responder:
             if not heard and self._retries and frame.serial == 0 and Defect.SERIAL_ZERO in self._defects:
                 return Decision(Verdict.REPEAT, self.reply(frame, S_OK))
             self._running = _Call(frame, content)
-            return Decision(Verdict.NEW)
+            return _NEW
         if call is self._running:
             call.asked_by(frame)
             return Decision(Verdict.RUNNING)
@@ -212,7 +219,7 @@ class Responder:
     def _find(self, frame: Frame, content: bytes) -> _Call | None:
         calls = [self._running, *self._calls] if self._running else self._calls
         serial, named = frame.serial, frame.reserved or frame.serial
-        if Defect.FORGETS_FIRST in self._defects:
+        if self._forgets_first:
             return next((call for call in calls if call.first == named), None)
         if frame.reserved and self.convention is Convention.UNKNOWN:
             self._learn(frame)
@@ -235,7 +242,7 @@ class Responder:
 
     def _chained(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
         """Find the call of a chain of which the packets between were lost or come later."""
-        if self.convention not in (Convention.UNKNOWN, Convention.CHAIN):
+        if self.convention not in _CHAINS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)
         for call in equal:

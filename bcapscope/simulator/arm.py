@@ -132,4 +132,4 @@ class Arm:
 def _between(before: tuple[int, Joints], after: tuple[int, Joints], time: int) -> Joints:
     span = after[0] - before[0]
     share = max(0.0, min(1.0, (time - before[0]) / span)) if span else 1.0
-    return tuple(a + (b - a) * share for a, b in zip(before[1], after[1], strict=True))
+    return tuple([a + (b - a) * share for a, b in zip(before[1], after[1], strict=True)])

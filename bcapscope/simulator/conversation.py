@@ -83,7 +83,8 @@ class Conversation:
         self.heard = now
         decision = self._responder.receive(frame)
         if decision.verdict is Verdict.NEW:
-            return [*self._execute(frame, now), *self._next(now)]
+            frames = self._execute(frame, now)
+            return frames + self._next(now) if self._waiting else frames
         if decision.reply is not None:
             return [decision.reply]
         if decision.verdict is Verdict.RUNNING:
@@ -120,7 +121,7 @@ class Conversation:
         self.client.leave(now)
 
     def _execute(self, frame: Frame, now: int) -> list[bytes]:
-        arguments = tuple(argument.variant for argument in frame.arguments)
+        arguments = tuple([argument.variant for argument in frame.arguments])
         self._request = (frame.code, arguments, now)
         outcome = self.client.call(frame.code, arguments, now)
         if isinstance(outcome, Answer):

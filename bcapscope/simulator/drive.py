@@ -63,6 +63,7 @@ class SlaveDrive:
         self._async_detector = async_detector
         self._queue: deque[Joints] = deque()
         self._speed: Joints = (0.0,) * 8
+        self._moving = False
         self._leaving = False
 
     @property
@@ -73,7 +74,7 @@ class SlaveDrive:
     @property
     def is_empty(self) -> bool:
         """Whether no set point waits and the last one was no motion."""
-        return not self._queue and not _moves(self._speed)
+        return not self._queue and not self._moving
 
     def enter(self, mode: SlaveMode, now: int) -> None:
         """Switch slave mode on; the arm stands."""
@@ -82,7 +83,7 @@ class SlaveDrive:
         self.taken = 0
         self.next_tick = now + PERIOD
         self._queue.clear()
-        self._speed = (0.0,) * 8
+        self._stand()
         self._leaving = False
         self._arm.follow(now)
 
@@ -132,16 +133,21 @@ class SlaveDrive:
     def _tick(self, time: int) -> int:
         here = self._arm.goal
         if not self._queue:
-            self._speed = (0.0,) * 8
+            self._stand()
             return 0 if self._leaving or not self._detects() else E_SLAVE_UNDERFLOW
         goal = self._queue.popleft()
         self.taken += 1
         speed = tuple(b - a for a, b in zip(here, goal, strict=True))
         code = self._excess(speed)
         self._speed = speed
+        self._moving = any(abs(each) > MOVING for each in speed)
         if not code:
             self._arm.step(goal, time)
         return code
+
+    def _stand(self) -> None:
+        self._speed = (0.0,) * 8
+        self._moving = False
 
     def _detects(self) -> bool:
         assert self.mode is not None
@@ -158,7 +164,3 @@ class SlaveDrive:
             if abs(speed[axis] - self._speed[axis]) > limit.acceleration * seconds**2 * _SLACK:
                 return ACCELERATION_LIMIT + axis + 1
         return 0
-
-
-def _moves(speed: Joints) -> bool:
-    return any(abs(each) > MOVING for each in speed)

@@ -59,8 +59,8 @@ def eight(values: tuple[float, ...]) -> Joints:
 
 def beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = LIMITS) -> int | None:
     """Return the first axis (1..6) that is outside of its limits, or None."""
-    for axis, (value, limit) in enumerate(zip(joints, limits, strict=False), 1):
-        if not limit.low <= value <= limit.high:
+    for axis, (value, (low, high, _, _)) in enumerate(zip(joints, limits, strict=False), 1):
+        if not low <= value <= high:
             return axis
     return None
 
@@ -145,7 +145,9 @@ def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
     return position(joints) if pose_type is PoseType.P else trans(joints)
 
 
+_SHORTEST = {PoseType.P: 6, PoseType.J: 6, PoseType.T: 9}
+
+
 def is_pose_length(pose_type: PoseType, count: int) -> bool:
     """Tell whether a set point may have so many numbers: Fig may be missing, one more may be appended."""
-    shortest = {PoseType.P: 6, PoseType.J: 6, PoseType.T: 9}[pose_type]
-    return shortest <= count <= len(AXES[pose_type]) + 1
+    return _SHORTEST[pose_type] <= count <= len(AXES[pose_type]) + 1

@@ -9,7 +9,7 @@ from __future__ import annotations
 import select
 import socket
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol, TypeAlias
 
@@ -62,13 +62,14 @@ class Answerer(Protocol):
 class _Connection:
     """A TCP client: its socket and what could not be sent yet."""
 
-    __slots__ = ("backlog", "client", "peer", "socket")
+    __slots__ = ("backlog", "blocked", "client", "peer", "socket")
 
     def __init__(self, sock: socket.socket, address: Address) -> None:
         self.socket = sock
         self.client: Address = address[:2]
         self.peer = ("tcp", address)
         self.backlog = bytearray()
+        self.blocked = False
 
 
 class Server:
@@ -95,6 +96,7 @@ class Server:
         self._connections: dict[socket.socket, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._udp, self._tcp = _listen(host, port)
+        self._arrange()
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
     def close(self) -> None:
@@ -104,7 +106,7 @@ class Server:
         self._udp.close()
         self._tcp.close()
 
-    def step(self, until: float = LONGEST_WAIT, also: Iterable[int] = ()) -> list[int]:
+    def step(self, until: float = LONGEST_WAIT, also: Sequence[int] = ()) -> list[int]:
         """Wait for one thing to do and do it.
 
         Args:
@@ -114,12 +116,8 @@ class Server:
         Returns:
             Those of `also` that can be read.
         """
-        extra = list(also)
-        # A client that does not read is not read from either.
-        listened = [sock for sock, each in self._connections.items() if not each.backlog]
-        readers: list[socket.socket | int] = [self._udp, self._tcp, *listened, *extra]
-        writers = [sock for sock, each in self._connections.items() if each.backlog]
-        readable, writable, _ = select.select(readers, writers, [], self._wait(until))
+        readers: list[socket.socket | int] = [*self._readers, *also]
+        readable, writable, _ = select.select(readers, self._writers, [], self._wait(until))
         for blocked in writable:
             self._flush(self._connections[blocked])
         for sock in readable:
@@ -130,7 +128,7 @@ class Server:
             elif isinstance(sock, socket.socket):
                 self._take_segment(sock)
         self._send(self._simulator.advance(time.monotonic_ns()))
-        return [each for each in extra if each in readable]
+        return [each for each in readable if isinstance(each, int)]
 
     def reset(self) -> None:
         """Press the pendant's Reset button."""
@@ -150,7 +148,11 @@ class Server:
                 return
             if self._tap:
                 self._tap.datagram(address[:2], self.address, data, time.time_ns())
-            self._send(take(("udp", address), data, clock()))
+            outputs = take(("udp", address), data, clock())
+            self._send(outputs)
+            # Its client has the word now; without an answer there may be more, of a flood.
+            if outputs:
+                return
 
     def _accept(self) -> None:
         with suppress(OSError):
@@ -162,6 +164,13 @@ class Server:
             sock.setblocking(False)
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._connections[sock] = self._by_peer[peer] = _Connection(sock, address)
+            self._arrange()
+
+    def _arrange(self) -> None:
+        """Say anew what is waited for: a client that does not read is not read from either."""
+        connections = self._connections.items()
+        self._writers = [sock for sock, each in connections if each.blocked]
+        self._readers = [self._udp, self._tcp, *(sock for sock, each in connections if not each.blocked)]
 
     def _take_segment(self, sock: socket.socket) -> None:
         connection = self._connections.get(sock)
@@ -194,24 +203,30 @@ class Server:
                 self._drop(connection)
             else:
                 connection.backlog += data
-                self._flush(connection)
+                if not connection.blocked:
+                    self._flush(connection)
 
     def _flush(self, connection: _Connection) -> None:
+        backlog = connection.backlog
         try:
-            sent = connection.socket.send(connection.backlog)
-            if self._tap:
-                data = bytes(connection.backlog[:sent])
-                self._tap.segment(self.address, connection.client, data, time.time_ns())
-            del connection.backlog[:sent]
+            sent = connection.socket.send(backlog)
         except BlockingIOError:
-            return
+            sent = 0
         except OSError:
             self._drop(connection)
+            return
+        if self._tap and sent:
+            self._tap.segment(self.address, connection.client, bytes(backlog[:sent]), time.time_ns())
+        del backlog[:sent]
+        if connection.blocked is not bool(backlog):
+            connection.blocked = bool(backlog)
+            self._arrange()
 
     def _drop(self, connection: _Connection) -> None:
         if self._connections.pop(connection.socket, None) is None:
             return
         del self._by_peer[connection.peer]
+        self._arrange()
         if self._tap:
             self._tap.ended(connection.client, self.address)
         self._simulator.disconnect(connection.peer, time.monotonic_ns())

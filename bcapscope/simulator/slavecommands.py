@@ -7,6 +7,7 @@ no paper says so.
 
 from __future__ import annotations
 
+from math import isfinite
 from types import MappingProxyType
 
 from bcapscope.protocol.hresult import (
@@ -33,6 +34,7 @@ PATIENCE = 500 * MS
 """How long slvChangeMode waits for the robot to stand still (DENSO Wave 2009)."""
 
 INVALID_SET_POINT = 0x83201405
+LARGEST_COORDINATE = 1e9
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
 HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
@@ -152,7 +154,7 @@ def _joints(context: Context, pose_type: PoseType, point: SetPoint) -> Joints:
         raise RefusedError(E_INVALIDARG)
     machine = context.machine
     try:
-        finite = all(abs(value) < 1e9 for value in values)
+        finite = all(map(isfinite, values)) and max(map(abs, values)) < LARGEST_COORDINATE
         joints = joints_of(pose_type, values) if finite else None
         code = INVALID_SET_POINT if joints is None else _limit(joints, context)
     except RefusedError as refusal:
