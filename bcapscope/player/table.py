@@ -25,7 +25,8 @@ HEAD = 32
 
 _PLAIN_CELLS = 60
 _SPACES = re.compile(r"\s+")
-_RETURNED, _SENT, _TABLE = "returned_", "set points of bcapscope extract", "table"
+_RETURNED = "returned_"
+_SENT, _LOG, _TABLE = "set points of bcapscope extract", "control log", "table"
 _NUMBER = re.compile(
     r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*|\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE
 )
@@ -78,17 +79,18 @@ def read_table(lines: Iterable[str], source: Source, wishes: Wishes) -> tuple[Tr
     if len(columns) < len(layout.columns):
         notes.append(f"{layout.columns[len(columns)].axis} and on are empty")
     sent = any(title.startswith(_RETURNED) for title in titles)
-    form = f"{_SENT if sent else _TABLE}, {source.form}"
-    return tuple(
-        _parts(numbers, layout, replace(source, form=form, columns=columns, notes=tuple(notes)), sent)
-    )
+    logged = layout.counter is not None and layout.counter.axis == COUNTER
+    form = f"{_SENT if sent else _LOG if logged else _TABLE}, {source.form}"
+    extra = [column for column in (layout.time, layout.counter) if column and numbers.of(column) is not None]
+    whole = replace(source, form=form, columns=(*columns, *extra), notes=tuple(notes))
+    return tuple(_parts(numbers, len(columns), layout, whole, sent))
 
 
 def _separator(head: Sequence[str]) -> str:
-    """Return what stands between cells most evenly: the tab, the semicolon, the comma, or spaces."""
+    """Return what stands between cells in most lines: the tab, the semicolon, the comma, or spaces."""
     lines = [line for line in head if line.strip() and not line.lstrip().startswith("#")]
     for mark in "\t;,":
-        if lines and all(mark in line for line in lines[-3:]):
+        if 2 * sum(mark in line for line in lines) > len(lines):
             return mark
     return " "
 
@@ -235,8 +237,8 @@ def _without_empty(columns: tuple[Column, ...], kind: PoseType, filled: Sequence
     return columns[:width]
 
 
-def _parts(numbers: _Numbers, layout: Layout, source: Source, sent: bool) -> Iterator[Trajectory]:
-    points = numbers.points[:, : len(source.columns)]
+def _parts(numbers: _Numbers, width: int, layout: Layout, source: Source, sent: bool) -> Iterator[Trajectory]:
+    points = numbers.points[:, :width]
     times, counter = numbers.of(layout.time), numbers.of(layout.counter)
     if times is not None:
         found = timing.of_sending(times) if sent else timing.of_times(times)

@@ -60,7 +60,7 @@ class Source:
         path: of the file, as it was given.
         form: what kind of file it is, in words.
         part: which of several trajectories in the file; empty where there is one.
-        columns: an element an axis in the order of `Trajectory.axes`, then that of the times if there is one.
+        columns: an element an axis in the order of `Trajectory.axes`, then those of times and counter if any.
         notes: what was assumed, left out or converted, a clause each.
     """
 

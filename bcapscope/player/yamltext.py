@@ -1,7 +1,7 @@
 """YAML as lists, dictionaries and text, without recursion, so that no nesting is too deep to be refused.
 
-PyYAML's own composer calls itself for each level, and its fast one in C runs out of stack and takes the process
-with it. Its events come one after the other; numbers and all other scalars stay text.
+PyYAML's own composer calls itself for each level, and its fast one in C runs out of stack and takes the
+process with it. Its events come one after the other; numbers and all other scalars stay text.
 """
 
 from __future__ import annotations
@@ -65,8 +65,7 @@ class _Builder:
             self._add(event.value, event)
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor not in self._anchors:
-                line = event.start_mark.line + 1
-                raise TrajectoryError(f"this is no YAML: *{event.anchor} refers to nothing", line)
+                raise TrajectoryError(f"this is no YAML: *{event.anchor} refers to nothing", _line(event))
             self._add(self._anchors[event.anchor], event)
         elif isinstance(event, yaml.CollectionStartEvent):
             node: list[Any] | dict[str, Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
@@ -74,7 +73,7 @@ class _Builder:
             self._open.append(node)
             self._keys.append(None)
             if len(self._open) > DEEPEST:
-                raise TrajectoryError(f"more than {DEEPEST} levels", event.start_mark.line + 1)
+                raise TrajectoryError(f"more than {DEEPEST} levels", _line(event))
         elif isinstance(event, yaml.CollectionEndEvent):
             self._open.pop()
             self._keys.pop()
@@ -93,3 +92,7 @@ class _Builder:
         else:
             place[self._keys[-1]] = node
             self._keys[-1] = None
+
+
+def _line(event: yaml.Event) -> int | None:
+    return event.start_mark.line + 1 if event.start_mark else None
