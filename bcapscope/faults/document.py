@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 import msgspec
 import yaml
 
-from bcapscope.faults.fault import ACTIONS, AnyFault
+from bcapscope.faults.fault import AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.traffic.filter_tokens import nearest
 
@@ -47,6 +47,20 @@ class DocumentError(ValueError):
         where = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path)
         parts = (f"line {self.line}" if self.line else "", where.removeprefix("."), self.reason)
         return ": ".join(part for part in parts if part)
+
+
+class FieldError(ValueError):
+    """Raised when a struct is made whose fields do not go together: names the one to be changed.
+
+    Attributes:
+        path: names and indexes that lead there from the struct.
+        reason: what is wrong there.
+    """
+
+    def __init__(self, path: tuple[str | int, ...], reason: str) -> None:
+        super().__init__(path, reason)
+        self.path = path
+        self.reason = reason
 
 
 class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -156,11 +170,11 @@ class _Place(NamedTuple):
 
     Attributes:
         path: names and indexes that lead there.
-        kind: of the struct that it is in, as far as it is known.
+        kinds: of the struct that it is in: one, or those that it may be.
     """
 
     path: tuple[str | int, ...]
-    kind: Any
+    kinds: tuple[type[msgspec.Struct], ...]
 
 
 def _explained(error: msgspec.ValidationError, data: object, kind: Any) -> DocumentError:
@@ -169,38 +183,65 @@ def _explained(error: msgspec.ValidationError, data: object, kind: Any) -> Docum
     reason = text[: match.start()] if match else text
     steps = _STEP.findall(match[1]) if match else []
     path: tuple[str | int, ...] = tuple(int(index) if index else name for name, index in steps)
-    place = _Place(path, _kind_at(path, data, kind))
+    if isinstance(error.__cause__, FieldError):
+        return DocumentError((*path, *error.__cause__.path), 0, error.__cause__.reason)
+    place = _Place(path, _kinds_at(path, data, kind))
     return DocumentError(path, 0, _in_words(reason, place, data))
 
 
 def _in_words(reason: str, place: _Place, data: object) -> str:
     field = _FIELD.search(reason)
-    fields = getattr(place.kind, "__struct_encode_fields__", ())
     if field and "missing" in reason:
-        hint = f", such as {' or '.join(sorted(ACTIONS))}" if field[1] == "action" else ""
+        hint = f", such as {' or '.join(sorted(_actions(place.kinds)))}" if field[1] == "action" else ""
         return f"{field[1]} is missing{hint}"
     if field:
+        fields = [name for kind in place.kinds for name in kind.__struct_encode_fields__]
         return f"there is no field {field[1]!r}{nearest(field[1], fields)}"
     last = place.path[-1] if place.path else ""
     if last == "action" and reason.startswith("Invalid value"):
         word = str(_value_at(place.path, data))
-        return f"there is no action {word!r}{nearest(word, ACTIONS)}"
+        return f"there is no action {word!r}{nearest(word, _actions(place.kinds))}"
     if reason.startswith("Invalid enum value"):
         wrong = _value_at(place.path, data)
-        return f"{wrong!r} is none of {', '.join(_choices(place.kind, str(last)))}"
+        return f"{wrong!r} is none of {', '.join(_choices(place.kinds, str(last)))}"
     return reason.replace("`", "")
 
 
-def _kind_at(path: Iterable[str | int], data: object, kind: Any) -> Any:
-    """Find the struct that a path ends in: that of the document, or the fault that names its action."""
-    found = kind
-    for step in (None, *path):
-        if step is not None:
-            data = _child(data, step)
-        action = data.get("action") if isinstance(data, dict) else None
-        if isinstance(action, str) and action in ACTIONS:
-            found = ACTIONS[action]
+def _actions(kinds: Iterable[type[msgspec.Struct]]) -> list[str]:
+    return [str(kind.__struct_config__.tag) for kind in kinds]
+
+
+def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[msgspec.Struct], ...]:
+    """List what the struct may be that a path leads into."""
+    found = _fitting(_structs(kind), data)
+    inside = found
+    for step in path:
+        data = _child(data, step)
+        if isinstance(step, str):
+            inside = tuple(one for each in found for one in _structs(_hint(each, step)))
+        if isinstance(data, dict) and inside:
+            found = _fitting(inside, data)
     return found
+
+
+def _structs(hint: Any) -> tuple[type[msgspec.Struct], ...]:
+    """List the structs in a type hint, such as those of a union or of the elements of a tuple."""
+    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
+        return (hint,)
+    return tuple(struct for part in get_args(hint) for struct in _structs(part))
+
+
+def _fitting(structs: tuple[type[msgspec.Struct], ...], data: object) -> tuple[type[msgspec.Struct], ...]:
+    """Choose the struct that the data say they are; all where they do not say."""
+    action = data.get("action") if isinstance(data, dict) else None
+    named = tuple(each for each in structs if each.__struct_config__.tag == action)
+    return named or structs
+
+
+def _hint(kind: type[msgspec.Struct], written: str) -> Any:
+    """Return the type of a field by its name in documents; None if there is no such field."""
+    names = dict(zip(kind.__struct_encode_fields__, kind.__struct_fields__, strict=True))
+    return get_type_hints(kind).get(names.get(written, ""))
 
 
 def _value_at(path: Iterable[str | int], data: object) -> object:
@@ -217,12 +258,10 @@ def _child(data: object, step: str | int) -> object:
     return None
 
 
-def _choices(kind: Any, name: str) -> list[str]:
-    written = getattr(kind, "__struct_encode_fields__", ())
-    names = dict(zip(written, getattr(kind, "__struct_fields__", ()), strict=True))
-    hint = get_type_hints(kind).get(names.get(name, ""))
-    kinds = [each for each in (hint, *get_args(hint)) if isinstance(each, type) and issubclass(each, Enum)]
-    return [str(member.value) for each in kinds for member in each]
+def _choices(kinds: Iterable[type[msgspec.Struct]], name: str) -> list[str]:
+    hints = [_hint(kind, name) for kind in kinds]
+    found = [each for hint in hints for each in (hint, *get_args(hint)) if isinstance(each, type)]
+    return [str(member.value) for each in found if issubclass(each, Enum) for member in each]
 
 
 def _line(root: yaml.Node | None, error: DocumentError) -> int:
