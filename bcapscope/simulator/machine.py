@@ -30,11 +30,12 @@ from bcapscope.simulator.refusals import (
 )
 
 MOTOR_ON_TIME = 400 * MS
-MANUAL, AUTOMATIC = 1, 3
+MANUAL, TEACH_CHECK, AUTOMATIC = 1, 2, 3
 READY, RUNNING = 2, 3
 """States of a task: ShoheiKobata/orin_bcap_python_samples, GetStatus."""
 
 ROBSLAVE = "RobSlave"
+ROBOT_TYPE = "BCAPSCOPE-SIM6"
 
 OTHER_CLIENT = 0
 """Owner of the arm who is none of the clients, which are numbered from 1: the pendant, or another network."""
@@ -70,7 +71,7 @@ class Start:
     motor: bool = False
     motor_time: int = MOTOR_ON_TIME
     speed: float = 100.0
-    type_name: str = "BCAPSCOPE-SIM6"
+    type_name: str = ROBOT_TYPE
     tasks: tuple[str, ...] = (ROBSLAVE, "Pro1")
     running: tuple[str, ...] = ()
     errors: tuple[int, ...] = ()

@@ -1,0 +1,352 @@
+"""Scenarios: what a controller is like and what goes wrong with it, as validated frozen data from YAML.
+
+A scenario is read by `read_scenario` and played by `bcapscope.simulator.stage.Stage`. The durations, limits
+and moments in those that come with bcapscope are ours; what they show is what the users of real controllers
+have met, as each of them says.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from enum import StrEnum
+from functools import reduce
+from importlib import resources
+from operator import or_
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import msgspec
+from msgspec import Meta
+
+from bcapscope.faults.document import DocumentError, FieldError, read_document
+from bcapscope.faults.fault import AnyFault
+from bcapscope.faults.quantities import Duration, ResultCode
+from bcapscope.protocol.hresult import is_failure
+from bcapscope.protocol.responder import Defect
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.simulator.event import LONGEST_NAME, AnyEvent, Joints6, Mode, Percent
+from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, beyond_limit, eight
+from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, Start
+from bcapscope.simulator.memory import Memory
+from bcapscope.simulator.outcome import RefusedError
+from bcapscope.simulator.profile import PROFILES, Profile
+from bcapscope.simulator.refusals import BAD_INDEX
+from bcapscope.simulator.simulator import MOST_CLIENTS
+from bcapscope.simulator.values import boolean, bstr, r8, row
+
+Text: TypeAlias = Annotated[str, Meta(min_length=1, max_length=2000)]
+Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
+Names: TypeAlias = Annotated[tuple[Name, ...], Meta(max_length=32)]
+Places: TypeAlias = Annotated[int, Meta(ge=0, le=MOST_CLIENTS)]
+Finite: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
+Setting: TypeAlias = bool | int | float | str | tuple[Finite, ...]
+Trouble: TypeAlias = Annotated[tuple[AnyFault | AnyEvent, ...], Meta(max_length=1000)]
+
+_VARIABLE = re.compile(r"(IO[BWDF]?|[IFDVPJTS])([0-9]{1,9})")
+_SHIPPED = "scenarios"
+
+
+class Kind(StrEnum):
+    """Profiles by their names."""
+
+    RC7 = "rc7"
+    RC8 = "rc8"
+    RC9 = "rc9"
+    CSERVER = "cserver"
+
+    @property
+    def profile(self) -> Profile:
+        """The profile."""
+        return PROFILES[self.value]
+
+
+class Defective(StrEnum):
+    """Defects of DENSO's C server."""
+
+    FORGETS_FIRST = "forgets-first"
+    SERIAL_ZERO = "serial-zero"
+
+    @property
+    def defect(self) -> Defect:
+        """As the responder has it."""
+        return Defect[self.name]
+
+
+class Over(StrEnum):
+    """Transports."""
+
+    UDP = "udp"
+    TCP = "tcp"
+
+
+class Session(StrEnum):
+    """What a client does that meets the trouble of a scenario; each goes well without it."""
+
+    CALLS = "calls"
+    """Connects, reads and writes a few variables, and says goodbye."""
+    MOTION = "motion"
+    """Also takes the arm, switches the motor on and moves, without asking for S_EXECUTING."""
+    SLAVE = "slave"
+    """Also moves to a first position with @E and sends set points in slave mode, each when the one before is
+    answered and its 8 ms are over."""
+    PASSING = "passing"
+    """The same, but with @P on the motion before slave mode."""
+    GRIPPER = "gripper"
+    """The same as SLAVE, while a second client writes an output now and then."""
+
+
+class Client(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The client that meets the trouble.
+
+    Attributes:
+        session: what it does.
+        over: what it talks over.
+        mode: of slvChangeMode.
+        options: of Service_Start.
+    """
+
+    session: Session = Session.SLAVE
+    over: Over = Over.UDP
+    mode: Annotated[int, Meta(ge=1, le=0x203)] = 0x202
+    options: Annotated[str, Meta(max_length=200)] = ",WDT=400"
+
+
+class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the controller is like when it is switched on.
+
+    Attributes:
+        joints: where the arm is, six angles in degrees.
+        mode: position of the mode switch.
+        token: whether the executable token is Ethernet's.
+        motor: whether the motor is on.
+        motor_time: how long it takes to go on.
+        speed: external speed in percent, as set on the pendant.
+        type_name: of the robot.
+        errors: that are active, the oldest first.
+        emergency: whether the emergency stop is pressed.
+        arm_taken: whether a client that is not seen has the arm.
+        udp_clients: places on UDP that half-open clients hold, of 20.
+        tcp_clients: the same on TCP.
+    """
+
+    joints: Joints6 = HOME[:6]
+    mode: Mode = Mode.AUTOMATIC
+    token: bool = True
+    motor: bool = False
+    motor_time: Duration = Duration(MOTOR_ON_TIME)
+    speed: Percent = 100.0
+    type_name: Name = ROBOT_TYPE
+    errors: Annotated[tuple[ResultCode, ...], Meta(max_length=32)] = ()
+    emergency: bool = False
+    arm_taken: bool = False
+    udp_clients: Places = 0
+    tcp_clients: Places = 0
+
+    def __post_init__(self) -> None:
+        for index, code in enumerate(self.errors):
+            if not is_failure(code):
+                raise FieldError(("errors", index), f"{code.text} is no error")
+
+
+class Tasks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Programs of the controller.
+
+    Attributes:
+        loaded: those that there are.
+        running: those of them that run.
+    """
+
+    loaded: Names = (ROBSLAVE, "Pro1")
+    running: Names = ()
+
+    def __post_init__(self) -> None:
+        loaded = {name.casefold() for name in self.loaded}
+        for index, name in enumerate(self.running):
+            if name.casefold() not in loaded:
+                raise FieldError(("running", index), f"{name} is not loaded")
+
+
+class Limit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one axis can do; what is not given stays as it is.
+
+    Attributes:
+        low: degrees.
+        high: degrees.
+        speed: degrees a second.
+        acceleration: degrees a second squared.
+    """
+
+    low: Annotated[float, Meta(ge=-360, le=360)] | None = None
+    high: Annotated[float, Meta(ge=-360, le=360)] | None = None
+    speed: Annotated[float, Meta(gt=0, le=10_000)] | None = None
+    acceleration: Annotated[float, Meta(gt=0, le=1_000_000)] | None = None
+
+    def __post_init__(self) -> None:
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise FieldError(("low",), "is above high")
+
+    def of(self, usual: AxisLimit) -> AxisLimit:
+        """Return the limits of an axis that usually has `usual`."""
+        given = {name: value for name, value in msgspec.structs.asdict(self).items() if value is not None}
+        return usual._replace(**given)
+
+
+class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the axes can do; those that are not given stay as they are."""
+
+    J1: Limit = Limit()
+    J2: Limit = Limit()
+    J3: Limit = Limit()
+    J4: Limit = Limit()
+    J5: Limit = Limit()
+    J6: Limit = Limit()
+
+    @property
+    def all(self) -> tuple[AxisLimit, ...]:
+        """The limits of all axes."""
+        given = (self.J1, self.J2, self.J3, self.J4, self.J5, self.J6)
+        return tuple(limit.of(usual) for limit, usual in zip(given, LIMITS, strict=True))
+
+
+class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A controller, and what goes wrong.
+
+    Attributes:
+        title: one sentence: what it shows.
+        story: what happens, what the controller does about it, and who has met it.
+        shows: the rule that `bcapscope diagnose` names as the first cause; None where that is left open.
+        client: that meets it.
+        profile: kind of controller.
+        defects: of DENSO's C server that it has; None for those of the profile.
+        start: what it is like at the beginning.
+        variables: values by name, such as ``I1``, ``P3`` or ``IO128``.
+        tasks: programs.
+        limits: of the axes.
+        faults: faults of messages and events, from the start on.
+        in_slave_mode: the same, from the moment on when slave mode is entered for the first time.
+        seed: of what is drawn by lot.
+    """
+
+    title: Text
+    story: Text = ""
+    shows: Name | None = None
+    client: Client = Client()
+    profile: Kind = Kind.RC8
+    defects: tuple[Defective, ...] | None = None
+    start: Beginning = Beginning()
+    variables: dict[Name, Setting] = {}
+    tasks: Tasks = Tasks()
+    limits: Limits = Limits()
+    faults: Trouble = ()
+    in_slave_mode: Trouble = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        self.fill(Memory(VT.R8))
+        self._check_names()
+        axis = beyond_limit(eight(self.start.joints), self.limits.all)
+        if axis:
+            raise FieldError(("start", "joints", axis - 1), f"J{axis} is beyond its limits")
+
+    def _check_names(self) -> None:
+        seen: set[str] = set()
+        for field in ("faults", "in_slave_mode"):
+            for index, each in enumerate(getattr(self, field)):
+                if each.name and each.name in seen:
+                    raise FieldError((field, index, "name"), f"{each.name} is the name of another one")
+                seen.add(each.name)
+
+    @property
+    def controller(self) -> Profile:
+        """The profile with the defects that it is to have."""
+        profile = self.profile.profile
+        if self.defects is None:
+            return profile
+        defects = reduce(or_, (each.defect for each in self.defects), Defect.NONE)
+        return replace(profile, defects=defects)
+
+    def beginning(self, epoch: int = 0) -> Start:
+        """Return the state of the controller at the beginning; `epoch` as in `Start`."""
+        start = self.start
+        return Start(
+            joints=eight(start.joints),
+            limits=self.limits.all,
+            mode=start.mode.number,
+            token=start.token,
+            motor=start.motor,
+            motor_time=start.motor_time,
+            speed=start.speed,
+            type_name=start.type_name,
+            tasks=self.tasks.loaded,
+            running=self.tasks.running,
+            errors=start.errors,
+            emergency=start.emergency,
+            arm_taken=start.arm_taken,
+            udp_clients=start.udp_clients,
+            tcp_clients=start.tcp_clients,
+            epoch=epoch,
+        )
+
+    def fill(self, memory: Memory) -> None:
+        """Write the variables.
+
+        Raises:
+            FieldError: there is no such variable, or the value does not fit.
+        """
+        for name, value in self.variables.items():
+            match = _VARIABLE.fullmatch(name.upper())
+            if match is None:
+                raise FieldError(("variables", name), "there is no such variable; others are I1, P3, IO128")
+            try:
+                memory.write(match[1], int(match[2]), _variant(value))
+            except RefusedError as refusal:
+                wrong = (
+                    "there is none of that number"
+                    if refusal.hresult == BAD_INDEX
+                    else "the value does not fit"
+                )
+                raise FieldError(("variables", name), wrong) from refusal
+
+
+def _variant(value: Setting) -> Variant:
+    if isinstance(value, bool):
+        return boolean(value)
+    if isinstance(value, str):
+        return bstr(value)
+    return row(VT.R8, value) if isinstance(value, tuple) else r8(value)
+
+
+def shipped() -> Mapping[str, str]:
+    """Return the YAML of the scenarios that come with bcapscope, by their names in alphabetical order."""
+    files = [each for each in resources.files("bcapscope.simulator").joinpath(_SHIPPED).iterdir()]
+    found = {each.name.removesuffix(".yaml"): each for each in files if each.name.endswith(".yaml")}
+    return {name: found[name].read_text(encoding="utf-8") for name in sorted(found)}
+
+
+def load_scenario(named: str) -> Scenario:
+    """Read a scenario that comes with bcapscope by its name, or one from a file.
+
+    Raises:
+        DocumentError: it makes no sense.
+        LookupError: there is none of that name.
+        OSError: the file cannot be read.
+    """
+    if named in shipped():
+        return read_scenario(shipped()[named])
+    if not named.endswith((".yaml", ".yml")):
+        raise LookupError(f"there is no scenario {named!r}")
+    try:
+        return read_scenario(Path(named).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise DocumentError((), 0, f"no text in UTF-8: {error.reason} at byte {error.start}") from error
+
+
+def read_scenario(text: str) -> Scenario:
+    """Read a scenario from YAML.
+
+    Raises:
+        DocumentError: it makes no sense; the error names line and field.
+    """
+    return read_document(text, Scenario)
