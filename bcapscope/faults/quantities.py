@@ -86,10 +86,8 @@ class Share(float):
 
     @property
     def text(self) -> str:
-        """As a percentage, exactly."""
-        percent = f"{self * 100:.15g}"
-        exact = "e" not in percent and float(Fraction(percent) / 100) == float(self)
-        return f"{percent}%" if exact else f"{Fraction(float(self)) * 100:.40f}".rstrip("0").rstrip(".") + "%"
+        """As a percentage, to fifteen digits behind the point."""
+        return f"{self * 100:.15f}".rstrip("0").rstrip(".") + "%"
 
 
 class Rate(float):

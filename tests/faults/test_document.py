@@ -1,0 +1,141 @@
+"""Rule files: the vocabulary, and errors that name line and field."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.faults.document import DocumentError, RuleFile, convert, fault_of, plain, read_document
+from bcapscope.faults.fault import ACTIONS, Answer, AnyFault, Delay, Drop, Rewrite
+from bcapscope.faults.notation import read_fault
+from bcapscope.faults.quantities import Condition, Duration, ResultCode, Share, Span
+from bcapscope.traffic.observation import Direction
+from tests.faults.test_notation import TABLE
+
+SAMPLE = """\
+faults:
+  - action: drop          # one in twenty
+    probability: 5%
+    direction: response
+    try: 1
+    if: command == slvMove
+  - {action: delay, time: 3ms, name: slow, for: 10 s}
+  - action: answer
+    hresult: 0x83500121
+  - action: rewrite
+    set:
+      arg[2][0]: 10
+    limit: {"arg[2]": ..90}
+"""
+
+
+def test_a_rule_file_is_read() -> None:
+    assert read_document(SAMPLE, RuleFile).faults == (
+        Drop(
+            probability=Share(0.05),
+            direction=Direction.RESPONSE,
+            attempt=1,
+            when=Condition.read("command == slvMove"),
+        ),
+        Delay(time=Duration(3_000_000), name="slow", lasts=Duration(10_000_000_000)),
+        Answer(hresult=ResultCode(0x83500121)),
+        Rewrite(set={"arg[2][0]": 10}, limit={"arg[2]": Span.read("..90")}),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        (
+            "faults:\n  - action: delay\n    time: 3\n",
+            "line 3: faults[0].time: 3 is no duration, such as 3ms",
+        ),
+        ("faults:\n  - action: delay\n", "line 2: faults[0]: time is missing"),
+        (
+            "faults:\n  - action: dely\n",
+            "line 2: faults[0].action: there is no action 'dely', did you mean 'delay'?",
+        ),
+        ("faults:\n  - time: 3ms\n", "line 2: faults[0]: action is missing, such as answer or"),
+        (
+            "faults:\n  - action: drop\n    name: x\n    tims: 3\n",
+            "line 4: faults[0]: there is no field 'tims', did you mean 'times'?",
+        ),
+        ("faults:\n  - action: drop\n    times: 0\n", "line 3: faults[0].times: Expected int >= 1"),
+        (
+            "faults:\n  - action: drop\n    direction: reply\n",
+            "line 3: faults[0].direction: 'reply' is none of request, response",
+        ),
+        (
+            "faults:\n  - action: drop\n    if: comand == 1\n",
+            "line 3: faults[0].if: there is no field 'comand', did you mean 'command'?\n  comand == 1\n  ^",
+        ),
+        ("faults:\n  - action: rewrite\n    set: {arg: 1}\n", "line 2: faults[0]: 'arg' is no argument"),
+        ("fault: []\n", "line 1: there is no field 'fault', did you mean 'faults'?"),
+        ("faults: 5\n", "line 1: faults: Expected array, got int"),
+        ("5\n", "line 1: Expected object, got int"),
+        ("", "line 1: Expected object, got null"),
+        ("faults: [\n", "line 2: "),
+        ("faults: &a []\nb: *a\n", "line 2: anchors are not read"),
+        ("faults: []\nfaults: []\n", "line 2: 'faults' stands here twice"),
+        ("? [a]\n: 1\n", "line 1: a key is one word"),
+        ("faults: []\n---\nfaults: []\n", "line 2: but found another document"),
+        ("\x00", "no YAML: "),
+        ("faults: !!python/object:os.system []\n", "line 1: could not determine a constructor"),
+        ("faults: " + "[" * 5000, "no YAML: "),
+        ("x" * (1 << 20) + "x", "longer than 1048576 characters"),
+    ],
+)
+def test_errors_name_line_and_field(text: str, error: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        read_document(text, RuleFile)
+    assert str(caught.value).startswith(error)
+
+
+class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A document of another kind that has faults in it."""
+
+    wait: Duration
+    faults: tuple[AnyFault, ...] = ()
+
+
+def test_other_documents_have_faults_and_quantities_too() -> None:
+    scene = read_document("wait: 5ms\nfaults: [{action: pass}]", Scene)
+    assert (scene.wait, scene.faults[0].action) == (5_000_000, "pass")
+    with pytest.raises(DocumentError, match=r"line 2: wait: 'x' is no duration"):
+        read_document("faults: []\nwait: x", Scene)
+
+
+@pytest.mark.parametrize("text", [text for text, _ in TABLE])
+def test_plain_data_becomes_the_same_fault(text: str) -> None:
+    fault = read_fault(text)
+    assert fault_of(plain(fault)) == fault
+
+
+def test_the_table_has_every_action() -> None:
+    assert {read_fault(text).action for text, _ in TABLE} == set(ACTIONS)
+
+
+@given(
+    st.recursive(
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats()
+        | st.sampled_from([*ACTIONS, "5%", "3ms", "action", "x"]),
+        lambda inner: (
+            st.lists(inner, max_size=3)
+            | st.dictionaries(
+                st.sampled_from(["action", "faults", "if", "set", "time", "name", "hresult"]),
+                inner,
+                max_size=4,
+            )
+        ),
+    )
+)
+def test_any_data_is_taken_or_refused(data: object) -> None:
+    with suppress(DocumentError):
+        assert len(convert({"faults": [data]}, RuleFile).faults) == 1

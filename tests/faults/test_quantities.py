@@ -1,0 +1,132 @@
+"""Durations, shares, rates, codes, conditions and spans: read, refused, and written back."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.faults.quantities import Condition, Duration, Rate, ResultCode, Share, Span, read_path
+from bcapscope.protocol.hresult import E_ACCESSDENIED, E_FAIL
+from bcapscope.traffic.filters import FilterError
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "value"),
+    [
+        (Duration, "3ms", 3_000_000),
+        (Duration, "1.5 s", 1_500_000_000),
+        (Duration, "200us", 200_000),
+        (Duration, "7µs", 7000),
+        (Duration, "12ns", 12),
+        (Duration, 0, 0),
+        (Share, "5%", 0.05),
+        (Share, "0.1 %", 0.001),
+        (Share, 0.25, 0.25),
+        (Share, 1, 1.0),
+        (Rate, "64kbit/s", 8000.0),
+        (Rate, "8kB/s", 8000.0),
+        (Rate, "1.5Mbit/s", 187_500.0),
+        (Rate, "100B/s", 100.0),
+        (ResultCode, "E_FAIL", E_FAIL),
+        (ResultCode, "e_accessdenied", E_ACCESSDENIED),
+        (ResultCode, "0x80004005", E_FAIL),
+        (ResultCode, -2147467259, E_FAIL),
+        (ResultCode, "-2147467259", E_FAIL),
+    ],
+)
+def test_reading(kind: Any, written: object, value: float) -> None:
+    assert kind.read(written) == value
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "reason"),
+    [
+        (Duration, 3, "3 is no duration, such as 3ms"),
+        (Duration, True, "True is no duration"),
+        (Duration, "3", "is no duration"),
+        (Duration, "3 min", "is no duration"),
+        (Duration, "-3ms", "is no duration"),
+        (Duration, "99999999999s", "is longer than a year"),
+        (Duration, None, "is no duration"),
+        (Share, "5", "is no percentage"),
+        (Share, "101%", "is not within 0% and 100%"),
+        (Share, math.nan, "is not within 0% and 100%"),
+        (Share, True, "is no percentage"),
+        (Rate, "64", "is no rate"),
+        (Rate, "0B/s", "less than a byte a second"),
+        (Rate, 64, "is no rate"),
+        (ResultCode, "E_FAL", "did you mean 'E_FAIL'"),
+        (ResultCode, 1 << 32, "is no HRESULT"),
+        (ResultCode, 1.5, "is no HRESULT"),
+        (Condition, 5, "is no filter"),
+        (Condition, "comand == 1", "did you mean 'command'"),
+        (Span, "5", "is no span"),
+        (Span, "..", "is no span"),
+        (Span, "9..1", "nothing is within"),
+        (Span, "a..b", "is no span"),
+        (Span, "e..", "is no span"),
+        (Duration, "x" * 1000, "…"),
+    ],
+)
+def test_refusing(kind: Any, written: object, reason: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(reason)):
+        kind.read(written)
+
+
+def test_a_condition_has_the_error_of_its_filter() -> None:
+    with pytest.raises(FilterError):
+        Condition.read("comand == 1")
+    assert Condition.read(True).text == "true"
+
+
+@pytest.mark.parametrize(
+    ("path", "indexes"), [("arg[0]", (0,)), ("arg[2][0]", (2, 0)), ("arg[65535][1][2]", (65535, 1, 2))]
+)
+def test_a_path_is_read(path: str, indexes: tuple[int, ...]) -> None:
+    assert read_path(path) == indexes
+
+
+@pytest.mark.parametrize("path", ["arg", "arg[]", "arg[-1]", "arg[1", "x[1]", "arg[1]x", "arg" + "[1]" * 9])
+def test_what_is_no_path_is_refused(path: str) -> None:
+    with pytest.raises(ValueError, match="is no argument, such as"):
+        read_path(path)
+
+
+def test_a_span_holds_numbers_back_and_what_is_no_number_too() -> None:
+    span = Span.read("-90..90")
+    assert [span.clamp(number) for number in (-91, -90, 0, 90.5, math.inf)] == [-90, -90, 0, 90, 90]
+    assert span.clamp(math.nan) == -90
+    assert Span.read("..5").clamp(math.nan) == 5
+    assert Span.read("5..").clamp(-math.inf) == 5
+
+
+@given(st.integers(0, 10**9 * 86_400 * 365))
+def test_durations_are_written_back(value: int) -> None:
+    assert Duration.read(Duration(value).text) == value
+
+
+@given(st.floats(0, 1))
+def test_shares_are_written_back(value: float) -> None:
+    assert math.isclose(Share.read(Share(value).text), value, abs_tol=1e-15)
+
+
+@given(st.integers(0, 0xFFFFFFFF))
+def test_codes_are_written_back(value: int) -> None:
+    assert ResultCode.read(ResultCode(value).text) == value
+
+
+@given(st.integers(8, 10**12))
+def test_rates_are_written_back(bits: int) -> None:
+    rate = Rate(bits / 8)
+    assert Rate.read(rate.text) == rate
+
+
+@given(st.floats(-1e9, 1e9), st.floats(0, 1e9), st.sampled_from(["both", "low", "high"]))
+def test_spans_are_written_back(low: float, width: float, ends: str) -> None:
+    span = Span(-math.inf if ends == "high" else low, math.inf if ends == "low" else low + width)
+    assert Span.read(span.text) == span
