@@ -11,14 +11,21 @@ import pytest
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.hextext import read_hex_text
 from bcapscope.capture.observer import Observer
+from bcapscope.player.limits import simulator_limits
+from bcapscope.player.preflight import check
+from bcapscope.player.reading import read
+from bcapscope.player.resampling import resample
 from bcapscope.protocol.frame import Frame, Malformed
+from bcapscope.simulator.kinematics import HOME, pose_of
 from bcapscope.traffic.observation import Direction, Observation, Transport
 from tests.samples.catalogue import SAMPLES, files
 from tests.samples.guide import DUMPS
 
+PERIOD = 0.008
 FOLDER = Path(__file__).parents[1] / "captures"
 MADE = files()
-CAPTURES = [sample.name for sample in SAMPLES if not sample.name.endswith(".txt")]
+WAYS = [sample.name for sample in SAMPLES if sample.name.endswith((".csv", ".yaml"))]
+CAPTURES = [sample.name for sample in SAMPLES if not sample.name.endswith((".txt", ".csv", ".yaml"))]
 DAMAGED = {"damaged-dumps.pcap", "malformed.pcapng", "tcp-gap.pcap"}
 
 
@@ -60,6 +67,17 @@ def test_sound_samples_have_no_problem(name: str) -> None:
     assert all(talk.side_known_by == "port 5007" for talk in observer.conversations)
     times = [seen.time for seen in observations]
     assert times == sorted(times)
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_the_simulated_arm_can_go_each_way(name: str) -> None:
+    (way,) = read(FOLDER / name)
+    if way.period != PERIOD:
+        way = resample(way, PERIOD)
+    preflight = check(way, PERIOD, simulator_limits(), present=pose_of(way.kind, HOME), axis_count=6)
+    assert preflight.is_fit
+    found = {finding.check for finding in preflight.findings}
+    assert found == ({"first-point"} if name == "half-circle-positions.csv" else set())
 
 
 def test_the_session_is_whole() -> None:

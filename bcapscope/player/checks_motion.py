@@ -36,7 +36,7 @@ class Figures(NamedTuple):
         speed: largest, a second.
         acceleration: largest, a second squared, rest before the first and after the last point counted.
         fastest: number of the set point that the fastest step leads to, from 1.
-        limit: of the axis.
+        limit: of the axis, infinite where it is not known.
     """
 
     axis: Axis
@@ -171,7 +171,7 @@ def _figures(case: Case, motion: Motion, place: int) -> Figures:
         speed=float(speeds[fastest]),
         acceleration=float(np.abs(motion.accelerations[:, place]).max()),
         fastest=fastest % len(case.trajectory) + 1,
-        limit=case.limits.of(axis.name, axis.unit),
+        limit=case.limits.told(axis.name),
     )
 
 

@@ -46,9 +46,13 @@ class Limits:
     axes: Mapping[str, AxisLimit] = field(default_factory=dict)
     to_joints: ToJoints | None = None
 
+    def told(self, name: str) -> AxisLimit:
+        """Return what is known of an axis, infinite where nothing is."""
+        return self.axes.get(name, _NOTHING)
+
     def of(self, name: str, unit: str) -> AxisLimit:
-        """Return the limits of an axis; where its speed is not known, `FASTEST`."""
-        known = self.axes.get(name, _NOTHING)
+        """Return the limits of an axis to keep; where its speed is not known, `FASTEST`."""
+        known = self.told(name)
         return known if known.speed < inf else known._replace(speed=FASTEST.get(unit, inf))
 
     def knows(self, name: str) -> bool:

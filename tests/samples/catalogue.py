@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from tests.samples import guide, slave, tcp, trouble
+from tests.samples import guide, slave, tcp, trouble, ways
 
 _GUIDE = "DENSO Wave 2009, How to use the Slave mode/b-CAP"
 _OWN = "made up"
 
 _HEAD = """\
-# Sample captures
+# Sample captures and trajectories
 
 One scenario each. All are made by `python -m tests.samples`, this page too, and a test holds them to it: the
 same code gives the same bytes. None was recorded in a plant. Frames and values of the guide (DENSO Wave 2009,
@@ -128,6 +128,36 @@ SAMPLES: tuple[Sample, ...] = (
         "pcapng, ns, a comment on each packet; UDP",
         _OWN,
         trouble.malformed,
+    ),
+    Sample(
+        "swing-joints.csv",
+        "joints that swing out and back in 4 s, from where the simulator's arm stands at first; begins and "
+        "ends at rest, within its limits",
+        "CSV as of `bcapscope extract`, 8 ms",
+        _OWN,
+        ways.joints,
+    ),
+    Sample(
+        "half-circle-positions.csv",
+        "positions on half a circle, there and back in 4 s, within the simulator's limits, away from where "
+        "its arm stands at first",
+        "CSV as of `bcapscope extract`, 8 ms",
+        _OWN,
+        ways.positions,
+    ),
+    Sample(
+        "control-log.csv",
+        "the swing at double speed as a controller would log it, set points and encoder values",
+        "CSV of a control log, Shift-JIS, 39 columns, a counter in ms",
+        f"{_OWN} with the titles of ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py",
+        ways.control_log,
+    ),
+    Sample(
+        "joint-trajectory.yaml",
+        "five way-points in radians, joints listed in another order, not evenly timed: to be resampled",
+        "JointTrajectory of ROS 2 as YAML",
+        _OWN,
+        ways.joint_trajectory,
     ),
 )
 

@@ -1,0 +1,189 @@
+"""What a file was read as, and the pre-flight, for people and for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import isfinite
+
+import orjson
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.speech import counted
+from bcapscope.player.checks_motion import Figures
+from bcapscope.player.finding import Finding
+from bcapscope.player.preflight import Preflight
+from bcapscope.player.trajectory import Column, Trajectory
+from bcapscope.render.columns import columns, wrapped
+from bcapscope.render.escape import printable
+from bcapscope.render.palette import PLAIN, Palette
+
+NARROWEST, WIDEST = 40, 120
+"""Columns that text is wrapped to at least and at most."""
+
+_LONGEST_TITLE = 40
+
+
+def trajectory_line(number: int, trajectory: Trajectory) -> str:
+    """Write one of several trajectories in a line, to choose from."""
+    part = printable(trajectory.source.part) or "all of it"
+    return f"{number}: {part}, {_size(trajectory)}"
+
+
+def source_lines(trajectory: Trajectory) -> Iterator[str]:
+    """Yield what a file was read as: size, interval, the column of each axis with its unit, and notes."""
+    source = trajectory.source
+    yield printable(f"{source.path}: {source.form}{f', {source.part}' if source.part else ''}")
+    yield f"  {_size(trajectory)}, {_interval(trajectory)}"
+    if source.columns:
+        rows = [(column.axis, "from", _place(column), _unit(column)) for column in source.columns]
+        yield from (f"  {line}" for line in columns(rows, "<<<<"))
+    for note in source.notes:
+        yield f"  {printable(note)}"
+
+
+class PreflightRenderer:
+    """Writes a pre-flight as text."""
+
+    def __init__(self, palette: Palette = PLAIN, width: int = 100) -> None:
+        self._palette = palette
+        self._width = min(max(width, NARROWEST), WIDEST)
+
+    def lines(self, preflight: Preflight) -> Iterator[str]:
+        """Yield a table of what each axis does, the findings, and one line that sums up."""
+        if preflight.figures:
+            yield from columns(
+                [
+                    ("axis", "from", "to", "step", "speed", "acceleration", "fastest"),
+                    *map(_row, preflight.figures),
+                ],
+                "<>>>>>>",
+            )
+            yield ""
+        for finding in preflight.findings:
+            yield from self._finding(finding)
+        yield self._verdict(preflight)
+
+    def _verdict(self, preflight: Preflight) -> str:
+        color = self._palette
+        size = f"{counted(len(preflight.trajectory), 'set point')}, {preflight.seconds:.3f} s"
+        if not preflight.is_fit:
+            return f"{color.bad}not fit to play{color.reset}: {size}, limits of {preflight.whose}"
+        move = ", after a slow Move to the first point" if preflight.needs_move else ""
+        return f"{color.good}fit to play{color.reset}{move}: {size}, limits of {preflight.whose}"
+
+    def _finding(self, finding: Finding) -> Iterator[str]:
+        color = self._palette
+        shade = color.problem if finding.severity is Severity.ERROR else color.name
+        head = f"{finding.severity} {finding.check}:"
+        first, *rest = wrapped(f"{head} {printable(finding.sentence)}{_points(finding)}", self._width - 2)
+        yield f"{shade}{head}{color.reset}{first.removeprefix(head)}"
+        yield from (f"  {line}" for line in rest)
+        if finding.advice:
+            advice = wrapped(f"what to do: {finding.advice}", self._width - 2)
+            yield from (f"  {color.good}{line}{color.reset}" for line in advice)
+
+
+def preflight_record(preflight: Preflight) -> bytes:
+    """Write a pre-flight as a JSON object; strings are escaped as on a terminal, infinite limits are null."""
+    trajectory, source = preflight.trajectory, preflight.trajectory.source
+    return orjson.dumps(
+        {
+            "path": printable(source.path),
+            "form": printable(source.form),
+            "part": printable(source.part),
+            "type": trajectory.kind.value,
+            "set_points": len(trajectory),
+            "period_ms": None if trajectory.period is None else trajectory.period * 1000,
+            "columns": [_column(column) for column in source.columns],
+            "notes": [printable(note) for note in source.notes],
+            "cycle_ms": preflight.period * 1000,
+            "seconds": preflight.seconds,
+            "limits_of": preflight.whose,
+            "fit": preflight.is_fit,
+            "needs_move": preflight.needs_move,
+            "distance": preflight.distance,
+            "axes": [_axis(figures) for figures in preflight.figures],
+            "findings": [_record(finding) for finding in preflight.findings],
+        }
+    )
+
+
+def _size(trajectory: Trajectory) -> str:
+    names = [axis.name for axis in trajectory.axes]
+    axes = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+    return f"{counted(len(trajectory), 'set point')}, {trajectory.kind} type, {axes}"
+
+
+def _interval(trajectory: Trajectory) -> str:
+    if trajectory.period is not None:
+        return f"one each {trajectory.period * 1000:.6g} ms"
+    return "interval not told" if trajectory.times is None else "with times that are not even"
+
+
+def _place(column: Column) -> str:
+    title = printable(column.name[:_LONGEST_TITLE])
+    place = f"column {column.place}" if column.place else ""
+    return f"{place}, {title}" if place and title else place or title
+
+
+def _unit(column: Column) -> str:
+    return f"in {column.unit}" if column.unit else ""
+
+
+def _row(figures: Figures) -> Sequence[str]:
+    name, unit = figures.axis
+    return (
+        name,
+        f"{figures.low:.3f}",
+        f"{figures.high:.3f} {unit}",
+        f"{figures.step:.4f} {unit}",
+        f"{_of(figures.speed, figures.limit.speed)} {unit}/s",
+        f"{_of(figures.acceleration, figures.limit.acceleration)} {unit}/s²",
+        f"at {figures.fastest}",
+    )
+
+
+def _of(value: float, limit: float) -> str:
+    return f"{value:.1f} of {limit:.0f}" if isfinite(limit) else f"{value:.1f}"
+
+
+def _points(finding: Finding) -> str:
+    if not finding.points or finding.count < 1:
+        return ""
+    more = ", …" if finding.count > len(finding.points) else ""
+    return f" (set point{'' if finding.count == 1 else 's'} {', '.join(map(str, finding.points))}{more})"
+
+
+def _column(column: Column) -> dict[str, object]:
+    return {
+        "axis": column.axis,
+        "column": column.place,
+        "title": printable(column.name),
+        "unit": column.unit,
+        "factor": column.factor,
+    }
+
+
+def _axis(figures: Figures) -> dict[str, object]:
+    return {
+        "axis": figures.axis.name,
+        "unit": figures.axis.unit,
+        "low": figures.low,
+        "high": figures.high,
+        "step": figures.step,
+        "speed": figures.speed,
+        "acceleration": figures.acceleration,
+        "fastest": figures.fastest,
+        "limits": figures.limit._asdict(),
+    }
+
+
+def _record(finding: Finding) -> dict[str, object]:
+    return {
+        "check": finding.check,
+        "severity": finding.severity.value,
+        "sentence": printable(finding.sentence),
+        "advice": finding.advice,
+        "points": finding.points,
+        "count": finding.count,
+    }
