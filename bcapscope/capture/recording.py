@@ -1,8 +1,7 @@
 """Writing what passes a socket as a capture: raw IP packets in pcapng, which other tools read as well.
 
 A socket shows neither IP nor transport headers; they are made up around the bytes, with the real addresses
-and ports. TCP segments are those that the socket took or gave, without handshake and acknowledgements.
-Format: draft-ietf-opsawg-pcapng; link type RAW (101), times in nanoseconds.
+and ports. TCP segments are those that the socket took or gave, without acknowledgements.
 """
 
 from __future__ import annotations
@@ -12,74 +11,140 @@ import struct
 from io import RawIOBase
 from typing import BinaryIO
 
+from bcapscope.capture.packet import Interface
+from bcapscope.capture.packetfile import PacketWriter
+
 Address = tuple[str, int]
 """IP address as text, and port."""
 
-_RAW, _SNAP_LENGTH = 101, 0
+RAW = 101
+"""Link type of packets that begin with their IP header."""
+
+_NOWHERE = Interface(RAW)
 _UDP, _TCP = 17, 6
-_PUSH_ACK = 0x18
-_SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
-_NANOSECONDS = struct.pack("<HHB3x", 9, 1, 9) + struct.pack("<HH", 0, 0)
+_FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
 _MOST_BYTES = 60_000
 """Of a TCP segment; longer ones become several packets."""
 
+_MOST_WAYS = 4096
+"""Pairs of hosts whose addresses are kept packed."""
+
+_IPV4 = struct.Struct(">BBHHHBBH8s")
+_IPV6 = struct.Struct(">IHBB32s")
+_DATAGRAM = struct.Struct(">HHHH")
+_SEGMENT = struct.Struct(">HHIIHHHH")
+
 
 class Recording:
-    """A capture that is being written, a packet at a time."""
+    """A capture that is being written, a packet at a time.
+
+    Times are ns since 1970; `where` is the interface, which has a name for people; `comment` is shown with
+    the packet.
+    """
 
     def __init__(self, file: BinaryIO | RawIOBase) -> None:
         """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
-        self._file = file
         self._sequence: dict[tuple[Address, Address], int] = {}
-        interface = struct.pack("<HHI", _RAW, 0, _SNAP_LENGTH) + _NANOSECONDS
-        file.write(_block(0x0A0D0D0A, _SECTION) + _block(1, interface))
+        self._ways: dict[tuple[str, str], _Way] = {}
+        self._packets = PacketWriter(file)
 
-    def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Write a UDP datagram; `time` is ns since 1970."""
-        header = struct.pack(">HHHH", source[1], target[1], 8 + len(data), 0)
-        self._write(_packet(source, target, _UDP, header + data), time)
+    def go_on(self, file: BinaryIO | RawIOBase) -> None:
+        """Write what follows to another file, which can be read without the first."""
+        self._packets = PacketWriter(file)
 
-    def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Write bytes of a TCP connection; `time` is ns since 1970."""
+    def datagram(
+        self,
+        source: Address,
+        target: Address,
+        data: bytes,
+        time: int,
+        *,
+        where: Interface = _NOWHERE,
+        comment: str = "",
+    ) -> None:
+        """Write a UDP datagram."""
+        head = _DATAGRAM.pack(source[1], target[1], 8 + len(data) & 0xFFFF, 0)
+        packet = b"".join((self._ip(source, target, _UDP, 8 + len(data)), head, data))
+        self._packets.write((time, packet, len(packet), where, (comment,) if comment else ()))
+
+    def segment(
+        self,
+        source: Address,
+        target: Address,
+        data: bytes,
+        time: int,
+        *,
+        where: Interface = _NOWHERE,
+        comment: str = "",
+    ) -> None:
+        """Write bytes of a TCP connection."""
         for start in range(0, len(data), _MOST_BYTES):
             piece = data[start : start + _MOST_BYTES]
-            sent = self._sequence.get((source, target), 1)
-            heard = self._sequence.get((target, source), 1)
-            self._sequence[source, target] = (sent + len(piece)) & 0xFFFFFFFF
-            flags = 5 << 12 | _PUSH_ACK
-            header = struct.pack(">HHIIHHHH", source[1], target[1], sent, heard, flags, 65535, 0, 0)
-            self._write(_packet(source, target, _TCP, header + piece), time)
+            packet = self._segment(source, target, _PUSH | _ACK, piece)
+            self._packets.write((time, packet, len(packet), where, (comment,) if comment else ()))
+
+    def opened(self, client: Address, server: Address, time: int, *, where: Interface = _NOWHERE) -> None:
+        """Write that a TCP connection was made, as the three packets that this takes."""
+        self._sequence[client, server] = self._sequence[server, client] = 0
+        self._bare(client, server, _SYN, time, where)
+        self._bare(server, client, _SYN | _ACK, time, where)
+        self._bare(client, server, _ACK, time, where)
+
+    def finished(
+        self, source: Address, target: Address, time: int, *, where: Interface = _NOWHERE, reset: bool = False
+    ) -> None:
+        """Write that an end of a TCP connection sends nothing more, or has broken it off."""
+        self._bare(source, target, _ACK | (_RST if reset else _FIN), time, where)
 
     def ended(self, client: Address, server: Address) -> None:
         """Forget a connection that is gone."""
         self._sequence.pop((client, server), None)
         self._sequence.pop((server, client), None)
 
-    def _write(self, packet: bytes, time: int) -> None:
-        head = struct.pack("<IIIII", 0, time >> 32, time & 0xFFFFFFFF, len(packet), len(packet))
-        self._file.write(_block(6, head + packet.ljust(len(packet) + 3 & ~3, b"\0")))
+    def _bare(self, source: Address, target: Address, flags: int, time: int, where: Interface) -> None:
+        """Write a segment without bytes; SYN and FIN count as one."""
+        packet = self._segment(source, target, flags, b"")
+        self._packets.write((time, packet, len(packet), where, ()))
+        if flags & (_SYN | _FIN):
+            self._sequence[source, target] = self._sequence.get((source, target), 1) + 1 & 0xFFFFFFFF
+
+    def _segment(self, source: Address, target: Address, flags: int, data: bytes) -> bytes:
+        sent = self._sequence.get((source, target), 1)
+        heard = self._sequence.get((target, source), 1) if flags & _ACK else 0
+        self._sequence[source, target] = (sent + len(data)) & 0xFFFFFFFF
+        head = _SEGMENT.pack(source[1], target[1], sent, heard, 5 << 12 | flags, 65535, 0, 0)
+        return b"".join((self._ip(source, target, _TCP, 20 + len(data)), head, data))
+
+    def _ip(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
+        """Make the IP header before so many bytes."""
+        way = self._ways.get((source[0], target[0]))
+        if way is None:
+            if len(self._ways) >= _MOST_WAYS:
+                self._ways.clear()
+            way = self._ways[source[0], target[0]] = _Way(source[0], target[0])
+        return way.header(protocol, size)
 
 
-def _block(kind: int, body: bytes) -> bytes:
-    size = struct.pack("<I", 12 + len(body))
-    return struct.pack("<I", kind) + size + body + size
+class _Way:
+    """From one host to another: what their IP headers have in common; IPv6 where one of them is."""
+
+    def __init__(self, source: str, target: str) -> None:
+        ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
+        wide = any(end.version == 6 for end in ends)
+        self._addresses = b"".join(_mapped(end) if wide else end.packed for end in ends)
+        self._sum = sum(struct.unpack(f">{len(self._addresses) // 2}H", self._addresses))
+
+    def header(self, protocol: int, size: int) -> bytes:
+        """Return the header before so many bytes."""
+        if len(self._addresses) > 8:
+            return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, self._addresses)
+        length = 20 + size & 0xFFFF
+        total = self._sum + 0x4500 + length + 0x4000 + (64 << 8 | protocol)  # the checksum of RFC 791
+        total = (total & 0xFFFF) + (total >> 16)
+        checksum = ~(total + (total >> 16)) & 0xFFFF
+        return _IPV4.pack(0x45, 0, length, 0, 0x4000, 64, protocol, checksum, self._addresses)
 
 
-def _packet(source: Address, target: Address, protocol: int, payload: bytes) -> bytes:
-    """Put an IP header before `payload`; IPv6 where one of the addresses is."""
-    ends = [ipaddress.ip_address(address.partition("%")[0]) for address, _ in (source, target)]
-    if any(end.version == 6 for end in ends):
-        head = struct.pack(">IHBB", 6 << 28, len(payload), protocol, 64)
-    else:
-        head = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(payload), 0, 0x4000, 64, protocol, 0)
-    whole = head + b"".join(end.packed for end in ends)
-    if len(head) == 12:
-        whole = whole[:10] + _checksum(whole).to_bytes(2, "big") + whole[12:]
-    return whole + payload
-
-
-def _checksum(header: bytes) -> int:
-    """Return the checksum of an IPv4 header whose own is 0 (RFC 791)."""
-    total: int = sum(struct.unpack(f">{len(header) // 2}H", header))
-    total = (total & 0xFFFF) + (total >> 16)
-    return ~(total + (total >> 16)) & 0xFFFF
+def _mapped(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bytes:
+    """Return 16 bytes; an IPv4 address is mapped (RFC 4291, 2.5.5.2)."""
+    return address.packed if address.version == 6 else bytes(10) + b"\xff\xff" + address.packed

@@ -5,13 +5,12 @@ from __future__ import annotations
 import io
 import sys
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO, cast
 
 import click
 
-from bcapscope.capture.counts import Counts
 from bcapscope.capture.file import CaptureFile, open_capture
 from bcapscope.capture.live import open_live
 from bcapscope.capture.observer import Observer
@@ -22,6 +21,8 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import Output, narrate
 from bcapscope.cli.progress import Progress
 from bcapscope.errors import CaptureError
+from bcapscope.render.call import counted
+from bcapscope.render.counts import counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 
@@ -98,7 +99,7 @@ class Reading:
     def summary(self) -> None:
         """Tell on stderr what was read, what could not be, and which servers had to be worked out."""
         if self._pasted is not None:
-            narrate(f"{_number(len(self._pasted.observations), 'packet')} found in the text")
+            narrate(f"{counted(len(self._pasted.observations), 'packet')} found in the text")
             return
         self._progress.done()
         for trouble in self._troubles:
@@ -110,8 +111,8 @@ class Reading:
         if len(told) > _MOST_SIDES_TOLD:
             narrate(f"… and {len(told) - _MOST_SIDES_TOLD} more servers told by what was said")
         if self._lost:
-            narrate(f"{_number(self._lost, 'packet')} lost: there was no room for more")
-        narrate(_counted(self._observer.counts))
+            narrate(f"{counted(self._lost, 'packet')} lost: there was no room for more")
+        narrate(counts_text(self._observer.counts))
 
     def _read_text(self, path: str) -> Pasted:
         try:
@@ -177,32 +178,3 @@ class _StandardInput:
 
     def close(self) -> None:
         """Leave standard input to the interpreter."""
-
-
-def _counted(counts: Counts) -> str:
-    return f"{_number(counts.frames, 'frame')} in {_number(counts.packets, 'packet')}" + "".join(
-        f"; {text}" for text in _oddities(counts)
-    )
-
-
-def _oddities(counts: Counts) -> Iterable[str]:
-    if counts.malformed:
-        yield f"{counts.malformed} malformed"
-    if counts.gaps:
-        yield f"{_number(counts.gaps, 'gap')} of {_number(counts.missing, 'byte')} in all"
-    if counts.not_bcap + counts.not_ip:
-        yield f"{_number(counts.not_bcap + counts.not_ip, 'packet')} of other protocols"
-    if counts.cut:
-        yield f"{_number(counts.cut, 'packet')} cut short by the capture"
-    if counts.broken:
-        yield f"{_number(counts.broken, 'packet')} with damaged headers"
-    if counts.fragments_lost:
-        yield f"{_number(counts.fragments_lost, 'datagram')} with missing fragments"
-    if counts.contradictions:
-        yield f"{_number(counts.contradictions, 'TCP segment')} sent again with other bytes"
-    for link, count in sorted(counts.unknown_links.items()):
-        yield f"{_number(count, 'packet')} of link type {link}, which is not known here"
-
-
-def _number(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

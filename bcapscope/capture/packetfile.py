@@ -1,0 +1,94 @@
+"""Writing packets as pcapng (draft-ietf-opsawg-pcapng), with the notes that people made on them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping
+from io import RawIOBase
+from typing import BinaryIO
+
+from bcapscope.capture.packet import Interface, Packet
+
+_SECTION_BLOCK, _INTERFACE_BLOCK, _PACKET_BLOCK = 0x0A0D0D0A, 1, 6
+_SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
+_COMMENT, _NAME, _RESOLUTION = 1, 2, 9
+_END = struct.pack("<HH", 0, 0)
+_NANOSECONDS = b"\x09"
+_LONGEST_OPTION = 65535
+
+
+class PacketWriter:
+    """A capture that is being written, a packet at a time; each interface is described before its first."""
+
+    def __init__(self, file: BinaryIO | RawIOBase) -> None:
+        """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
+        self._file = file
+        self._interfaces: dict[Interface, int] = {}
+        file.write(_block(_SECTION_BLOCK, _SECTION))
+
+    def write(self, packet: Packet) -> None:
+        """Write a packet; times are kept to the nanosecond, of comments what fits an option.
+
+        Raises:
+            OSError: there is no room.
+        """
+        time, data, original, interface, comments = packet
+        number = self._interfaces.get(interface)
+        if number is None:
+            number = self._describe(interface)
+        head = struct.pack("<IIIII", number, time >> 32 & 0xFFFFFFFF, time & 0xFFFFFFFF, len(data), original)
+        options = b"".join(_option(_COMMENT, comment) for comment in comments)
+        self._file.write(_block(_PACKET_BLOCK, head + _padded(data) + (options + _END if options else b"")))
+
+    def _describe(self, interface: Interface) -> int:
+        name = _option(_NAME, interface.name) if interface.name else b""
+        resolution = struct.pack("<HH", _RESOLUTION, 1) + _padded(_NANOSECONDS)
+        body = struct.pack("<HHI", interface.linktype, 0, 0) + name + resolution + _END
+        self._file.write(_block(_INTERFACE_BLOCK, body))
+        number = self._interfaces[interface] = len(self._interfaces)
+        return number
+
+
+def annotate(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:
+    """Write packets anew, with notes beside the comments that they have already.
+
+    Args:
+        packets: of any capture.
+        notes: by number of the packet, from 1; an empty one only marks it.
+        file: where to write.
+
+    Returns:
+        How many packets were written.
+
+    Raises:
+        CaptureError: as reading `packets` does.
+        OSError: there is no room.
+    """
+    writer = PacketWriter(file)
+    number = 0
+    for number, packet in enumerate(packets, 1):
+        note = notes.get(number)
+        time, data, original, interface, comments = packet
+        if note is not None:
+            comments = (*comments, note or MARK)
+        writer.write((time, data, original, interface, comments))
+    return number
+
+
+MARK = "marked"
+"""The comment of a packet that was marked without a note."""
+
+
+def _option(code: int, text: str) -> bytes:
+    data = text.encode("utf-8", "replace")[:_LONGEST_OPTION]
+    data = data.decode("utf-8", "ignore").encode()  # no character cut in two
+    return struct.pack("<HH", code, len(data)) + _padded(data)
+
+
+def _padded(data: bytes) -> bytes:
+    return data.ljust(len(data) + 3 & ~3, b"\0")
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    size = struct.pack("<I", 12 + len(body))
+    return struct.pack("<I", kind) + size + body + size

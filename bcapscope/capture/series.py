@@ -1,0 +1,153 @@
+"""A recording in one file, or in a ring of files of which the oldest are removed."""
+
+from __future__ import annotations
+
+import io
+import re
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from bcapscope.capture.recording import Recording
+
+_UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+_TIMES = {"s": 1, "min": 60, "h": 3600, "d": 86400}
+_BOUNDS = re.compile(r"(\d+)x(.+)", re.ASCII)
+_SIZE = re.compile(r"(\d+)([kMGT]?)B", re.ASCII)
+_TIME = re.compile(r"(\d+)(s|min|h|d)", re.ASCII)
+_SMALLEST = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How large a ring of files becomes.
+
+    Attributes:
+        files: how many there are at most.
+        size: bytes after which the next one begins; 0 for any size.
+        seconds: after which the next one begins; 0 for any time.
+    """
+
+    files: int
+    size: int = 0
+    seconds: int = 0
+
+
+def parse_bounds(text: str) -> Bounds:
+    """Read a notation such as ``10x100MB``, ``24x1h`` or ``24x1h,500MB``.
+
+    Raises:
+        ValueError: it makes no sense; the message says what.
+    """
+    found = _BOUNDS.fullmatch(text)
+    if found is None or int(found[1]) < 2:
+        raise ValueError(
+            f"{text!r}: a ring is written as 10x100MB, 24x1h or 24x1h,500MB, of 2 files at least"
+        )
+    size = seconds = 0
+    for part in found[2].split(","):
+        as_size, as_time = _SIZE.fullmatch(part), _TIME.fullmatch(part)
+        if as_size is not None and not size:
+            size = int(as_size[1]) * _UNITS.get(as_size[2], 1)
+        elif as_time is not None and not seconds:
+            seconds = int(as_time[1]) * _TIMES[as_time[2]]
+        else:
+            raise ValueError(
+                f"{part!r} is no size, such as 100MB, and no time, such as 1h, or is there twice"
+            )
+    if (size and size < _SMALLEST) or not size + seconds:
+        raise ValueError(f"{text!r}: a file holds 10kB and a second at least")
+    return Bounds(int(found[1]), size, seconds)
+
+
+class Series(io.RawIOBase):
+    """The files of a recording; what is written is in them after `flush`, in one piece.
+
+    Attributes:
+        recording: writes packets to them.
+    """
+
+    def __init__(self, path: Path, bounds: Bounds | None = None) -> None:
+        """Begin.
+
+        Args:
+            path: the file, which must not exist; those of a ring are named after it, with their number and
+                the time of day when they began.
+            bounds: make it a ring.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        super().__init__()
+        self._path = path
+        self._bounds = bounds
+        self._pending: list[bytes] = []
+        self._files: deque[Path] = deque()
+        self._count = 0
+        self._open()
+        self.recording = Recording(self)
+
+    def writable(self) -> bool:
+        """Say so."""
+        return True
+
+    def write(self, data: bytes, /) -> int:  # type: ignore[override]  # whole blocks, which are bytes
+        """Take whole blocks of the capture."""
+        self._pending.append(data)
+        return len(data)
+
+    def flush(self) -> None:
+        """Put what was written into the file, and go on with the next one where it is time to.
+
+        Raises:
+            OSError: there is no room, or the like; the file ends with what was in it before.
+        """
+        if self._pending:
+            data, self._pending = b"".join(self._pending), []
+            try:
+                rest = memoryview(data)
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except OSError:
+                with suppress(OSError):
+                    self._file.truncate(self._size)
+                raise
+            self._size += len(data)
+        bounds = self._bounds
+        if bounds is not None and (
+            (bounds.size and self._size >= bounds.size)
+            or (bounds.seconds and time.monotonic() - self._began >= bounds.seconds)
+        ):
+            self._turn(bounds)
+
+    def close(self) -> None:
+        """Close the file; what was not flushed is lost."""
+        self._file.close()
+        super().close()
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that there are, the oldest first."""
+        return tuple(self._files)
+
+    def _turn(self, bounds: Bounds) -> None:
+        """Go on with another file."""
+        self._file.close()
+        while len(self._files) >= bounds.files:
+            with suppress(OSError):  # somebody else has moved it
+                self._files.popleft().unlink()
+        self._open()
+        self.recording.go_on(self)
+
+    def _open(self) -> None:
+        self._count += 1
+        path = self._path
+        if self._bounds is not None:
+            name = f"{path.stem}_{self._count:05}_{time.strftime('%Y%m%d%H%M%S')}{path.suffix}"
+            path = path.with_name(name)
+        self._file = path.open("xb", buffering=0)
+        self._files.append(path)
+        self._size = 0
+        self._began = time.monotonic()

@@ -1,0 +1,205 @@
+"""The screen's side of the processes that read, search and save."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any, cast
+
+import platformdirs
+
+from bcapscope.capture.callbook import Callbook
+from bcapscope.capture.journal import Journal
+from bcapscope.tui.traffic.report import Ask, Job, Matches, Progress, Saving, Verdict, receive, send
+
+Told = Callable[[Progress | Verdict | Matches], None]
+
+_PREFIX = "traffic-"
+_GRACE = 2.0
+"""Seconds that a process is given to end by itself."""
+
+
+def new_folder() -> Path:
+    """Make a folder for a journal where the platform keeps what may be lost, and remove those left over."""
+    root = platformdirs.user_cache_path("bcapscope", appauthor=False)
+    root.mkdir(parents=True, exist_ok=True)
+    for left in root.glob(f"{_PREFIX}*"):
+        if not _is_used(left):
+            shutil.rmtree(left, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=root))
+
+
+def _is_used(folder: Path) -> bool:
+    """Tell whether the process that a folder is named after still runs."""
+    number = folder.name.removeprefix(_PREFIX).partition("-")[0]
+    if not number.isdigit():
+        return True
+    if sys.platform == "win32":
+        return True  # os.kill would end it; what is left over is small and lies in a cache
+    try:
+        os.kill(int(number), 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+class Feed:
+    """One source of traffic: starts reading at once, and hands on what is told in a thread of its own.
+
+    Attributes:
+        job: what is read.
+        journal: what was seen; None until there is anything.
+        calls: what settled; None until there is anything.
+        progress: what was told last.
+    """
+
+    def __init__(
+        self, *, path: str = "", interface: str = "", follow: bool = False, ports: tuple[int, ...] = ()
+    ):
+        """Begin to read a capture, finished or still being written, or on an interface."""
+        folder = new_folder()
+        self.job = Job(str(folder), path, interface, follow, ports)
+        self.journal: Journal | None = None
+        self.calls: Callbook | None = None
+        self.progress = Progress()
+        self._folder = folder
+        self._tell: Told | None = None
+        self._waiting: list[Progress | Verdict | Matches] = []
+        self._lock = threading.Lock()
+        self._errors = (folder / "errors").open("w+b")
+        self._reader = self._start("reading")
+        self._searcher: subprocess.Popen[bytes] | None = None
+        self._asks = 0
+        send(_pipe(self._reader.stdin), self.job)
+        threading.Thread(target=self._hear, daemon=True, name="reports").start()
+
+    def _start(self, module: str, *words: str) -> subprocess.Popen[bytes]:
+        argv = [sys.executable, "-m", f"bcapscope.tui.traffic.{module}", *words]
+        return subprocess.Popen(
+            argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
+        )
+
+    def attach(self, tell: Told) -> None:
+        """Have everything told to `tell`, in another thread; what came before is told now."""
+        with self._lock:
+            self._tell = tell
+            waiting, self._waiting = self._waiting, []
+        for message in waiting:
+            tell(message)
+
+    def open(self) -> bool:
+        """Open the journal, if there is one by now."""
+        if self.journal is None:
+            try:
+                self.journal = Journal(self._folder)
+                self.calls = Callbook(self._folder, self.journal)
+            except OSError:
+                self.journal = None
+        return self.journal is not None
+
+    def _hear(self) -> None:
+        """Hand on what the reader tells; tell if it ends without having said so."""
+        ended = False
+        for message in receive(
+            _pipe(self._reader.stdout), cast("type[Progress | Verdict]", Progress | Verdict)
+        ):
+            ended = isinstance(message, Progress) and message.ended
+            self._pass(message)
+        if not ended:
+            self._pass(Progress(ended=True, trouble=self._last_words()))
+
+    def _last_words(self) -> str:
+        self._errors.seek(0)
+        *_, last = self._errors.read().decode(errors="replace").splitlines() or ["reading ended"]
+        return last
+
+    def _pass(self, message: Progress | Verdict | Matches) -> None:
+        with self._lock:
+            tell = self._tell
+            if tell is None:
+                self._waiting.append(message)
+        if tell is not None:
+            tell(message)
+
+    def ask(self, kind: str, expression: str) -> int:
+        """Search for what fits an expression; "" ends the search.
+
+        Returns:
+            The number that `Matches` will have as their generation.
+        """
+        self._asks += 1
+        if self._searcher is None:
+            if not expression:
+                return self._asks
+            self._searcher = self._start("searching", str(self._folder))
+            threading.Thread(target=self._hear_matches, daemon=True, name="matches").start()
+        try:
+            send(_pipe(self._searcher.stdin), Ask(self._asks, kind, expression))
+        except OSError:
+            self._searcher = None
+        return self._asks
+
+    def _hear_matches(self) -> None:
+        searcher = self._searcher
+        if searcher is not None:
+            for message in receive(_pipe(searcher.stdout), Matches):
+                self._pass(message)
+
+    def save(self, target: str, notes: dict[int, str]) -> str:
+        """Save all packets with notes in a new file; takes a while, so not to be called by the screen itself.
+
+        Returns:
+            Why that was not possible, "" where it was.
+        """
+        process = self._start("saving")
+        packets = self.progress.packets
+        most = 0
+        if self.journal is not None and not self.progress.ended and len(self.journal):
+            most = self.journal.told(len(self.journal)).seen.packet
+        send(_pipe(process.stdin), Saving(packets, target, notes, most))
+        out, _ = process.communicate()
+        return out.decode() if process.returncode == 0 else self._last_words()
+
+    def stop(self) -> None:
+        """Read no more; what was read stays."""
+        if self._reader.stdin is not None and not self._reader.stdin.closed:
+            self._reader.stdin.close()
+
+    def close(self) -> None:
+        """End all processes and remove the journal."""
+        self._tell = lambda message: None
+        self.stop()
+        for process in (self._reader, self._searcher):
+            if process is not None:
+                _end(process)
+        if self.journal is not None:
+            self.journal.close()
+        if self.calls is not None:
+            self.calls.close()
+        self._errors.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.stdin is not None and not process.stdin.closed:
+        process.stdin.close()
+    process.terminate()
+    try:
+        process.wait(_GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _pipe(stream: IO[bytes] | None) -> Any:
+    """Return a pipe of a process that was started with one."""
+    assert stream is not None
+    return stream

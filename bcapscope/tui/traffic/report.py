@@ -1,0 +1,154 @@
+"""What the processes that read and search tell the screen, and how it travels through a pipe."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO, TypeVar
+
+import msgspec
+
+_SIZE = struct.Struct("<I")
+T = TypeVar("T")
+
+
+class Job(msgspec.Struct, frozen=True):
+    """What is to be read.
+
+    Attributes:
+        folder: where the journal is to be kept; it exists and is empty.
+        path: a capture; "" for none.
+        interface: of this machine, to capture live on; "" for none.
+        follow: the capture is still being written.
+        ports: where servers listen; none for 5007.
+    """
+
+    folder: str
+    path: str = ""
+    interface: str = ""
+    follow: bool = False
+    ports: tuple[int, ...] = ()
+
+
+class Progress(msgspec.Struct, tag=True, frozen=True):
+    """How far reading has come.
+
+    Attributes:
+        position: bytes of the file read so far.
+        size: of the file; 0 where it has none, such as a capture that goes on.
+        ended: nothing more will come.
+        trouble: why reading ended early; "" where it did not.
+        summary: what was found, in one line; "" until the end.
+        clients: conversations met so far.
+        packets: where the packets lie, as a capture that can be read; "" for none.
+        lost: packets of a live capture for which there was no room.
+    """
+
+    position: int = 0
+    size: int = 0
+    ended: bool = False
+    trouble: str = ""
+    summary: str = ""
+    clients: int = 0
+    packets: str = ""
+    lost: int = 0
+
+
+class Cause(msgspec.Struct, frozen=True):
+    """A finding, its strings harmless; `consequence_of` counts from 1, 0 for none."""
+
+    rule: str
+    severity: str
+    sentence: str
+    frames: tuple[int, ...]
+    consequence_of: int
+    advice: str
+    source: str
+
+
+class Verdict(msgspec.Struct, tag=True, frozen=True):
+    """What is to be thought of the traffic read so far.
+
+    Attributes:
+        findings: the first cause first.
+        sum: how much was seen, and whether anything was found, in one line.
+        stays: about slave mode, rendered lines.
+        statistics: rendered lines.
+    """
+
+    findings: tuple[Cause, ...]
+    sum: str
+    stays: list[str]
+    statistics: list[str]
+
+
+class Ask(msgspec.Struct, frozen=True):
+    """What is to be searched for.
+
+    Attributes:
+        generation: counts the asks; answers repeat it.
+        kind: ``frame`` or ``call``.
+        expression: in the filter language; "" to stop searching.
+    """
+
+    generation: int
+    kind: str
+    expression: str
+
+
+class Matches(msgspec.Struct, frozen=True):
+    """What was found since the last answer.
+
+    Attributes:
+        generation: of the ask.
+        rows: numbers of frames, or indexes of calls plus 1, as 32-bit numbers in the machine's byte order.
+        searched: how many were looked at so far.
+    """
+
+    generation: int
+    rows: bytes
+    searched: int
+
+
+class Saving(msgspec.Struct, frozen=True):
+    """What is to be saved: the packets of a capture with notes, in a new file.
+
+    Attributes:
+        source: the capture.
+        target: the new file, which must not exist.
+        notes: by number of the packet.
+        most: packets to take at most, since a capture may still grow; 0 for all.
+    """
+
+    source: str
+    target: str
+    notes: dict[int, str]
+    most: int = 0
+
+
+def send(stream: BinaryIO, message: object) -> None:
+    """Write a message to a pipe at once.
+
+    Raises:
+        OSError: nobody reads it any more.
+    """
+    data = msgspec.msgpack.encode(message)
+    stream.write(_SIZE.pack(len(data)) + data)
+    stream.flush()
+
+
+def receive(stream: BinaryIO | io.RawIOBase, kind: type[T]) -> Iterator[T]:
+    """Yield messages from a pipe until it is closed."""
+    decoder = msgspec.msgpack.Decoder(kind)
+    while len(head := _read(stream, _SIZE.size)) == _SIZE.size:
+        data = _read(stream, *_SIZE.unpack(head))
+        yield decoder.decode(data)
+
+
+def _read(stream: BinaryIO | io.RawIOBase, size: int) -> bytes:
+    """Read so many bytes, fewer only at the end; a pipe gives what it has."""
+    data = b""
+    while len(data) < size and (more := stream.read(size - len(data))):
+        data += more
+    return data
