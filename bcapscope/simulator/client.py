@@ -124,7 +124,7 @@ class Client:
             RefusedError: it is not allowed.
         """
         if not is_allowed_in_slave_mode(function_id, arguments):
-            self.machine.fail(E_REFUSED_IN_SLAVE_MODE, now)
+            self.machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
             raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
 
 

@@ -47,6 +47,7 @@ class SlaveDrive:
         next_tick: when the next one is due, ns.
         send: what slvMove carries, as slvSendFormat said.
         receive: what slvMove returns, as slvRecvFormat said; None before that.
+        owed: result of what ended it that no client has been told yet; 0 if there is none.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class SlaveDrive:
         self.next_tick = 0
         self.send = SendFormat()
         self.receive: ReceiveFormat | None = None
+        self.owed = 0
         self._arm = arm
         self._limits = limits
         self._async_detector = async_detector
@@ -80,6 +82,7 @@ class SlaveDrive:
         """Switch slave mode on; the arm stands."""
         self.mode = mode
         self.run += 1
+        self.owed = 0
         self.taken = 0
         self.next_tick = now + PERIOD
         self._queue.clear()
@@ -91,8 +94,10 @@ class SlaveDrive:
         """Go on until the buffer is empty, which then is no error."""
         self._leaving = True
 
-    def leave(self) -> None:
+    def leave(self, owed: int = 0) -> None:
         """Switch slave mode off; what waits in the buffer is dropped."""
+        if self.mode is not None:
+            self.owed = owed
         self.mode = None
         self._queue.clear()
 

@@ -146,7 +146,7 @@ class Machine:
         """Switch the motor; return when it is done."""
         if not on:
             self._motor_at = None
-            self.stop(now, MOTOR_IS_OFF)
+            self.stop(now, MOTOR_IS_OFF, told=False)
             return now
         self.check_state()
         if self._motor_at is None:
@@ -203,22 +203,26 @@ class Machine:
         if axis:
             raise RefusedError(SOFTWARE_LIMIT + axis)
 
-    def stop(self, now: int, code: int) -> None:
-        """End motions and slave mode at once; calls that wait for them answer `code`."""
-        self.slave.leave()
+    def stop(self, now: int, code: int, told: bool = True) -> None:
+        """End motions and slave mode at once; calls that wait for them answer `code`.
+
+        Unless a client is told by that, the next slvMove answers it (issues 20 and 49 of
+        DENSORobot/denso_robot_ros), and those after it that slave mode is off (issues 6 and 42).
+        """
+        self.slave.leave(0 if told else code)
         self.arm.halt(now)
         self.stops += 1
         self.stopped_by = code
         self.free_at = now
 
-    def fail(self, code: int, now: int) -> None:
+    def fail(self, code: int, now: int, told: bool = False) -> None:
         """Have an error: motions and slave mode end, RobSlave stops, it stays active until ClearError.
 
         The motor goes off at level 4 and above, and with a set point beyond a limit (list of controller
-        errors in nkawa/Denso_CobottaPro900_MQTT_Control).
+        errors in nkawa/Denso_CobottaPro900_MQTT_Control). `told` is as for `stop`.
         """
         self.alarms.raise_(code, now)
-        self.stop(now, code)
+        self.stop(now, code, told)
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
         if level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
@@ -229,7 +233,7 @@ class Machine:
         self.mode = mode
         if mode != AUTOMATIC:
             self._motor_at = None
-            self.stop(now, NOT_AUTOMATIC)
+            self.stop(now, NOT_AUTOMATIC, told=False)
 
     def stop_task(self, name: str, now: int) -> None:
         """Stop a program; slave mode of RC7 ends with RobSlave."""

@@ -72,6 +72,7 @@ def _leave(context: Context) -> Outcome:
     machine = context.machine
     slave, run = machine.slave, machine.slave.run
     if slave.mode is None:
+        slave.owed = 0
         return DONE
     slave.drain()
 
@@ -118,7 +119,8 @@ def slave_move(context: Context, parameter: Variant) -> Outcome:
     machine, slave = context.machine, context.machine.slave
     mode = slave.mode
     if mode is None or mode.pose_type is None:
-        raise RefusedError(E_NOT_IN_SLAVE_MODE)
+        owed, slave.owed = slave.owed, 0
+        raise RefusedError(owed or E_NOT_IN_SLAVE_MODE)
     if machine.profile.needs_arm and machine.owner != context.client:
         raise RefusedError(E_ARM_NOT_TAKEN)
     point = split_set_point(parameter, mode.pose_type, slave.send, slave.receive)
@@ -136,6 +138,7 @@ def _pace(context: Context, pose_type: PoseType, point: SetPoint, needed: int) -
 
     def poll(now: int) -> Answer | None:
         if slave.run != run or (slave.mode is None and slave.taken < needed):
+            slave.owed = 0
             return Answer(machine.stopped_by or E_NOT_IN_SLAVE_MODE)
         if slave.taken < needed:
             return None
@@ -160,7 +163,7 @@ def _joints(context: Context, pose_type: PoseType, point: SetPoint) -> Joints:
     except RefusedError as refusal:
         joints, code = None, refusal.hresult
     if joints is None or code:
-        machine.fail(code, context.now)
+        machine.fail(code, context.now, told=True)
         raise RefusedError(code)
     return joints
 

@@ -155,7 +155,7 @@ def test_running_empty_while_moving_ends_slave_mode() -> None:
     for number in range(10):
         send(operator, number * 0.2)
     operator.desk.wait(3 * 8 + 8)
-    assert send(operator, 2) == OUTSIDE
+    assert [send(operator, 2) for _ in range(3)] == [UNDERFLOW, OUTSIDE, OUTSIDE]
     assert operator.robot("slvGetMode").value == 0
     assert operator.command("GetCurErrorInfo", i4(0)).value[0].value == UNDERFLOW - (1 << 32)  # type: ignore
     assert operator.slave(0x202).hresult == 0x81501025
@@ -166,7 +166,7 @@ def test_running_empty_while_moving_ends_slave_mode() -> None:
 
 
 def test_three_points_are_24_ms_of_slack() -> None:
-    for pause, result in ((23, 0), (33, OUTSIDE)):
+    for pause, result in ((23, 0), (33, UNDERFLOW)):
         operator = started(mode=0x002)
         for number in range(3):
             send(operator, 0.2 * number)
@@ -187,7 +187,7 @@ def test_robslave_stops_with_an_error_on_rc7() -> None:
     for number in range(5):
         send(operator, number * 0.3)
     operator.desk.wait(50)
-    assert send(operator, 0) == OUTSIDE
+    assert send(operator, 0) == UNDERFLOW
     operator.command("ClearError")
     operator.robot("Motor", i2(1))
     operator.desk.wait(1000)
@@ -378,3 +378,29 @@ def test_any_pace_gives_an_answer_each_and_an_end_that_is_told(
     assert ended == list(range(len(results) - len(ended), len(results)))
     on = operator.robot("slvGetMode").value == mode
     assert on is (operator.machine_error() == 0)
+
+
+@pytest.mark.parametrize("mode", [0x002, 0x102, 0x202])
+def test_what_ended_slave_mode_is_told_once(mode: int) -> None:
+    operator = started(mode=mode)
+    send(operator, 0)
+    operator.desk.machine.press_emergency_stop(operator.desk.now)
+    assert [send(operator, 0) for _ in range(3)] == [0x8150101A, OUTSIDE, OUTSIDE]
+
+
+def test_what_ended_slave_mode_is_not_told_after_it_was_left() -> None:
+    operator = started()
+    operator.desk.machine.switch_mode(1, operator.desk.now)
+    assert operator.slave(0).hresult == 0
+    assert send(operator, 0) == OUTSIDE
+
+
+def test_a_client_that_waits_is_told_and_nobody_else() -> None:
+    operator = started(mode=0x202)
+    for _ in range(3):
+        operator.point(*HOME)
+    assert operator.send("Robot_Execute", operator.arm, bstr("slvMove"), row(VT.R8, HOME)) == []
+    operator.desk.machine.switch_motor(False, operator.desk.now)
+    (output,) = operator.desk.wait(0)
+    assert Frame(output.data).code == 0x81501003
+    assert send(operator, 0) == OUTSIDE
