@@ -204,6 +204,14 @@ class Relay:
         self.ring.put(up, session.number, came, 0, data, note=note.encode()[:4096])
         self._perform(actions)
 
+    def ends(self, session: Session, up: bool) -> bool:
+        """Tell the rules that a stream has ended in one direction; tell whether its end may be passed on."""
+        if self.policy is None:
+            return True
+        direction = direction_of(up)
+        self._perform(self.policy.ended(session.number, direction, time.monotonic_ns()))
+        return not self.policy.holds(session.number, direction)
+
     def _perform(self, actions: Sequence[Action]) -> None:
         for action in actions:
             session = self.sessions.get(action.client)

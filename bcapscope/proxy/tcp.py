@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
-from bcapscope.proxy.relay import Relay, conversation, direction_of
+from bcapscope.proxy.relay import Relay, conversation
 from bcapscope.proxy.ring import Count, Kind
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, reason, reset, resolve
 from bcapscope.proxy.spec import Listener
@@ -236,7 +236,7 @@ class TcpSession:
             self.heard = came
         if not size:
             half.ended = True
-            if relay.policy is None or not relay.policy.holds(self.number, direction_of(half.up)):
+            if relay.ends(self, half.up):
                 self._shut(half)
             self._want()
         elif relay.policy is not None:
