@@ -81,6 +81,7 @@ class Casebook:
         self._cases: dict[tuple[str, bool, str], Case] = {}
         self._by_rule: dict[str, list[Case]] = {}
         self._by_call: dict[int, list[Incident]] = {}
+        self._new: list[Case] = []
 
     def report(self, incident: Incident) -> None:
         """Take an incident in."""
@@ -102,6 +103,7 @@ class Casebook:
             return alike[0]
         case = self._cases[rule.id, asked, incident.key] = Case(rule, asked)
         cases.append(case)
+        self._new.append(case)
         return case
 
     def _link(self, incident: Incident) -> None:
@@ -131,6 +133,23 @@ class Casebook:
                 for each in case:
                     if each.time >= earliest and each.conversation.server.host == host:
                         yield each
+
+    def news(self, speech: Speech) -> tuple[Finding, ...]:
+        """Tell the cases that are new since the last time; what follows from what shows later."""
+        new, self._new = self._new, []
+        return tuple(
+            Finding(
+                rule=case.rule.id,
+                severity=case.rule.severity,
+                sentence=_as_sentence(case.first.say(speech)),
+                frames=case.first.frames[:MOST_FRAMES],
+                consequence_of=None,
+                advice=case.first.advice or case.rule.advice,
+                source=case.rule.source,
+            )
+            for case in new
+            if case.asked
+        )
 
     def findings(self, speech: Speech) -> tuple[Finding, ...]:
         """Tell all cases that are asked for and what these follow from.
@@ -266,6 +285,10 @@ def _sentence(case: Case, order: _Order, speech: Speech) -> str:
         text += f" ({times(case.count)} in all, {ends})"
     if order.parent(case) is None:
         text += _story(case, order, speech)
+    return _as_sentence(text)
+
+
+def _as_sentence(text: str) -> str:
     first = text.split(" ", 1)[0]
     return f"{text[:1].upper() if first in _OPENERS else text[:1]}{text[1:]}."
 

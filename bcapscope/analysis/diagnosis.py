@@ -163,8 +163,11 @@ class Diagnosis:
         self._tell(self._slave.finish())
         for client in self._clients:
             self._goodbye(client)
-        start = self._first.time if self._first is not None else 0
-        return self._book.findings(Speech(start, self._clients.seen <= 1))
+        return self._book.findings(self._speech)
+
+    def news(self) -> tuple[Finding, ...]:
+        """Tell what was found since the last time; what it follows from shows when all is seen."""
+        return self._book.news(self._speech)
 
     @property
     def seen(self) -> Seen:
@@ -175,6 +178,11 @@ class Diagnosis:
         calls = self._calls + sum(client.calls for client in self._clients)
         chosen = None if self._choice is None else self._choice.calls
         return Seen(last.number - first.number + 1, calls, self._clients.seen, self._end - first.time, chosen)
+
+    @property
+    def _speech(self) -> Speech:
+        start = self._first.time if self._first is not None else 0
+        return Speech(start, self._clients.seen <= 1)
 
     @property
     def _end(self) -> int:

@@ -169,3 +169,17 @@ def test_names_from_the_wire_keep_their_first_letter() -> None:
     incident = happen(SPARK, 0.1)
     incident.say = lambda speech: "slvMove 7 was lost"
     assert told(incident)[0].sentence == "slvMove 7 was lost."
+
+
+def test_news_tell_each_case_once_and_by_itself() -> None:
+    book, speech = Casebook(), Speech(0, True)
+    book.report(happen(SPARK, 1))
+    book.report(happen(FIRE, 2))
+    first = book.news(speech)
+    sentences = [finding.sentence for finding in first]
+    assert sentences == ["The spark came at 1.000 s.", "The fire came at 2.000 s."]
+    book.report(happen(FIRE, 3))
+    assert book.news(speech) == ()
+    book.report(happen(SMOKE, 4))
+    assert [finding.rule for finding in book.news(speech)] == ["smoke"]
+    assert links(book.findings(speech)) == [("spark", None), ("fire", 1), ("smoke", 2)]
