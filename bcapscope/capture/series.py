@@ -104,17 +104,18 @@ class Series(io.RawIOBase):
         Raises:
             OSError: there is no room, or the like; the file ends with what was in it before.
         """
-        if self._pending:
-            data, self._pending = b"".join(self._pending), []
-            try:
-                rest = memoryview(data)
-                while rest:
-                    rest = rest[self._file.write(rest) :]
-            except OSError:
-                with suppress(OSError):
-                    self._file.truncate(self._size)
-                raise
-            self._size += len(data)
+        if not self._pending:
+            return
+        data, self._pending = b"".join(self._pending), []
+        try:
+            rest = memoryview(data)
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError:
+            with suppress(OSError):
+                self._file.truncate(self._size)
+            raise
+        self._size += len(data)
         bounds = self._bounds
         if bounds is not None and (
             (bounds.size and self._size >= bounds.size)
@@ -124,8 +125,9 @@ class Series(io.RawIOBase):
 
     def close(self) -> None:
         """Close the file; what was not flushed is lost."""
-        self._file.close()
+        self._pending.clear()
         super().close()
+        self._file.close()
 
     @property
     def paths(self) -> tuple[Path, ...]:

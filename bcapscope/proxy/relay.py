@@ -178,10 +178,10 @@ class Relay:
         """Return the number of the next client."""
         return self.counts[Count.CLIENTS] + 1
 
-    def part(self, session: Session, why: str) -> None:
-        """Forget a client."""
+    def part(self, session: Session, why: str, cut: bool = False) -> None:
+        """Forget a client, perhaps after cutting it off by a reset."""
         if self.sessions.pop(session.number, None) is not None:
-            self.ring.must(Kind.GONE, session.number, why.encode(), time.time_ns())
+            self.ring.must(Kind.GONE, session.number, why.encode(), time.time_ns(), up=cut)
             if self.policy is not None:
                 self.policy.gone(session.number, time.monotonic_ns())
 

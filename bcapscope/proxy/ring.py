@@ -32,7 +32,7 @@ class Kind(IntEnum):
     END = 3
     """A stream's direction has ended."""
     GONE = 4
-    """A client is forgotten; `data` is why."""
+    """A client is forgotten; `data` is why, `up` whether it and its controller were cut off."""
     TOLD = 5
     """Something for the user, in words."""
 

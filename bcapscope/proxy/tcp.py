@@ -188,7 +188,7 @@ class TcpSession:
                 reset(sock)
             else:
                 sock.close()
-        self._relay.part(self, why)
+        self._relay.part(self, why, reset_both)
 
     def sweep(self, now: int) -> None:
         """Give up a connection that is not made."""

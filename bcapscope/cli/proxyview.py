@@ -1,0 +1,140 @@
+"""What a proxy shows: frames or calls as they come, as `decode` and `calls` write them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeAlias
+
+from bcapscope.render.call import CallRenderer
+from bcapscope.render.call_record import CallRecordRenderer
+from bcapscope.render.line import LineRenderer
+from bcapscope.render.moment import Clock
+from bcapscope.render.palette import Palette
+from bcapscope.render.record import RecordRenderer
+from bcapscope.render.tree import TreeRenderer
+from bcapscope.traffic.exchange import Exchange, Settled
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import Filter, compile_filter
+from bcapscope.traffic.getters import CALL_GETTERS, FRAME_GETTERS, Told
+from bcapscope.traffic.handles import Thing
+from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.question import Questions
+
+Lines: TypeAlias = Iterator[str] | Iterator[bytes]
+
+
+class Form(StrEnum):
+    """How each is written."""
+
+    LINE = "line"
+    TREE = "tree"
+    JSON = "json"
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What is shown.
+
+    Attributes:
+        shown: frames, calls, or nothing.
+        form: how.
+        wanted: the expression that chooses them; "" for all.
+        clock: how the time is told.
+    """
+
+    shown: RecordKind | None
+    form: Form = Form.LINE
+    wanted: str = ""
+    clock: Clock = Clock.RELATIVE
+
+    def filter(self) -> Filter | None:
+        """Compile the expression.
+
+        Raises:
+            FilterError: it makes no sense.
+        """
+        if not self.wanted:
+            return None
+        return compile_filter(self.wanted, self.shown or RecordKind.FRAME)
+
+
+class View:
+    """Renders what is to be shown, nothing for the rest."""
+
+    def __init__(self, look: Look, palette: Palette) -> None:
+        """Take what is to be shown, and colours."""
+        wanted = look.filter()
+        self._questions = Questions()
+        self._began = False
+        self._frames: Callable[[Told], Lines] | None = None
+        self._calls: Callable[[Settled, Thing | None], Lines] | None = None
+        self._wants_frame: Callable[[Told], bool] = lambda told: True
+        self._wants_call: Callable[[Exchange], bool] = lambda call: True
+        if look.shown is RecordKind.FRAME:
+            lines = LineRenderer(look.clock, palette)
+            self._begin: Callable[[int], None] = lines.begin
+            self._frames = _frame_form(look.form, lines, palette)
+            if wanted is not None:
+                self._wants_frame = wanted.bind(FRAME_GETTERS)
+        elif look.shown is RecordKind.CALL:
+            calls = CallRenderer(look.clock, palette)
+            self._begin = calls.begin
+            self._calls = _call_form(look.form, calls)
+            if wanted is not None:
+                self._wants_call = wanted.bind(CALL_GETTERS)
+        self._chooses_calls = wanted is not None or look.form is Form.JSON
+
+    def frame(self, seen: Observation, note: str) -> Sequence[str] | Sequence[bytes]:
+        """Return the lines of a frame.
+
+        Args:
+            seen: the frame.
+            note: what a rule did to it.
+        """
+        if not self._began and (self._frames is not None or self._calls is not None):
+            self._began = True
+            self._begin(seen.time)
+        if self._frames is None:
+            return ()
+        told = Told(seen, self._questions.about(seen), (note,) if note else ())
+        return list(self._frames(told)) if self._wants_frame(told) else ()  # type: ignore[return-value]  # all of one kind
+
+    def call(self, settled: Settled, subject: Thing | None) -> Sequence[str] | Sequence[bytes]:
+        """Return the lines of a call, or of a reply that belongs to none."""
+        if self._calls is None:
+            return ()
+        chosen = self._wants_call(settled) if isinstance(settled, Exchange) else not self._chooses_calls
+        return list(self._calls(settled, subject)) if chosen else ()  # type: ignore[return-value]  # all of one kind
+
+
+def _frame_form(form: Form, line: LineRenderer, palette: Palette) -> Callable[[Told], Lines]:
+    if form is Form.JSON:
+        record = RecordRenderer().record
+        return lambda told: iter((record(*told),))
+    if form is Form.LINE:
+        return lambda told: iter((line.line(*told),))
+    tree = TreeRenderer(palette, False, False).lines
+
+    def lines(told: Told) -> Iterator[str]:
+        yield line.line(*told)
+        for detail in tree(told.seen, told.question):
+            yield f"       {detail}"
+        yield ""
+
+    return lines
+
+
+def _call_form(form: Form, renderer: CallRenderer) -> Callable[[Settled, Thing | None], Lines]:
+    if form is Form.TREE:
+        return renderer.tree
+    if form is Form.LINE:
+        return lambda settled, subject: iter((renderer.line(settled, subject),))
+    record = CallRecordRenderer().record
+
+    def lines(settled: Settled, subject: Thing | None) -> Iterator[bytes]:
+        if isinstance(settled, Exchange):
+            yield record(settled, subject)
+
+    return lines

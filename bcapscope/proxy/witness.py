@@ -1,0 +1,128 @@
+"""From what the relay tells to observations: what each client said and was told.
+
+Observed is the clients' side: requests as they came, replies as they were sent on. What the rules lost on
+the way to the controller was still said; what they lost on the way back was not heard.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from bcapscope.protocol.frame import parse_datagram
+from bcapscope.protocol.stream import Piece, Splitter
+from bcapscope.proxy.ring import Kind, Record
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+
+_MOST_MARKS = 1024
+"""Pieces of one unfinished frame whose times are kept apart."""
+
+
+class Met(NamedTuple):
+    """A client of the relay.
+
+    Attributes:
+        transport: UDP or TCP.
+        client: where it is.
+        listen: where it came to.
+        upstream: our end towards the controller.
+        controller: where that is.
+    """
+
+    transport: Transport
+    client: Endpoint
+    listen: Endpoint
+    upstream: Endpoint
+    controller: Endpoint
+
+
+def met(record: Record) -> Met:
+    """Read a record of the kind `OPENED`."""
+    transport, *ends = json.loads(record.data)
+    client, listen, upstream, controller = (Endpoint(host, port) for host, port in ends)
+    return Met(Transport(transport), client, listen, upstream, controller)
+
+
+class _Way:
+    """One direction of a client's conversation."""
+
+    def __init__(self, conversation: Conversation, direction: Direction) -> None:
+        self.flow = Flow(conversation, direction)
+        self.splitter = Splitter()
+        self.size = 0
+        self.marks: list[tuple[int, int]] = [(0, 0)]  # offset in the stream, and when what is there came
+
+
+class _Client:
+    def __init__(self, who: Met) -> None:
+        conversation = Conversation(who.client, who.controller, who.transport, "the proxy")
+        self.is_stream = who.transport is Transport.TCP
+        self.ways = (_Way(conversation, Direction.RESPONSE), _Way(conversation, Direction.REQUEST))
+        self.last = 0
+
+
+class Witness:
+    """Follows all clients.
+
+    Attributes:
+        count: observations so far.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._clients: dict[int, _Client] = {}
+
+    def observe(self, records: Iterable[Record]) -> Iterator[tuple[Observation, str]]:
+        """Yield what was said, with what a rule did to it."""
+        clients = self._clients
+        for record in records:
+            kind, up, number, came, left, data, note = record
+            if kind is Kind.OPENED:
+                clients[number] = _Client(met(record))
+                continue
+            client = clients.get(number)
+            if client is None:
+                continue
+            if kind is Kind.DATA:
+                time = came if up else left
+                if not time:
+                    continue
+                client.last = time
+                way = client.ways[up]
+                if client.is_stream:
+                    yield from self._stream(way, data, time, note)
+                    continue
+                for item in parse_datagram(data):
+                    self.count += 1
+                    yield Observation(self.count, time, time, way.flow, item, 0), note
+            elif kind is Kind.END:
+                yield from self._end(client.ways[up], came)
+            elif kind is Kind.GONE:
+                del clients[number]
+                for way in client.ways:
+                    yield from self._end(way, came)
+
+    def _stream(self, way: _Way, data: bytes, time: int, note: str) -> Iterator[tuple[Observation, str]]:
+        way.marks.append((way.size, time))
+        way.size += len(data)
+        yield from self._pieces(way, way.splitter.feed(data), time, note)
+        if len(way.marks) > _MOST_MARKS:
+            del way.marks[1 : _MOST_MARKS // 2]
+
+    def _end(self, way: _Way, time: int) -> Iterator[tuple[Observation, str]]:
+        yield from self._pieces(way, way.splitter.close(), time, "")
+
+    def _pieces(
+        self, way: _Way, pieces: Iterable[Piece], time: int, note: str
+    ) -> Iterator[tuple[Observation, str]]:
+        for start, stop, item in pieces:
+            place = bisect_right(way.marks, start, key=_offset) - 1
+            self.count += 1
+            yield Observation(self.count, time, way.marks[place][1] or time, way.flow, item, 0), note
+            del way.marks[: max(bisect_right(way.marks, stop, key=_offset) - 1, 0)]
+
+
+def _offset(mark: tuple[int, int]) -> int:
+    return mark[0]
