@@ -27,6 +27,7 @@ _COMMANDS = {
     "call": "Call functions of a controller.",
     "ping": "Is a controller there, what is it, how fast does it answer?",
     "replay": "Play one side of a recorded session again.",
+    "play": "Play a trajectory in slave mode.",
     "sim": "A controller without a robot, to try things on.",
     "fields": "List the fields and the language of --filter.",
 }

@@ -28,5 +28,7 @@ class Exit(IntEnum):
     """No way to the controller, or no answer in time."""
     UNARMED = 10
     """A call might move the robot, and nobody said `--arm`; it was not made."""
+    UNFIT = 11
+    """A trajectory is not fit to be played, as the pre-flight tells; nothing was moved."""
     INTERRUPTED = 130
     """Ctrl-C while there was something to do; shells name a program so that SIGINT ended."""

@@ -13,9 +13,19 @@ import msgspec
 
 from bcapscope.client.target import Target
 from bcapscope.player.lateness import Spread
+from bcapscope.protocol.slavemode import PoseType
 
 Point: TypeAlias = tuple[float, ...]
 """Numbers of one set point, in the order and units of its pose type (`protocol.poses.AXES`)."""
+
+
+class Pacing(StrEnum):
+    """A kind of slave mode that controllers of all generations have under one number or another."""
+
+    SYNC = "sync"
+    """The controller sets the pace: Sync on RC7, mode 2 on later ones."""
+    ASYNC = "async"
+    """We do, and the newest set point wins: Async on RC7, mode 1 on later ones."""
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
@@ -25,7 +35,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
         target: the controller and how to reach it.
         robot: name for Controller_GetRobot.
         task: of the program that RC7 needs for slave mode.
-        mode: parameter of slvChangeMode; its pose type is that of `points`.
+        kind: pose type of the set points.
+        mode: kind of slave mode, or the very number for slvChangeMode.
         period: ns from one set point to the next, where no reply of the controller decides that.
         points: set points; the robot rests at the first and the last. Axes that are left out stay where they
             are.
@@ -43,7 +54,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     target: Target
     robot: str = "Arm"
     task: str = "RobSlave"
-    mode: int
+    kind: PoseType = PoseType.J
+    mode: Pacing | int = Pacing.SYNC
     period: int = 8_000_000
     points: Sequence[Point] = ()
     limits: tuple[str, ...] = ()
@@ -98,13 +110,15 @@ class Peer(msgspec.Struct, frozen=True, tag=True):
         simulator: it is our own, and no robot moves.
         generation: RC7, or RC8 for all later ones.
         facts: what the controller says of itself.
-        pose: where the robot is, in the pose type of the mode.
+        mode: that it will be played in.
+        pose: where the robot is, in the pose type of the set points.
         distance: how far the first point is from there: the largest difference of an axis, deg or mm.
     """
 
     simulator: bool
     generation: str
     facts: dict[str, str]
+    mode: int
     pose: Point
     distance: float
 

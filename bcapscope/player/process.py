@@ -49,6 +49,7 @@ class Player:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
+            bufsize=0,  # orders may be given by a signal handler, in the middle of another order
             start_new_session=True,  # Ctrl-C in the terminal is for whoever started it, who then stops it
         )
         assert self._process.stdin is not None
@@ -142,9 +143,10 @@ class Player:
         self.close()
 
     def _tell(self, data: bytes) -> None:
+        rest = memoryview(data + b"\n")
         with suppress(OSError, ValueError):  # it is gone, which its messages tell
-            self._commands.write(data + b"\n")
-            self._commands.flush()
+            while rest:
+                rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _crashed(self) -> Ended:
         """Make the last message of a player that has left none."""

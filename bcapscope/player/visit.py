@@ -29,6 +29,7 @@ from bcapscope.player.messages import (
     Ended,
     Order,
     Outcome,
+    Pacing,
     Peer,
     Plan,
     Point,
@@ -46,7 +47,7 @@ from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import E_BUSY
 from bcapscope.protocol.requester import Pace, Refused
-from bcapscope.protocol.slavemode import PoseType, SlaveMode, mode_pose_type, slave_mode
+from bcapscope.protocol.slavemode import Generation, PoseType, SlaveMode, slave_mode
 from bcapscope.protocol.variant import VT, Variant
 
 _ROBOT_EXECUTE = 64
@@ -56,6 +57,14 @@ _CAPACITY = 1_000_000  # set points whose lateness is kept: two hours at 8 ms
 _LOOK_EACH = 50_000_000
 _HALT_PACE = Pace(8_000_000, 60)
 _HALT_TRIES, _HALT_AGAIN = 8, 2_000_000
+
+_MODES = {
+    (Pacing.SYNC, Generation.RC7): 0x000,
+    (Pacing.SYNC, Generation.RC8): 0x200,
+    (Pacing.ASYNC, Generation.RC7): 0x100,
+    (Pacing.ASYNC, Generation.RC8): 0x100,
+}
+_KINDS = {PoseType.P: 1, PoseType.J: 2, PoseType.T: 3}
 
 YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 """Answers to questions."""
@@ -123,14 +132,11 @@ class Visit:
         plan, station = self._plan, self._station
         self._show(State.CONNECTING)
         await station.look()
-        kind = mode_pose_type(plan.mode)
-        mode = slave_mode(plan.mode, station.generation)
-        if mode is None or kind is None:
-            raise EndedEarly(Outcome.FAILED, f"{station.generation} has no slave mode {plan.mode:#05x}")
+        kind, mode = plan.kind, _mode(plan, station.generation)
         pose = await station.pose(kind)
         trajectory = _trajectory(plan, kind, pose)
         far = distance(kind, pose, trajectory.vector(0)) if trajectory else 0.0
-        self._desk.deliver(Peer(station.simulator, station.generation, station.facts, pose, far))
+        self._desk.deliver(Peer(station.simulator, station.generation, station.facts, mode.value, pose, far))
         if plan.look_only or trajectory is None:
             return
         self._arm()
@@ -325,6 +331,24 @@ class Visit:
             return Ended(outcome, reason, left=not self._gone)
         figures = pacer.lateness.exact(), pacer.cycle.exact(), pacer.counts
         return Ended(outcome, reason, *figures, self._index, left=not self._gone)
+
+
+def _mode(plan: Plan, generation: Generation) -> SlaveMode:
+    """Return the slave mode to play in.
+
+    Raises:
+        EndedEarly: there is none.
+    """
+    value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
+    mode = slave_mode(value, generation)
+    if mode is None or mode.pose_type is None:
+        raise EndedEarly(Outcome.FAILED, f"{generation} has no slave mode 0x{value:03X}")
+    if mode.pose_type is not plan.kind:
+        reason = (
+            f"slave mode 0x{value:03X} takes {mode.pose_type} type, the set points are of {plan.kind} type"
+        )
+        raise EndedEarly(Outcome.FAILED, reason)
+    return mode
 
 
 def _trajectory(plan: Plan, kind: PoseType, pose: Point) -> Trajectory | None:

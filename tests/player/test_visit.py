@@ -7,15 +7,26 @@ from itertools import pairwise
 
 import pytest
 
-from bcapscope.player.messages import Ended, Order, Outcome, Peer, Plan, Progress, State, Topic, Trouble
+from bcapscope.player.messages import (
+    Ended,
+    Order,
+    Outcome,
+    Pacing,
+    Peer,
+    Plan,
+    Progress,
+    State,
+    Topic,
+    Trouble,
+)
 from bcapscope.player.visit import AGAIN, CLEAR, YES
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.slavemode import Generation
+from bcapscope.protocol.slavemode import Generation, PoseType, mode_pose_type
 from bcapscope.simulator.machine import Start
 from tests.player.simulated import HOME, MS, TARGET, Stage, named, wave
 
 
-def plan(mode: int, **more: object) -> Plan:
+def plan(mode: int | Pacing, **more: object) -> Plan:
     """Make a plan for the usual way."""
     return Plan(**{"target": TARGET, "mode": mode, "points": wave(), **more})  # type: ignore[arg-type]
 
@@ -101,9 +112,9 @@ def test_with_five_per_cent_lost_each_way_it_completes_and_nothing_runs_twice(
     profile: str, mode: int
 ) -> None:
     stage = Stage(profile, loss=0.05)
-    poses = {1: "P", 3: "T"}
-    points = wave(400, 2.0) if mode & 0xF == 2 else position_wave(poses[mode & 0xF])
-    ended = stage.play(plan(mode, points=points, may_approach=True))
+    kind = mode_pose_type(mode)
+    points = wave(400, 2.0) if kind is PoseType.J else position_wave(str(kind))
+    ended = stage.play(plan(mode, kind=kind, points=points, may_approach=True))
     assert (ended.outcome, ended.reason) == (Outcome.DONE, "")
     assert stage.simulator.machine.slave.taken == ended.counts.sent - ended.counts.repeated
     assert ended.counts.retries > 10
@@ -295,6 +306,24 @@ def test_a_typed_confirmation_arms_as_well(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_mode_that_the_controller_lacks_is_said() -> None:
     ended = Stage("rc7").play(plan(0x202))
     assert (ended.outcome, ended.reason) == (Outcome.FAILED, "RC7 has no slave mode 0x202")
+
+
+def test_a_mode_of_another_pose_type_is_said() -> None:
+    ended = Stage().play(plan(0x201))
+    assert ended.reason == "slave mode 0x201 takes P type, the set points are of J type"
+
+
+@pytest.mark.parametrize(
+    ("profile", "pacing", "mode"),
+    [
+        *(("rc7", Pacing.SYNC, 2), ("rc8", Pacing.SYNC, 0x202)),
+        *(("rc7", Pacing.ASYNC, 0x102), ("rc8", Pacing.ASYNC, 0x102)),
+    ],
+)
+def test_the_number_of_a_mode_depends_on_the_generation(profile: str, pacing: Pacing, mode: int) -> None:
+    stage = Stage(profile)
+    assert stage.play(plan(pacing)).outcome is Outcome.DONE
+    assert f"slvChangeMode {mode}" in stage.said
 
 
 def test_nobody_at_the_other_end() -> None:

@@ -1,0 +1,68 @@
+"""Single keys from the terminal, for a command that goes on meanwhile."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+_ESCAPE = "\x1b"
+
+
+class Keys:
+    """Reads keys at once and unseen while it is on; Ctrl-C still is what it was.
+
+    Attributes:
+        on: keys are read.
+    """
+
+    def __init__(self) -> None:
+        """Begin switched off."""
+        self.on = False
+        self._possible = _has_terminal()
+        self._before: list[Any] = []
+        self._escapes = 0
+
+    def start(self) -> None:
+        """Switch on, where there is a terminal."""
+        if self._possible and not self.on:
+            import termios
+            import tty
+
+            self._before = termios.tcgetattr(0)
+            tty.setcbreak(0)
+            self.on = True
+
+    def stop(self) -> None:
+        """Switch off: the terminal is again as it was."""
+        if self.on:
+            import termios
+
+            termios.tcsetattr(0, termios.TCSADRAIN, self._before)
+            self.on = False
+
+    def take(self) -> str:
+        """Return what was typed, in small letters; call it when file descriptor 0 is readable.
+
+        Two strokes of Escape come as two Escapes at once, however slowly they were typed; the sequences that
+        arrows and the like send come as nothing.
+        """
+        data = os.read(0, 64)
+        if not data:
+            self.stop()
+            self._possible = False
+        text = data.decode(errors="replace").lower()
+        self._escapes = self._escapes + len(text) if text and not text.strip(_ESCAPE) else 0
+        if self._escapes:
+            return _ESCAPE * 2 if self._escapes > 1 else ""
+        return "" if text.startswith(_ESCAPE) else text
+
+
+def _has_terminal() -> bool:
+    """Tell whether there is one to read from: not for a job in the background, and not on Windows."""
+    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
+        return False
+    try:
+        return os.isatty(0) and os.tcgetpgrp(0) == os.getpgrp()
+    except OSError:
+        return False

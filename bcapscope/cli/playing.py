@@ -1,0 +1,231 @@
+"""A player at work, as `play` shows it: what is told, what is asked, keys, signals."""
+
+from __future__ import annotations
+
+import select
+import signal
+import sys
+from types import FrameType
+
+import click
+
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.keys import Keys
+from bcapscope.cli.output import narrate
+from bcapscope.player.limits import UNKNOWN, limited, simulator_limits
+from bcapscope.player.messages import (
+    Ended,
+    Message,
+    Outcome,
+    Peer,
+    Plan,
+    Progress,
+    Question,
+    Readiness,
+    State,
+    Topic,
+    Trouble,
+)
+from bcapscope.player.preflight import Preflight, check
+from bcapscope.player.process import Player
+from bcapscope.player.trajectory import Trajectory
+from bcapscope.protocol.slavemode import Generation, slave_mode
+from bcapscope.render.escape import printable
+from bcapscope.render.palette import Palette
+from bcapscope.render.playing import ended_lines, ended_record, peer_line, progress_line, trouble_lines
+from bcapscope.render.preflight import PreflightRenderer, preflight_record, source_lines
+
+_CODES = {
+    Outcome.DONE: Exit.OK,
+    Outcome.LOOKED: Exit.OK,
+    Outcome.STOPPED: Exit.INTERRUPTED,
+    Outcome.HALTED: Exit.INTERRUPTED,
+    Outcome.UNARMED: Exit.UNARMED,
+    Outcome.DECLINED: Exit.UNARMED,
+    Outcome.REFUSED: Exit.REFUSED,
+    Outcome.UNANSWERED: Exit.UNANSWERED,
+    Outcome.UNWRITABLE: Exit.UNWRITABLE,
+    Outcome.FAILED: Exit.REFUSED,
+}
+_STOP = "s "
+_HALT = ("h", "\x1b\x1b")
+_KEYS = "s or Ctrl-C: come to rest, h or Escape twice: halt"
+_WAIT = 1.0
+
+
+class View:
+    """Writes what there is to see: data to stdout, everything else to stderr."""
+
+    def __init__(self, as_json: bool, palette: Palette, width: int) -> None:
+        self._json = as_json
+        self._palette = palette
+        self._width = width
+        self._live = sys.stderr.isatty() and not as_json
+        self._drawn = False
+
+    def source(self, trajectory: Trajectory) -> None:
+        """Show how the file was read."""
+        if not self._json:
+            for line in source_lines(trajectory):
+                click.echo(line)
+
+    def preflight(self, preflight: Preflight) -> None:
+        """Show the pre-flight."""
+        if self._json:
+            click.echo(preflight_record(preflight))
+            return
+        for line in PreflightRenderer(self._palette, self._width).lines(preflight):
+            click.echo(line)
+
+    def ended(self, ended: Ended) -> None:
+        """Show the summary."""
+        self._clear()
+        if self._json:
+            click.echo(ended_record(ended))
+            return
+        for line in ended_lines(ended):
+            click.echo(line)
+
+    def note(self, text: str) -> None:
+        """Show a line on stderr."""
+        self._clear()
+        narrate(text)
+
+    def progress(self, progress: Progress) -> None:
+        """Draw the one line that changes."""
+        if self._live:
+            sys.stderr.write(f"\r{progress_line(progress, self._width - 1)}\x1b[K")
+            sys.stderr.flush()
+            self._drawn = True
+
+    def _clear(self) -> None:
+        if self._drawn:
+            sys.stderr.write("\r\x1b[K")
+            self._drawn = False
+
+
+class Playing:
+    """Runs a player to its end."""
+
+    def __init__(self, plan: Plan, trajectory: Trajectory, view: View) -> None:
+        """Get ready; nothing is started yet."""
+        self._plan = plan
+        self._trajectory = trajectory
+        self._view = view
+        self._keys = Keys()
+        self._asking = False
+        self._asked_to_stop = False
+        self._fit = True
+        self._can_ask = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+    def run(self) -> Exit:
+        """Play; return the exit code."""
+        with Player(self._plan) as player:
+            self._player = player
+            before = {number: signal.signal(number, self._interrupted) for number in _signals()}
+            try:
+                while player.ended is None:
+                    for message in self._wait():
+                        self._take(message)
+            finally:
+                self._keys.stop()
+                for number, handler in before.items():
+                    signal.signal(number, handler)
+        ended = player.ended
+        if self._plan.look_only and ended.outcome is Outcome.LOOKED:
+            return Exit.OK if self._fit else Exit.UNFIT
+        self._view.ended(ended)
+        if not self._fit:
+            return Exit.UNFIT
+        if ended.outcome is Outcome.STOPPED and not self._plan.rounds:
+            return Exit.OK
+        return _CODES[ended.outcome]
+
+    def _wait(self) -> list[Message]:
+        """Wait for messages or keys."""
+        watched = [self._player.fileno(), *([0] if self._keys.on else [])]
+        ready, _, _ = select.select(watched, (), (), _WAIT)
+        if 0 in ready:
+            typed = self._keys.take()
+            if any(key in typed for key in _HALT):
+                self._player.halt()
+            elif any(key in typed for key in _STOP):
+                self._player.stop()
+        return self._player.messages()
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, Progress):
+            if message.state is State.PLAYING and not self._keys.on:
+                self._keys.start()
+            self._view.progress(message)
+        elif isinstance(message, Question):
+            self._player.answer(self._answer(message))
+        elif isinstance(message, Peer):
+            self._look(message)
+        elif isinstance(message, Readiness) and not self._plan.look_only:
+            self._view.note(message.text)
+        elif isinstance(message, Trouble):
+            for line in trouble_lines(message):
+                self._view.note(line)
+
+    def _look(self, peer: Peer) -> None:
+        """Check the trajectory against what is there."""
+        plan = self._plan
+        self._view.note(peer_line(peer))
+        limits = limited(simulator_limits() if peer.simulator else UNKNOWN, plan.limits)
+        found = check(
+            self._trajectory,
+            plan.period / 1e9,
+            limits,
+            present=peer.pose,
+            mode=slave_mode(peer.mode, Generation(peer.generation)),
+            loop=plan.rounds != 1,
+        )
+        self._view.preflight(found)
+        self._fit = found.is_fit
+
+    def _answer(self, question: Question) -> str:
+        """Answer a question, or let the user."""
+        if question.topic is Topic.BEGIN:
+            if self._fit:
+                self._view.note(_KEYS if self._can_ask else "Ctrl-C: come to rest, twice: halt")
+            return "yes" if self._fit else "no"
+        self._view.note(printable(question.text))
+        if not self._can_ask:
+            return question.choices[0]
+        self._keys.stop()
+        self._asking = True
+        try:
+            return self._typed(question)
+        except (KeyboardInterrupt, click.Abort, EOFError):
+            self._player.stop()
+            return question.choices[0]
+        finally:
+            self._asking = False
+
+    def _typed(self, question: Question) -> str:
+        if question.topic is Topic.ARM:
+            host = self._plan.target.host
+            typed: str = click.prompt(
+                f"Type {printable(host)} if it may", default="", show_default=False, err=True
+            )
+            return "yes" if typed.strip() == host else "no"
+        choice: str = click.prompt(
+            "Answer", type=click.Choice(question.choices), default=question.choices[0], err=True
+        )
+        return choice
+
+    def _interrupted(self, number: int, frame: FrameType | None) -> None:
+        """Stop at the first signal, halt at the second."""
+        if self._asking:
+            raise KeyboardInterrupt
+        if self._asked_to_stop:
+            self._player.halt()
+        else:
+            self._asked_to_stop = True
+            self._player.stop()
+
+
+def _signals() -> list[signal.Signals]:
+    names = ("SIGINT", "SIGTERM", "SIGHUP")
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]

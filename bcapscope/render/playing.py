@@ -1,0 +1,110 @@
+"""What the player tells: who is there, one line while it plays, a summary at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import orjson
+
+from bcapscope.player.lateness import Spread
+from bcapscope.player.messages import Counts, Ended, Outcome, Peer, Progress, Trouble
+from bcapscope.protocol.hresult import hresult_name
+from bcapscope.protocol.slavemode import Generation, slave_mode
+from bcapscope.render.escape import printable
+
+_HEADLINES = {
+    Outcome.DONE: "played to the end",
+    Outcome.LOOKED: "looked at; nothing was moved",
+    Outcome.STOPPED: "stopped on the way, at rest",
+    Outcome.HALTED: "halted",
+    Outcome.UNARMED: "not played",
+    Outcome.DECLINED: "not played",
+    Outcome.REFUSED: "ended by the controller",
+    Outcome.UNANSWERED: "given up: no answer",
+    Outcome.UNWRITABLE: "a file was not written",
+    Outcome.FAILED: "failed",
+}
+_LABELS = (
+    ("retries", "retries"),
+    ("late", "late replies"),
+    ("unanswered", "unanswered"),
+    ("repeated", "sent again since the buffer was full"),
+    ("shifted", "put off since we were late"),
+    ("held", "held back since the controller set no pace"),
+)
+
+
+def peer_line(peer: Peer) -> str:
+    """Tell who is there and which mode it will be."""
+    kind = "bcapscope's simulator, no robot moves" if peer.simulator else "a controller with a robot"
+    facts = "".join(f", {name} {printable(value)}" for name, value in peer.facts.items())
+    mode = slave_mode(peer.mode, Generation(peer.generation))
+    meaning = f": {mode.text}" if mode else ""
+    return f"{kind}, {peer.generation}{facts}; slave mode 0x{peer.mode:03X}{meaning}"
+
+
+def trouble_lines(trouble: Trouble) -> Iterator[str]:
+    """Tell what went wrong, and each error that the controller shows."""
+    yield printable(trouble.text)
+    for code, text in trouble.errors:
+        yield f"  the controller shows {hresult_name(code)}: {printable(text)}"
+
+
+def progress_line(progress: Progress, width: int) -> str:
+    """Write progress in one line of at most `width` characters."""
+    of = f"/{progress.of}" if progress.of else ""
+    left = "" if progress.left is None else f", {progress.left:.1f} s left"
+    counts, late = progress.counts, progress.lateness
+    parts = [f"{progress.state} {progress.index}{of}, {progress.elapsed:.1f} s{left}"]
+    if late.count:
+        parts.append(f"late ms p99.9 {late.p999 / 1e6:.3f} max {late.most / 1e6:.3f}")
+    parts.append(f"retries {counts.retries}")
+    if progress.returned:
+        parts.append(" ".join(f"{value:.2f}" for value in progress.returned))
+    return "  ".join(parts)[:width]
+
+
+def ended_lines(ended: Ended) -> Iterator[str]:
+    """Yield the summary."""
+    reason = f": {printable(ended.reason.splitlines()[0])}" if ended.reason else ""
+    yield f"{_HEADLINES[ended.outcome]}{reason}"
+    yield from (f"  {printable(line.strip())}" for line in ended.reason.splitlines()[1:])
+    if ended.counts.sent:
+        told = [
+            f"{getattr(ended.counts, name)} {label}" for name, label in _LABELS if getattr(ended.counts, name)
+        ]
+        yield f"set points: {ended.counts.sent} sent, {', '.join(told) or 'each answered at once'}"
+        priority = "with" if ended.realtime else "without"
+        yield f"lateness, ms: {_spread(ended.lateness)}, {priority} real-time priority"
+        yield f"from one set point to the next, ms: {_spread(ended.cycle)}"
+    if ended.logged:
+        yield f"{ended.logged} records of the controller's log saved"
+    if not ended.left:
+        yield "the controller did not let us leave in order: it may hold this session, its arm or slave mode"
+
+
+def ended_record(ended: Ended) -> bytes:
+    """Write the summary as a JSON object; times are ms."""
+    counts = {name: getattr(ended.counts, name) for name in Counts.__struct_fields__}
+    return orjson.dumps(
+        {
+            "outcome": ended.outcome.value,
+            "reason": printable(ended.reason),
+            "set_points": ended.index,
+            **counts,
+            "lateness_ms": _figures(ended.lateness),
+            "cycle_ms": _figures(ended.cycle),
+            "realtime": ended.realtime,
+            "left_in_order": ended.left,
+            "log_records": ended.logged,
+        }
+    )
+
+
+def _spread(spread: Spread) -> str:
+    points = (("p50", spread.p50), ("p99", spread.p99), ("p99.9", spread.p999), ("max", spread.most))
+    return ", ".join(f"{name} {value / 1e6:.3f}" for name, value in points)
+
+
+def _figures(spread: Spread) -> dict[str, float]:
+    return {name: getattr(spread, name) / 1e6 for name in ("p50", "p99", "p999", "most")}
