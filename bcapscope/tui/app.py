@@ -14,8 +14,10 @@ from rich.text import Text
 from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
+from textual.driver import Driver
 from textual.reactive import reactive
 
+from bcapscope.tui.halting import halting
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.settings import default_path, load, save
 from bcapscope.tui.themes import THEMES, styles_of
@@ -55,7 +57,7 @@ class Scope(App[None]):
         inks: the styles of rendered lines under the theme.
     """
 
-    CSS_PATH = "bcapscope.tcss"
+    CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - as Textual has it
     TITLE = "bcapscope"
     ENABLE_COMMAND_PALETTE = False
     """Textual's own offers what is Textual's; ours knows every action, see `Place`."""
@@ -77,6 +79,7 @@ class Scope(App[None]):
             settings_path: where settings are kept; in the platform's place unless given.
             language: of the labels, instead of what the settings or the environment say.
         """
+        self._halts: list[Callable[[], None]] = []  # before the driver that uses it is made
         super().__init__()
         self.spots = tuple(spots)
         self._settings_path = settings_path or default_path()
@@ -130,6 +133,24 @@ class Scope(App[None]):
     def at_close(self, closer: Closer) -> None:
         """Have something done before the screen closes, however it is closed; the last is done first."""
         self._closers.append(closer)
+
+    def get_driver_class(self) -> type[Driver]:
+        """Return the platform's driver, which knows the keys of HALT."""
+        return halting(super().get_driver_class(), self.halt)
+
+    def at_halt(self, halt: Callable[[], None]) -> None:
+        """Have something stopped by HALT; `halt` is called in any thread, returns at once, must not raise."""
+        self._halts.append(halt)
+
+    def halt(self) -> None:
+        """Stop everything that moves. From any thread."""
+        for each in tuple(self._halts):
+            each()
+
+    def action_halt(self) -> None:
+        """Stop everything that moves, and say so: the driver has done it, if it reads the keys."""
+        self.halt()
+        self.tell(say("shell.halted" if self._halts else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
         """Let go of everything, then close."""

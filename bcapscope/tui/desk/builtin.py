@@ -5,13 +5,13 @@ It ends with the program that started it, however that ends: the pipe between th
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from multiprocessing.connection import Connection
 from typing import NamedTuple
 
 from bcapscope.simulator.kinematics import Joints
@@ -26,8 +26,8 @@ PROFILE = "rc7"
 JOINTS: Joints = (12.422607, 60.360718, 17.631958, 35.814331, 20.427979, 23.947922, 0.0, 0.0)
 """Where the robot stands at first: where that of the same pages stands after its slvMove, as R4 tells it."""
 
-STARTING = 10.0
-"""Seconds that the simulator may take to start."""
+ENDING = 2.0
+"""Seconds that the simulator has to end by itself."""
 
 _STEP = 0.2
 _HOST = "127.0.0.1"
@@ -45,54 +45,52 @@ def builtin_simulator(profile: str = PROFILE) -> Iterator[Place]:
     """Run the simulator for the length of a block.
 
     Raises:
-        OSError: it does not start; TimeoutError is one of these.
+        OSError: it does not start.
     """
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, profile), name="simulator", daemon=True)
-    process.start()
-    theirs.close()
-    try:
-        if not ours.poll(STARTING):
-            raise TimeoutError("the built-in simulator does not start")
-        yield Place(_HOST, _port(ours))
-    finally:
-        ours.close()
-        process.join(2 * _STEP + 1)
-        if process.is_alive():
-            process.terminate()
-            process.join(1)
-        process.close()
+    process = subprocess.Popen(
+        [sys.executable, "-m", __name__, profile],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C is for the screen
+    )
+    with process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            line = process.stdout.readline()
+            if not line:
+                raise ConnectionError("the built-in simulator has ended before it began")
+            yield Place(_HOST, int(line))
+        finally:
+            process.stdin.close()
+            try:
+                process.wait(ENDING)
+            except subprocess.TimeoutExpired:
+                process.kill()
 
 
-def _port(pipe: Connection) -> int:
-    try:
-        port = pipe.recv()
-    except EOFError:
-        raise ConnectionError("the built-in simulator has ended before it began") from None
-    assert isinstance(port, int)
-    return port
-
-
-def _serve(pipe: Connection, profile: str) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the screen, and the pipe tells of its end
+def serve(profile: str) -> None:
+    """Serve until stdin ends; write the port to stdout first."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     now = time.monotonic_ns()
     start = Start(joints=JOINTS, motor=True, epoch=time.time_ns() - now)
     server = Server(Simulator(PROFILES[profile], start, now), _HOST, 0)
     ended = threading.Event()
 
     def watch() -> None:
-        try:
-            pipe.recv()
-        except EOFError:
-            ended.set()
+        sys.stdin.read()
+        ended.set()
 
     threading.Thread(target=watch, daemon=True).start()
     try:
-        pipe.send(server.address[1])
+        sys.stdout.write(f"{server.address[1]}\n")
+        sys.stdout.flush()
         while not ended.is_set():
             server.step(_STEP)
-    except BrokenPipeError:
-        pass
     finally:
         server.close()
+
+
+if __name__ == "__main__":
+    serve(sys.argv[1])

@@ -12,11 +12,14 @@ from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.render.meaning import value_text
 from bcapscope.traffic.opened import Opened
-from bcapscope.tui.desk.desk import Desk
+from bcapscope.tui.desk.desk import Desk, handle_variant
 from bcapscope.tui.desk.halt import ROBOT
 from bcapscope.tui.desk.news import Identity, Step, StepNews
-from bcapscope.tui.desk.record import Ending, Who
+from bcapscope.tui.desk.record import Ending, Record, Who
 from bcapscope.tui.desk.recorder import WHO
+
+ROBSLAVE = "RobSlave"
+"""The program that RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
 
 _UNKNOWN_PROVIDER = (0x80070057, 0x80000201)
 """What a controller answers to the name of a provider that it does not have: E_INVALIDARG (RC8), and the CAO
@@ -61,15 +64,33 @@ async def connect(desk: Desk, target: Target, providers: Sequence[str], robot: s
     return True
 
 
-async def add_robot(desk: Desk, robot: str, option: str) -> bool:
-    """Open a robot, learn its type, and have HALT ready for it."""
+async def add_robot(desk: Desk, robot: str, option: str) -> Record:
+    """Open a robot, choose it, learn its type, and have HALT ready for it; return the record of its opening.
+
+    Raises:
+        BcapError, OSError: as `Desk.call`.
+    """
     WHO.set(Who.USER)
-    try:
-        await _step(desk, Step.ROBOT, lambda: _robot(desk, robot, option))
-    except FailedError:
-        return False
-    desk.open_halt_line(robot)
-    return True
+    opened = await desk.open(desk.controller, ObjectClass.ROBOT, robot, option)
+    record = desk.last
+    if opened is not None:
+        desk.choose(opened)
+        desk.tell(StepNews(Step.ROBOT, True, ", ".join(filter(None, (robot, await read_type(desk, opened))))))
+        desk.open_halt_line(robot)
+    return record
+
+
+async def start_robslave(desk: Desk) -> Record:
+    """Open the task RobSlave unless it is open, start it for one cycle; return the record of the last call.
+
+    Raises:
+        BcapError, OSError: as `Desk.call`.
+    """
+    found = [one for one in desk.status.open if one.kind is ObjectClass.TASK and one.label == ROBSLAVE]
+    task = found[-1] if found else await desk.open(desk.controller, ObjectClass.TASK, ROBSLAVE, "")
+    if task is None:
+        return desk.last
+    return await desk.invoke("Task_Start", handle_variant(task), Variant(VT.I4, 1), Variant(VT.BSTR, ""))
 
 
 async def _step(desk: Desk, step: Step, walk: Callable[[], Awaitable[str]]) -> None:

@@ -189,7 +189,7 @@ class Desk:
             self._check_armed()
         WHO.set(who)
         await self._guarded(reach.exchange(function, arguments))
-        return self._last()
+        return self.last
 
     async def invoke(self, name: str, *values: Variant, who: Who = Who.USER) -> Record:
         """As `call`, with the function's name."""
@@ -212,7 +212,7 @@ class Desk:
         WHO.set(Who.USER)
         await self._guarded(caller.send_raw(raw, session.paces.others.timeout / 1e9))
         self._recorder.give_up(time.time_ns())
-        return self._last()
+        return self.last
 
     @property
     def controller(self) -> Opened:
@@ -226,9 +226,23 @@ class Desk:
             raise NotConnectedError("not connected")
         return found[-1]
 
+    @property
+    def last(self) -> Record:
+        """The record of the call that ended last; there has been one."""
+        assert self._recorder.last is not None
+        return self._recorder.last
+
+    def subject_of(self, record: Record) -> Opened | None:
+        """Return what a call was asked of; None where that is not open any more."""
+        function, first = FUNCTIONS.get(record.function_id), record.arguments[:1]
+        handle = first[0].value if first else None
+        if function is None or not isinstance(handle, int):
+            return None
+        return self._book.find(function.owner, handle)
+
     def why(self) -> str:
         """Tell why the last call failed."""
-        return why(self._last())
+        return why(self.last)
 
     async def open(
         self, parent: Opened, kind: ObjectClass, name: str, option: str, who: Who = Who.USER
@@ -259,10 +273,6 @@ class Desk:
             if not isinstance(error, BcapError):
                 await self.lose(reason_of(error))
             raise
-
-    def _last(self) -> Record:
-        assert self._recorder.last is not None
-        return self._recorder.last
 
     # HALT.
 

@@ -6,6 +6,13 @@ WORDS: dict[str, tuple[str, str]] = {
         "Stop what runs, let go of everything and close",
         "動作を止め、すべて解放して終了します",
     ),
+    "shell.halt": ("HALT", "緊急停止"),
+    "shell.halt.tip": (
+        "Stop the robot at once, whatever else is going on",
+        "ほかの状態に関わらずロボットを即時停止します",
+    ),
+    "shell.halted": ("HALT was sent", "HALT を送信しました"),
+    "shell.halt.nothing": ("There is nothing connected to halt", "停止する接続先がありません"),
     "shell.help": ("Help", "ヘルプ"),
     "shell.help.tip": ("What this screen is and all of its keys", "この画面の説明とキー一覧"),
     "shell.palette": ("Commands", "コマンド"),

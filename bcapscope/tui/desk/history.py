@@ -1,0 +1,84 @@
+"""The history of calls: a line each, and which of them are wanted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from bcapscope.client.session import call_name
+from bcapscope.render.answer import AnswerRenderer
+from bcapscope.render.escape import printable
+from bcapscope.render.moment import utc_text
+from bcapscope.render.palette import Palette
+from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import FilterError, compile_filter
+from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.traffic.tracker import Tracker
+from bcapscope.tui.desk.record import Record, Who, why
+
+_PLAIN = re.compile(r"[\w\s.@:-]*")
+"""Text without anything that an expression of the filter language cannot do without."""
+
+_MARKS = {Who.USER: " ", Who.SCREEN: "·", Who.WATCH: "~"}
+
+
+def history_line(record: Record, palette: Palette) -> str:
+    """Write a call: number, time of day (UTC), who made it unless the user did, call, result, time."""
+    color = palette
+    head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_MARKS[record.who]}"
+    name = call_name(record.function_id, record.arguments)
+    if record.reply is not None:
+        text = AnswerRenderer(palette).line(
+            name, record.function_id, record.reply, record.took, record.attempts
+        )
+    else:
+        took = f"{color.dim}{record.took / 1e6:.3f} ms{color.reset}"
+        text = f"{color.name}{printable(name)}{color.reset} {color.bad}{why(record)}{color.reset}  {took}"
+    return f"{color.dim}{head}{color.reset} {text}"
+
+
+class Chooser:
+    """Tells which calls are wanted: those whose line has all words, or for which an expression is true.
+
+    Calls of the screen itself are wanted only where the text is not empty.
+
+    Attributes:
+        problem: why the expression is none; empty where all is well.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.problem = ""
+        self._wants: Callable[[Record], bool] = lambda record: record.who is Who.USER
+        words = text.casefold().split()
+        if not words:
+            return
+        if _PLAIN.fullmatch(text):
+            self._wants = lambda record: _has(record, words)
+            return
+        try:
+            test = compile_filter(text, RecordKind.CALL).bind(CALL_GETTERS)
+        except FilterError as error:
+            self.problem = str(error)
+            return
+        self._wants = lambda record: (call := exchange_of(record)) is not None and test(call)
+
+    def wants(self, record: Record) -> bool:
+        """Tell whether a call is wanted."""
+        return self._wants(record)
+
+
+def exchange_of(record: Record) -> Exchange | None:
+    """Return a call as those of captures are; None where no sound request was sent."""
+    tracker = Tracker()
+    settled = [each for seen in record.packets for each in tracker.observe(seen)]
+    settled += tracker.close()
+    return next((each for each in settled if isinstance(each, Exchange)), None)
+
+
+_PALE = Palette()
+
+
+def _has(record: Record, words: list[str]) -> bool:
+    line = history_line(record, _PALE).casefold()
+    return all(word in line for word in words)

@@ -1,0 +1,427 @@
+"""The Tester: b-CAP Tester's window in the terminal.
+
+The widgets say what they want; here it is done, at the desk, and what comes back is given to them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.message import Message
+from textual.widgets import Button, ContentSwitcher
+
+from bcapscope.client.session import call_name
+from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
+from bcapscope.render.escape import printable
+from bcapscope.render.notation import bare_text
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.desk.builtin import builtin_simulator
+from bcapscope.tui.desk.connecting import connect
+from bcapscope.tui.desk.copying import copied
+from bcapscope.tui.desk.desk import Desk
+from bcapscope.tui.desk.halt import HaltNews, HaltState
+from bcapscope.tui.desk.news import Lost, News, Status, StepNews, Trouble, WatchNews
+from bcapscope.tui.desk.option import read_option
+from bcapscope.tui.desk.record import Record
+from bcapscope.tui.desk.saved import SavedError, save, takes_handle
+from bcapscope.tui.desk.watching import Watcher
+from bcapscope.tui.screens.place import Place
+from bcapscope.tui.settings import remembered
+from bcapscope.tui.tester.ask import ArmDialog, NameDialog
+from bcapscope.tui.tester.choice import Choice
+from bcapscope.tui.tester.clerk import Clerk
+from bcapscope.tui.tester.command import CommandForm
+from bcapscope.tui.tester.connection import ConnectionPanel
+from bcapscope.tui.tester.function import FunctionForm, FunctionPanel
+from bcapscope.tui.tester.history import HistoryLines
+from bcapscope.tui.tester.messages import (
+    CallWanted,
+    ConnectWanted,
+    DisconnectWanted,
+    OpenWanted,
+    RawWanted,
+    RobSlaveWanted,
+    WatchWanted,
+)
+from bcapscope.tui.tester.notice import Notice
+from bcapscope.tui.tester.opener import Opener
+from bcapscope.tui.tester.packets import PacketPane
+from bcapscope.tui.tester.picker import FunctionPicker
+from bcapscope.tui.tester.raw import RawForm
+from bcapscope.tui.tester.result import ResultView
+from bcapscope.tui.tester.robot import RobotPanel
+from bcapscope.tui.tester.savedlist import SavedList
+from bcapscope.tui.tester.status import facts_of, status_text
+from bcapscope.tui.tester.task import TaskPanel
+from bcapscope.tui.tester.variable import VariablePanel
+from bcapscope.tui.tester.watchlist import WatchList
+from bcapscope.tui.words import say
+
+_EXECUTE_CONTROLLER = 17
+_TABS = ("robot", "variable", "task", "function", "raw")
+
+
+class Start(NamedTuple):
+    """What the Tester begins with.
+
+    Attributes:
+        host: of the controller; empty for the built-in simulator.
+        port: of the controller.
+        tcp: TCP instead of UDP.
+        option: as in the field.
+        profile: of the built-in simulator.
+        requests: folder of saved requests.
+        audit: folder of the audit log.
+    """
+
+    requests: Path
+    audit: Path
+    host: str = ""
+    port: int = 5007
+    tcp: bool = False
+    option: str = ""
+    profile: str = "rc7"
+
+
+class DeskNews(Message):
+    """Something happened at the desk."""
+
+    def __init__(self, news: News) -> None:
+        super().__init__()
+        self.news = news
+
+
+class Tester(Place):
+    """Connects to a controller, makes calls, shows what went over the wire."""
+
+    NAME = "tester.name.screen"
+    ABOUT = "tester.about"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (130, "-wide")]  # noqa: RUF012 - as Textual has it
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
+        Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
+        Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
+        Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
+        Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
+    ]
+
+    def __init__(self, start: Start) -> None:
+        """Take what to begin with."""
+        super().__init__()
+        self._start = start
+        self.desk = Desk(self._bring, start.audit)
+        self.watcher = Watcher(self.desk)
+        self.clerk = Clerk(self.desk, self._arm)
+        self._halt_news = HaltNews(HaltState.CLOSED)
+        self._stack = ExitStack()
+        self._connected = False
+
+    def content(self) -> ComposeResult:
+        """Lay it out as b-CAP Tester is laid out."""
+        start = self._start
+        with Horizontal(id="desk"):
+            with VerticalScroll(id="left", can_focus=False):
+                with Vertical(classes="box", id="controller-box"):
+                    yield ConnectionPanel(start.host, start.port, start.tcp, start.option)
+                with Vertical(classes="box", id="execute-box"):
+                    yield CommandForm(_EXECUTE_CONTROLLER, id="controller-execute")
+                yield Choice([(tab, f"tester.tab.{tab}") for tab in _TABS], id="tabs")
+                with ContentSwitcher(initial="robot", id="panels"):
+                    yield RobotPanel(id="robot")
+                    yield VariablePanel(ObjectClass.CONTROLLER, "@MODE", id="variable")
+                    yield TaskPanel(id="task")
+                    yield FunctionPanel(FUNCTIONS[_EXECUTE_CONTROLLER], id="function")
+                    yield RawForm(id="raw")
+            yield PacketPane(start.requests, id="right")
+
+    def on_mount(self) -> None:
+        """Begin: HALT is at hand, and without a host the built-in simulator starts."""
+        for name, title in (
+            ("controller-box", "tester.box.controller"),
+            ("execute-box", "tester.box.execute"),
+            ("add-robot", "tester.box.robot"),
+            ("robot-variable", "tester.box.variable"),
+            ("variable", "tester.box.variable"),
+            ("task-box", "tester.box.task"),
+        ):
+            self.query_one(f"#{name}").border_title = say(title)
+        app = scope_of(self)
+        app.at_halt(self.desk.halt)
+        app.at_close(self._close)
+        self.set_interval(1.0, self._show_status)
+        self._show_status()
+        self.query_one("#connect", Button).focus()
+        if not self._start.host:
+            self.run_worker(self._start_simulator(), group="simulator", exit_on_error=False)
+
+    async def _start_simulator(self) -> None:
+        panel = self.query_one(ConnectionPanel)
+        try:
+            entered = asyncio.to_thread(self._stack.enter_context, builtin_simulator(self._start.profile))
+            place = await entered
+        except OSError as error:
+            panel.trouble(say("tester.simulator.failed", reason=printable(str(error))))
+            return
+        panel.put(place.host, place.port)
+
+    async def _close(self) -> None:
+        self.workers.cancel_group(self, "call")
+        await asyncio.to_thread(self.desk.close)
+        await asyncio.to_thread(self._stack.close)
+
+    # What the desk tells.
+
+    def _bring(self, news: News) -> None:
+        """Bring news from a thread of the desk's to our event loop."""
+        self.post_message(DeskNews(news))
+
+    @on(DeskNews)
+    def _hear(self, message: DeskNews) -> None:
+        news = message.news
+        if isinstance(news, Record):
+            self.query_one(PacketPane).take(news)
+        elif isinstance(news, Status):
+            self._take_status(news)
+        elif isinstance(news, StepNews):
+            self.query_one(ConnectionPanel).step(news)
+        elif isinstance(news, HaltNews):
+            self._take_halt(news)
+        elif isinstance(news, WatchNews):
+            self.query_one(WatchList).show(tuple(self.watcher.watched))
+        elif isinstance(news, Lost):
+            self.query_one(ConnectionPanel).trouble(say("tester.lost", reason=printable(news.reason)))
+            scope_of(self).tell(say("tester.lost", reason=printable(news.reason)), "error")
+        elif isinstance(news, Trouble):
+            scope_of(self).tell(say("tester.audit.broken", reason=printable(news.text)), "warning")
+
+    def _take_status(self, status: Status) -> None:
+        if status.is_connected != self._connected:
+            self._connected = status.is_connected
+            self.query_one(ConnectionPanel).show(status)
+        for panel in self.query(VariablePanel):
+            panel.show(status.open)
+        self.query_one(TaskPanel).show(status.open)
+        self._show_status()
+
+    def _take_halt(self, news: HaltNews) -> None:
+        before, self._halt_news = self._halt_news, news
+        if news.state in (HaltState.HALTED, HaltState.FAILED):
+            key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
+            text = say(key, ms=f"{news.round_trip / 1e6:.1f}", reason=printable(news.reason))
+            scope_of(self).tell(text, "warning" if news.state is HaltState.HALTED else "error")
+        elif news.state is HaltState.LOST and before.state is HaltState.READY:
+            scope_of(self).tell(say("tester.halt.gone", reason=printable(news.reason)), "error")
+        self._show_status()
+
+    def _show_status(self) -> None:
+        desk = self.desk
+        line = status_text(desk.status, desk.arming, desk.now(), self._halt_news)
+        inks = scope_of(self).inks
+        scope_of(self).status = Text.assemble(*[(text, inks.get(ink, "")) for text, ink in line])
+
+    # What the widgets want.
+
+    def _work(self, step: Coroutine[Any, Any, object], group: str = "call") -> None:
+        self.run_worker(step, group=group, exit_on_error=False)
+
+    @on(ConnectWanted)
+    def _connect(self, message: ConnectWanted) -> None:
+        self._work(self._connecting(message), "connect")
+
+    async def _connecting(self, wish: ConnectWanted) -> None:
+        panel = self.query_one(ConnectionPanel)
+        target, providers = read_option(wish.option, wish.host, wish.port, wish.tcp)
+        opener = self.query_one("#add-robot Opener", Opener)
+        panel.begin()
+        panel.busy(True)
+        settings = scope_of(self).settings
+        settings.hosts = remembered(wish.host, settings.hosts)
+        scope_of(self).keep()
+        try:
+            if await self.desk.do(connect(self.desk, target, providers, opener.object_name, "")):
+                self.query_one("#robot-forms .command").focus()
+        finally:
+            panel.busy(False)
+            panel.show(self.desk.status)
+
+    @on(DisconnectWanted)
+    def _disconnect(self) -> None:
+        for group in ("call", "connect"):
+            self.workers.cancel_group(self, group)
+        self._work(self._disconnecting(), "disconnect")
+
+    async def _disconnecting(self) -> None:
+        await self.desk.do(self.desk.disconnect())
+        self.query_one(ConnectionPanel).show(self.desk.status)
+
+    @on(CallWanted)
+    def _call(self, message: CallWanted) -> None:
+        self._work(self.clerk.call(message))
+
+    @on(RawWanted)
+    def _raw(self, message: RawWanted) -> None:
+        self._work(self.clerk.raw(message.asker, message.raw))
+
+    @on(RobSlaveWanted)
+    def _robslave(self, message: RobSlaveWanted) -> None:
+        self._work(self.clerk.robslave(message.asker))
+
+    @on(OpenWanted)
+    def _open(self, message: OpenWanted) -> None:
+        if isinstance(message, Opener.ReleasePressed):
+            self._work(self.clerk.release(message))
+        else:
+            self._work(self._opening(message))
+
+    async def _opening(self, wish: OpenWanted) -> None:
+        if await self.clerk.open(wish) and wish.kind is ObjectClass.VARIABLE:
+            for panel in self.query(VariablePanel):
+                panel.opened(wish.parent, wish.name)
+
+    @on(WatchWanted)
+    def _watch(self, message: WatchWanted) -> None:
+        self.query_one(PacketPane).turn_to("watch")
+        self._work(self.desk.do(self.watcher.add(message.variable)), "watch")
+
+    @on(WatchList.Removed)
+    def _unwatch(self, message: WatchList.Removed) -> None:
+        self._work(self.desk.do(self.watcher.remove(message.handle)), "watch")
+
+    @on(WatchList.Reset)
+    def _reset_watch(self) -> None:
+        self._work(self.desk.do(self.watcher.reset()), "watch")
+
+    @on(SavedList.Wanted)
+    async def _saved(self, message: SavedList.Wanted) -> None:
+        saved = message.saved
+        form = await self._form(saved.function)
+        form.put(saved.values, tuple(bare_text(value) or "" for value in saved.values))
+        if not message.edit:
+            self._work(self.clerk.saved(form.query_one(ResultView), saved))
+
+    @on(HistoryLines.Wanted)
+    async def _with_record(self, message: HistoryLines.Wanted) -> None:
+        record = message.record
+        if message.what == "again":
+            self._work(self.clerk.again(Notice(scope_of(self)), record))
+        elif message.what == "edit":
+            await self._edit(record)
+        elif message.what == "save":
+            self._save(record)
+        else:
+            self._copy(record, message.what)
+
+    async def _form(self, function: Function) -> FunctionForm:
+        """Show the form of a function."""
+        self.query_one("#tabs", Choice).chosen = "function"
+        return await self.query_one(FunctionPanel).choose(function)
+
+    async def _edit(self, record: Record) -> None:
+        """Put a call into a form: that of its function, or raw bytes where there is none."""
+        function = FUNCTIONS.get(record.function_id)
+        if function is None or len(function.params) != len(record.arguments):
+            self.query_one("#tabs", Choice).chosen = "raw"
+            self.query_one(RawForm).put(record.sent[0].item.raw)
+            return
+        form = await self._form(function)
+        values = record.arguments[1:] if takes_handle(function) else record.arguments
+        form.put(values, tuple(bare_text(value) or "" for value in values))
+        form.focus_first()
+
+    def _copy(self, record: Record, what: str) -> None:
+        target = self.desk.status.target or read_option("", self._start.host or "127.0.0.1", 5007, False)[0]
+        text = copied(record, what, target, self.desk.subject_of(record))
+        if text is None:
+            scope_of(self).tell(say("tester.copy.none"), "warning")
+            return
+        self.app.copy_to_clipboard(text)
+        scope_of(self).tell(say("tester.copied", text=printable(text.partition("\n")[0])[:200]))
+
+    def _save(self, record: Record) -> None:
+        folder = self._start.requests
+
+        def take(name: str | None) -> None:
+            if not name:
+                return
+            try:
+                path = save(folder, name, record.function_id, record.arguments)
+            except SavedError as error:
+                scope_of(self).tell(str(error), "error")
+                return
+            scope_of(self).tell(say("tester.saved", path=path))
+            self.query_one(SavedList).reload()
+
+        first = call_name(record.function_id, record.arguments)
+        self.app.push_screen(NameDialog(say("tester.save"), printable(first)), take)
+
+    @on(Choice.Chosen, "#tabs")
+    def _turn(self, message: Choice.Chosen) -> None:
+        self.query_one("#panels", ContentSwitcher).current = message.value
+
+    @on(Button.Pressed, "#function")
+    def _choose_function(self) -> None:
+        self.run_worker(self._choosing(), exit_on_error=False)
+
+    async def _choosing(self) -> None:
+        name = await self.app.push_screen_wait(FunctionPicker())
+        function = function_by_name(name) if name else None
+        if function is not None:
+            form = await self.query_one(FunctionPanel).choose(function)
+            form.focus_first()
+
+    # What keys do.
+
+    def action_connect(self) -> None:
+        """Connect, or disconnect."""
+        if self._connected:
+            self._disconnect()
+        else:
+            self.query_one(ConnectionPanel).connect()
+
+    def action_robslave(self) -> None:
+        """Start RobSlave."""
+        self._work(self.clerk.robslave(Notice(scope_of(self))))
+
+    def action_cancel(self) -> None:
+        """Give up the calls under way."""
+        for group in ("call", "connect"):
+            self.workers.cancel_group(self, group)
+
+    def action_arm(self) -> None:
+        """Arm, or disarm."""
+        if self.desk.arming.is_armed(self.desk.now()):
+            self.desk.arming.disarm()
+            self._show_status()
+        else:
+            self.run_worker(self._arm(), exit_on_error=False)
+
+    async def _arm(self) -> bool:
+        """Ask the user to arm; return whether it is armed then."""
+        status = self.desk.status
+        if status.target is None:
+            return False
+        if not await self.app.push_screen_wait(ArmDialog(facts_of(status))):
+            return False
+        self.desk.arming.arm(self.desk.now())
+        self._show_status()
+        return True
+
+    def action_next_part(self) -> None:
+        """Go to the next part: connection, forms, packets."""
+        parts = [self.query_one(name) for name in ("#controller-box", "#execute-box", "#panels", "#right")]
+        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1)
+        for step in range(1, len(parts) + 1):
+            part = parts[(here + step) % len(parts)]
+            found = [each for each in part.query("Input, HexView, Lines, Button") if each.focusable]
+            if found:
+                found[0].focus()
+                return

@@ -1,0 +1,67 @@
+"""Small dialogs: a question with two answers, and a question for a name."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.screen import ModalScreen
+from textual.widgets import Button, Input, Static
+
+from bcapscope.tui.words import say
+
+
+class ArmDialog(ModalScreen[bool]):
+    """Asks whether to arm; says what would move. The answer that does nothing has the focus."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,n", "dismiss(False)", "tester.arm.no", key_display="esc"),
+    ]
+
+    def __init__(self, facts: list[str]) -> None:
+        """Take what is known of the controller and the robot, a line each, harmless already."""
+        super().__init__()
+        self._facts = facts
+
+    def compose(self) -> ComposeResult:
+        """Put the answers below the facts."""
+        with Vertical(classes="dialog -warning") as box:
+            box.border_title = say("tester.arm.title")
+            yield Static("\n".join(self._facts), markup=False, id="facts")
+            yield Static(say("tester.arm.warning"), markup=False)
+            with Horizontal(classes="answers"):
+                yield Button(say("tester.arm.no"), compact=True, id="no")
+                yield Button(say("tester.arm.yes"), compact=True, variant="error", id="yes")
+
+    def on_mount(self) -> None:
+        """Let Enter do nothing."""
+        self.query_one("#no").focus()
+
+    @on(Button.Pressed)
+    def _answer(self, message: Button.Pressed) -> None:
+        self.dismiss(message.button.id == "yes")
+
+
+class NameDialog(ModalScreen[str | None]):
+    """Asks for a name."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
+    ]
+
+    def __init__(self, title: str, first: str) -> None:
+        super().__init__()
+        self._title, self._first = title, first
+
+    def compose(self) -> ComposeResult:
+        """Put the field under the title."""
+        with Vertical(classes="dialog -small") as box:
+            box.border_title = self._title
+            yield Input(self._first)
+
+    @on(Input.Submitted)
+    def _take(self, message: Input.Submitted) -> None:
+        self.dismiss(message.value.strip() or None)

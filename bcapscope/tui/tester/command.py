@@ -1,0 +1,104 @@
+"""Execute as b-CAP Tester has it: Command, Type, Parameter, Result."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.suggester import SuggestFromList
+from textual.widgets import Button, Input
+
+from bcapscope.protocol.commands import commands
+from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.desk.parameter import expected, suggestion
+from bcapscope.tui.tester.field import Caption
+from bcapscope.tui.tester.messages import CallWanted
+from bcapscope.tui.tester.picker import CommandPicker
+from bcapscope.tui.tester.result import ResultView
+from bcapscope.tui.tester.typed import TypedValue
+from bcapscope.tui.words import say
+
+
+class CommandForm(Vertical):
+    """Makes calls of one of the ..._Execute functions; the catalogue completes the command as it is typed."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f4", "pick", "tester.pick", id="command.pick", tooltip="tester.pick.tip"),
+    ]
+
+    def __init__(self, function_id: int, *, id: str | None = None) -> None:
+        """Take the function: Controller_Execute, Robot_Execute and the like."""
+        super().__init__(id=id)
+        self.function = FUNCTIONS[function_id]
+
+    def compose(self) -> ComposeResult:
+        """Put command, type and parameter into two rows, and the result below."""
+        names = [each.name for each in commands(self.function.id)]
+        with Horizontal(classes="row"):
+            yield Caption("tester.command")
+            yield Input(suggester=SuggestFromList(names, case_sensitive=False), classes="command")
+        with Horizontal(classes="row"):
+            yield Caption("tester.parameter")
+            yield TypedValue()
+            yield Button(say("tester.execute"), compact=True, variant="primary", classes="execute")
+        with Horizontal(classes="row result"):
+            yield Caption("tester.result")
+            yield ResultView()
+
+    def put(self, name: str, parameter: Variant, text: str) -> None:
+        """Show a command with its parameter."""
+        with self.prevent(Input.Changed):
+            self.query_one(".command", Input).value = name
+        self.query_one(TypedValue).put(parameter.vt, text)
+
+    @on(Input.Changed, ".command")
+    def _complete(self, message: Input.Changed) -> None:
+        """Choose the type that the command has, and say what it does."""
+        message.stop()
+        found = suggestion(self.function.id, message.value)
+        if found is None:
+            self.query_one(ResultView).hint("")
+            return
+        if found.types:
+            self.query_one(TypedValue).choose(found.types[0])
+        self.query_one(ResultView).hint(found.text)
+
+    @on(TypedValue.Changed)
+    def _check(self, message: TypedValue.Changed) -> None:
+        message.stop()
+        if message.checked.problem:
+            self.query_one(ResultView).problem(message.checked.problem)
+            return
+        found = suggestion(self.function.id, self.query_one(".command", Input).value)
+        vt = message.value.vt
+        wanted = "" if vt in (VT.EMPTY, VT.NULL) else expected(vt)
+        self.query_one(ResultView).hint(found.text if found else wanted)
+
+    @on(Button.Pressed)
+    @on(TypedValue.Submitted)
+    @on(Input.Submitted, ".command")
+    def _execute(self, message: Button.Pressed | TypedValue.Submitted | Input.Submitted) -> None:
+        message.stop()
+        result, name = self.query_one(ResultView), self.query_one(".command", Input).value.strip()
+        checked = self.query_one(TypedValue).checked
+        if not name:
+            result.problem(say("tester.command.missing"))
+        elif checked.value is None:
+            result.problem(checked.problem)
+        else:
+            self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
+
+    def action_pick(self) -> None:
+        """Choose from all commands that are known."""
+
+        def take(name: str | None) -> None:
+            if name:
+                self.query_one(".command", Input).value = name
+                self.query_one(TypedValue).query_one(Input).focus()
+
+        scope_of(self).push_screen(CommandPicker(self.function.id), take)

@@ -1,0 +1,154 @@
+"""Controller: where it is, how it is reached, Connect and Disconnect, and each step of connecting."""
+
+from __future__ import annotations
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Button, Checkbox, Input, Static
+
+from bcapscope.render.escape import printable
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.desk.news import Status, Step, StepNews
+from bcapscope.tui.desk.option import read_option
+from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.tester.field import Caption
+from bcapscope.tui.tester.messages import ConnectWanted, DisconnectWanted
+from bcapscope.tui.words import say
+
+PORT = 5007
+_MARKS = {None: "◌", True: "●", False: "✗"}
+
+
+class ConnectionPanel(Vertical):
+    """The fields of a connection; Enter in any of them connects."""
+
+    def __init__(self, host: str, port: int, tcp: bool, option: str, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._given = (host, port, tcp, option)
+        self._steps: dict[Step, StepNews] = {}
+        self._problem = ""
+
+    def compose(self) -> ComposeResult:
+        """Put the fields into one row, and the steps below."""
+        host, port, tcp, option = self._given
+        with Horizontal(classes="row"):
+            yield Caption("tester.ip")
+            yield Input(host, id="host")
+            yield Checkbox("UDP", value=not tcp, compact=True, id="udp")
+            yield Input(str(port), id="port", type="integer", max_length=5)
+            yield Caption("tester.option")
+            yield Input(option, placeholder="Timeout=300", id="option")
+            yield Button(say("tester.connect"), compact=True, variant="primary", id="connect")
+            yield Button(say("tester.disconnect"), compact=True, id="disconnect", disabled=True)
+        yield Static(id="steps", markup=False)
+
+    def on_mount(self) -> None:
+        """Say what to do first."""
+        self._write()
+
+    def put(self, host: str, port: int) -> None:
+        """Fill in where the controller is."""
+        self.query_one("#host", Input).value = host
+        self.query_one("#port", Input).value = str(port)
+
+    def wish(self) -> ConnectWanted | str:
+        """Return what the fields ask for, or what is wrong with them."""
+        host = self.query_one("#host", Input).value.strip()
+        port = self.query_one("#port", Input).value.strip()
+        tcp = not self.query_one("#udp", Checkbox).value
+        option = self.query_one("#option", Input).value
+        if not host:
+            return say("tester.host.missing")
+        if not port.isdecimal() or not 1 <= int(port) <= 65535:
+            return say("tester.port.wrong")
+        try:
+            read_option(option, host, int(port), tcp)
+        except ValueError as error:
+            return str(error)
+        return ConnectWanted(host, int(port), tcp, option)
+
+    def begin(self) -> None:
+        """Forget the steps of the connection before."""
+        self._steps = {}
+        self._problem = ""
+        self._write()
+
+    def step(self, news: StepNews) -> None:
+        """Show a step."""
+        self._steps[news.step] = news
+        self._write()
+
+    def trouble(self, reason: str) -> None:
+        """Show what broke the connection."""
+        self._problem = reason
+        self._write()
+
+    def show(self, status: Status) -> None:
+        """Show whether there is a connection."""
+        self.query_one("#disconnect", Button).disabled = not status.is_connected
+        for name in ("#host", "#port", "#option", "#udp", "#connect"):
+            self.query_one(name).disabled = status.is_connected
+        if not status.is_connected and all(each.done is not False for each in self._steps.values()):
+            self._steps = {}
+            self._write()
+
+    def busy(self, connecting: bool) -> None:
+        """Let Disconnect end an attempt to connect."""
+        self.query_one("#disconnect", Button).disabled = not connecting
+        self.query_one("#connect", Button).disabled = connecting
+
+    def notify_style_update(self) -> None:
+        """Draw in the colours of a new theme."""
+        super().notify_style_update()
+        if self.is_mounted:
+            self._write()
+
+    def _write(self) -> None:
+        parts = [self._part(step) for step in Step]
+        last = next(
+            (each for each in reversed(self._steps.values()) if each.text or each.done is False), None
+        )
+        text = f"{INK.bad}{printable(self._problem)}{INK.reset}" if self._problem else ""
+        if not text and last is not None:
+            color = INK.bad if last.done is False else INK.dim
+            text = f"{color}{printable(last.text)}{INK.reset}"
+        if not text:
+            text = f"{INK.dim}{say('tester.connect.hint')}{INK.reset}"
+        steps = self.query_one("#steps", Static)
+        steps.set_class(bool(self._problem) or (last is not None and last.done is False), "-bad")
+        steps.update(inked(f"{' '.join(parts)}  {text}", scope_of(self).inks))
+
+    def _part(self, step: Step) -> str:
+        name, news = say(f"tester.step.{step}"), self._steps.get(step)
+        if news is None:
+            return f"{INK.dim}○ {name}{INK.reset}"
+        color = {None: INK.number, True: INK.good, False: INK.bad}[news.done]
+        return f"{color}{_MARKS[news.done]} {name}{INK.reset}"
+
+    @on(Input.Changed)
+    def _check(self, message: Input.Changed) -> None:
+        message.stop()
+        wish = self.wish()
+        self._problem = wish if isinstance(wish, str) else ""
+        self._write()
+
+    @on(Button.Pressed, "#connect")
+    @on(Input.Submitted)
+    def _connect(self, message: Button.Pressed | Input.Submitted) -> None:
+        message.stop()
+        self.connect()
+
+    def connect(self) -> None:
+        """Ask for the connection, or say what is wrong with the fields."""
+        wish = self.wish()
+        if isinstance(wish, str):
+            self._problem = wish
+            self._write()
+        else:
+            self.post_message(wish)
+
+    @on(Button.Pressed, "#disconnect")
+    def _disconnect(self, message: Button.Pressed) -> None:
+        message.stop()
+        self.post_message(DisconnectWanted())

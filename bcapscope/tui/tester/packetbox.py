@@ -1,0 +1,103 @@
+"""SendData or ReceiveData: packets in hex with offsets, their fields beside them."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.widgets import Static
+
+from bcapscope.protocol.frame import Frame
+from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.question import Question
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.widgets.packet import PacketView
+from bcapscope.tui.words import say
+
+MOST = 2000
+"""Packets that are kept where they are not overwritten; the oldest go first."""
+
+
+class PacketBox(Vertical):
+    """Shows one packet of those it has; ``[`` and ``]`` go to the ones before and after."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding(
+            "left_square_bracket", "step(-1)", "tester.packet.before", id="packet.before", key_display="["
+        ),
+        Binding("right_square_bracket", "step(1)", "tester.packet.after", id="packet.after", key_display="]"),
+    ]
+
+    def __init__(self, name: str, *, id: str | None = None) -> None:
+        """Take the key of its title in the catalogue of words."""
+        super().__init__(id=id)
+        self._title = name
+        self._packets: list[tuple[Observation, Question | None]] = []
+        self._at = 0
+
+    def compose(self) -> ComposeResult:
+        """Put the title above the packet."""
+        yield Static(classes="title", markup=False)
+        yield PacketView()
+
+    def on_mount(self) -> None:
+        """Show that there is nothing yet."""
+        self._show()
+
+    @property
+    def packets(self) -> tuple[Observation, ...]:
+        """What it has."""
+        return tuple(seen for seen, _ in self._packets)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._packets = []
+        self._at = 0
+        self._show()
+
+    def add(self, packets: tuple[Observation, ...], question: Question | None, overwrite: bool) -> None:
+        """Take packets and show the last of them.
+
+        Args:
+            packets: in the order of their times.
+            question: what they ask or answer.
+            overwrite: forget those before.
+        """
+        if overwrite:
+            self._packets = []
+        self._packets += [(seen, question) for seen in packets]
+        del self._packets[:-MOST]
+        self._at = max(0, len(self._packets) - 1)
+        self._show()
+
+    def action_step(self, by: int) -> None:
+        """Go to the packet before or after."""
+        if 0 <= self._at + by < len(self._packets):
+            self._at += by
+            self._show()
+
+    def notify_style_update(self) -> None:
+        """Draw in the colours of a new theme."""
+        super().notify_style_update()
+        if self.is_mounted:
+            self._caption()
+
+    def _show(self) -> None:
+        seen, question = self._packets[self._at] if self._packets else (None, None)
+        self.query_one(PacketView).show(seen, question)
+        self._caption()
+
+    def _caption(self) -> None:
+        text = f"{INK.name}{say(self._title)}{INK.reset}"
+        if self._packets:
+            item = self._packets[self._at][0].item
+            text += f"  {INK.dim}{say('tester.size', count=len(item.raw))}"
+            if isinstance(item, Frame):
+                text += f"  serial {item.serial}  reserved {item.reserved}"
+            if len(self._packets) > 1:
+                text += f"  [{self._at + 1}/{len(self._packets)}]"
+            text += INK.reset
+        self.query_one(".title", Static).update(inked(text, scope_of(self).inks))

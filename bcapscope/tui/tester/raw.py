@@ -1,0 +1,82 @@
+"""Raw packets: bytes in hex, sent as they are, or with length and serial put right."""
+
+from __future__ import annotations
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Button, Checkbox, Input
+
+from bcapscope.protocol.frame import Frame, parse_datagram
+from bcapscope.protocol.functions import function_name
+from bcapscope.tui.tester.field import Caption
+from bcapscope.tui.tester.messages import RawWanted
+from bcapscope.tui.tester.result import ResultView
+from bcapscope.tui.words import say
+
+LONGEST = 65_507
+"""Bytes that one datagram carries at most."""
+
+_EXAMPLE = "01 10 00 00 00 01 00 00 00 02 00 00 00 00 00 04"
+
+
+class RawForm(Vertical):
+    """A field for bytes in hex; says what they are while they are typed."""
+
+    def compose(self) -> ComposeResult:
+        """Put the field above its button."""
+        with Horizontal(classes="row"):
+            yield Caption("tester.bytes")
+            yield Input(placeholder=_EXAMPLE, classes="value")
+        with Horizontal(classes="row"):
+            yield Checkbox(say("tester.raw.length"), value=True, compact=True)
+            yield Button(say("tester.send"), compact=True, variant="primary", classes="execute")
+        with Horizontal(classes="row result"):
+            yield Caption("tester.result")
+            yield ResultView()
+
+    def put(self, raw: bytes) -> None:
+        """Show bytes."""
+        self.query_one(Input).value = raw.hex(" ").upper()
+
+    @property
+    def raw(self) -> bytes | str:
+        """The bytes, or what is wrong with what was typed."""
+        text = self.query_one(Input).value
+        try:
+            raw = bytes.fromhex(text)
+        except ValueError:
+            return say("tester.raw.hex")
+        if not 0 < len(raw) <= LONGEST:
+            return say("tester.raw.size", most=LONGEST)
+        right = self.query_one(Checkbox).value and len(raw) >= 16
+        return raw[:1] + len(raw).to_bytes(4, "little") + raw[5:] if right else raw
+
+    @on(Input.Changed)
+    @on(Checkbox.Changed)
+    def _look(self, message: Input.Changed | Checkbox.Changed) -> None:
+        message.stop()
+        raw, result = self.raw, self.query_one(ResultView)
+        if isinstance(raw, str):
+            result.problem(raw)
+        else:
+            result.hint("; ".join(map(_words, parse_datagram(raw))))
+
+    @on(Button.Pressed)
+    @on(Input.Submitted)
+    def _send(self, message: Button.Pressed | Input.Submitted) -> None:
+        message.stop()
+        raw, result = self.raw, self.query_one(ResultView)
+        if isinstance(raw, str):
+            result.problem(raw)
+        else:
+            self.post_message(RawWanted(result, raw))
+
+
+def _words(item: object) -> str:
+    """Say what bytes are: a frame of which function, and what is wrong with them."""
+    if isinstance(item, Frame):
+        wrong = ", ".join(problem.reason for problem in item.problems)
+        head = f"{function_name(item.code)}, serial {item.serial}, {item.argc} arguments"
+        return f"{head}: {wrong}" if wrong else head
+    return ", ".join(problem.reason for problem in getattr(item, "problems", ()))

@@ -1,0 +1,89 @@
+"""What became of a call: its result, or what is wrong and what to do, or what is expected."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+from textual.widgets import Static
+
+from bcapscope.protocol.hresult import S_OK, hresult_name
+from bcapscope.render.advice import advice
+from bcapscope.render.escape import printable
+from bcapscope.render.result import reply_result
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.desk.record import Ending, Record, why
+from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.words import say
+
+
+class ResultView(Static, can_focus=True):
+    """Shows one result, five decimals as b-CAP Tester does; ``d`` shows all digits."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("d", "digits", "tester.digits", id="result.digits", tooltip="tester.digits.tip"),
+    ]
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id, markup=False)
+        self._record: Record | None = None
+        self._full = False
+        self._line = ""
+
+    @property
+    def text(self) -> str:
+        """What is shown, with the marks of its colours."""
+        return self._line
+
+    def begin(self) -> None:
+        """Show that the call is under way."""
+        self._record = None
+        self._write(f"{INK.dim}{say('tester.waiting')}{INK.reset}")
+
+    def take(self, record: Record) -> None:
+        """Show how a call ended."""
+        self._record = record
+        self._write(_record_text(record, self._full))
+
+    def fail(self, reason: str) -> None:
+        """Show why nothing was sent, or what broke."""
+        self._record = None
+        self._write(f"{INK.bad}{printable(reason)}{INK.reset}")
+
+    def hint(self, text: str) -> None:
+        """Show what is expected."""
+        self._record = None
+        self._write(f"{INK.dim}{printable(text)}{INK.reset}")
+
+    def problem(self, text: str) -> None:
+        """Show what is wrong with what was typed."""
+        self._record = None
+        self._write(f"{INK.problem}{printable(text)}{INK.reset}")
+
+    def action_digits(self) -> None:
+        """Show all digits, or five behind the point again."""
+        self._full = not self._full
+        if self._record is not None:
+            self.take(self._record)
+
+    def notify_style_update(self) -> None:
+        """Draw in the colours of a new theme."""
+        super().notify_style_update()
+        if self._line:
+            self._write(self._line)
+
+    def _write(self, line: str) -> None:
+        self._line = line
+        self.update(inked(line, scope_of(self).inks))
+
+
+def _record_text(record: Record, full: bool) -> str:
+    took = f"  {INK.dim}{record.took / 1e6:.3f} ms{INK.reset}"
+    if record.ending is Ending.ANSWERED and record.reply is not None:
+        code = record.reply.code
+        name = "" if code == S_OK else f"  {INK.good}{hresult_name(code)}{INK.reset}"
+        return f"{INK.number}{reply_result(record.reply, full)}{INK.reset}{name}{took}"
+    if record.ending is Ending.REFUSED and record.reply is not None:
+        first, *rest = advice(record.reply.code, INK)
+        return "\n".join([first + took, *rest])
+    return f"{INK.bad}{why(record)}{INK.reset}{took}"

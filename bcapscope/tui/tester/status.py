@@ -1,0 +1,65 @@
+"""What is in sight at all times: connection, slave mode, armed or not, HALT."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.slavemode import mode_pose_type
+from bcapscope.render.escape import printable
+from bcapscope.tui.desk.arming import Arming
+from bcapscope.tui.desk.halt import HaltNews, HaltState
+from bcapscope.tui.desk.news import Status
+from bcapscope.tui.words import say
+
+Piece = tuple[str, str]
+"""A text and the name of its ink."""
+
+_LONGEST_HOST = 24
+_HALT_INKS = {HaltState.READY: "good", HaltState.HALTED: "bad", HaltState.OPENING: "dim"}
+
+
+def status_text(status: Status, arming: Arming, now: int, halt: HaltNews) -> list[Piece]:
+    """Write the line, piece by piece."""
+    if status.target is None:
+        return [(f" {say('tester.status.none')} ", "dim")]
+    pieces = [_peer(status)]
+    if status.round_trip:
+        pieces.append((f"{status.round_trip / 1e6:.1f} ms ", "dim"))
+    if status.slave_mode:
+        kind = mode_pose_type(status.slave_mode) or ""
+        pieces.append(
+            (f" {say('tester.status.slave', mode=f'{status.slave_mode:03X}', kind=kind)} ", "problem")
+        )
+    pieces.append(_arms(arming, now))
+    pieces.append((f" F12 {say(f'tester.halt.{halt.state}')} ", _HALT_INKS.get(halt.state, "bad")))
+    return pieces
+
+
+def _peer(status: Status) -> Piece:
+    if status.identity.simulator:
+        return f" ● {say('tester.status.simulator')} ", "good"
+    assert status.target is not None
+    return f" ● {printable(status.target.host)[:_LONGEST_HOST]} ", "good"
+
+
+def _arms(arming: Arming, now: int) -> Piece:
+    if not arming.needed:
+        return f" {say('tester.status.free')} ", "good"
+    if not arming.is_armed(now):
+        return f" {say('tester.status.safe')} ", "good"
+    seconds = arming.left(now) // 1_000_000_000
+    return f" {say('tester.status.armed')} {seconds // 60}:{seconds % 60:02d} ", "bad"
+
+
+def facts_of(status: Status) -> list[str]:
+    """Say what is known of the controller and its robot, a line each, before anything moves."""
+    identity, robot = status.identity, status.robot
+    unknown = say("tester.fact.unknown")
+    return [
+        say("tester.fact.peer", peer=printable(str(status.target))),
+        say("tester.fact.version", version=printable(identity.version) or unknown),
+        say("tester.fact.robot", robot=printable(robot.label) if robot else unknown),
+        say(
+            "tester.fact.type",
+            name=printable(identity.type_name) or unknown,
+            number=printable(identity.type_number) or unknown,
+        ),
+    ]

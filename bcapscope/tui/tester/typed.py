@@ -1,0 +1,88 @@
+"""A value of any type that b-CAP carries: its type from a list, its text checked while it is typed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal
+from textual.message import Message
+from textual.widgets import Input, Select
+
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.tui.desk.parameter import TYPES, Checked, check, type_label
+
+
+class TypedValue(Horizontal):
+    """A list of types and a field; tells when what is typed does not go with the type."""
+
+    class Changed(Message):
+        """Type or text is another.
+
+        Attributes:
+            checked: what it comes to.
+        """
+
+        def __init__(self, value: TypedValue, checked: Checked) -> None:
+            super().__init__()
+            self.value, self.checked = value, checked
+
+        @property
+        def control(self) -> TypedValue:
+            """Where it was typed."""
+            return self.value
+
+    class Submitted(Message):
+        """Enter was pressed in the field."""
+
+    def __init__(self, vt: int = VT.EMPTY, types: Sequence[int] = TYPES, *, id: str | None = None) -> None:
+        """Begin with a type, and offer no others than `types`."""
+        super().__init__(id=id)
+        self._types = types
+        self._first = int(vt)
+
+    def compose(self) -> ComposeResult:
+        """Put the field behind the list."""
+        options = [(type_label(vt), vt) for vt in self._types]
+        yield Select(options, value=self._first, allow_blank=False, compact=True, classes="type")
+        yield Input(classes="value")
+
+    @property
+    def vt(self) -> int:
+        """The type that is chosen."""
+        value = self.query_one(Select).value
+        return value if isinstance(value, int) else self._first
+
+    @property
+    def checked(self) -> Checked:
+        """What stands there comes to."""
+        return check(self.vt, self.query_one(Input).value)
+
+    def choose(self, vt: int) -> None:
+        """Choose a type."""
+        if vt in self._types:
+            self.query_one(Select).value = int(vt)
+
+    def put(self, vt: int, text: str) -> None:
+        """Show a value."""
+        self.choose(vt)
+        self.query_one(Input).value = text
+
+    @property
+    def variant(self) -> Variant | None:
+        """The value; None where the text does not go with the type."""
+        return self.checked.value
+
+    @on(Input.Changed)
+    @on(Select.Changed)
+    def _look(self, message: Message) -> None:
+        message.stop()
+        checked = self.checked
+        self.query_one(Input).set_class(bool(checked.problem), "-invalid")
+        self.post_message(self.Changed(self, checked))
+
+    @on(Input.Submitted)
+    def _submit(self, message: Input.Submitted) -> None:
+        message.stop()
+        self.post_message(self.Submitted())

@@ -1,0 +1,98 @@
+"""Watched variables: value, rate, least, most, and their course; a row for each element of an array."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+from textual.message import Message
+
+from bcapscope.render.escape import printable
+from bcapscope.render.result import result_text
+from bcapscope.tui.desk.watch import Series, Watched
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say
+
+_NAME, _NUMBER, _COURSE = 28, 12, 30
+
+
+class WatchList(Lines):
+    """The variables that are watched."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("delete", "remove", "tester.unwatch", id="watch.remove"),
+        Binding("0", "reset", "tester.watch.reset", id="watch.reset", tooltip="tester.watch.reset.tip"),
+    ]
+
+    class Removed(Message):
+        """A variable is to be watched no more."""
+
+        def __init__(self, handle: int) -> None:
+            super().__init__()
+            self.handle = handle
+
+    class Reset(Message):
+        """Extremes are to be forgotten."""
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._rows: list[tuple[Watched | None, int]] = []
+
+    @property
+    def count(self) -> int:
+        """How many rows there are, that of the titles among them."""
+        return len(self._rows)
+
+    def show(self, watched: tuple[Watched, ...]) -> None:
+        """Show variables, or new readings of the same."""
+        rows: list[tuple[Watched | None, int]] = [(None, 0)]
+        for each in watched:
+            rows += [(each, index) for index in range(max(1, len(each.series)))]
+        if not watched:
+            rows = []
+        if len(rows) != len(self._rows):
+            self._rows = rows
+            self.changed(min(self.cursor, len(rows) - 1))
+        else:
+            self._rows = rows
+            self.repaint()
+
+    def line(self, index: int) -> str:
+        """Write a row."""
+        watched, at = self._rows[index]
+        if watched is None:
+            return _titles()
+        name = watched.label if at == 0 else ""
+        if len(watched.series) > 1:
+            name = f"{name[: _NAME - 5]:<{_NAME - 5}} [{at}]"
+        head = f"{INK.name}{printable(name)[:_NAME]:<{_NAME}}{INK.reset}"
+        if watched.trouble:
+            return f"{head} {INK.bad}{printable(watched.trouble)}{INK.reset}"
+        if not watched.series:
+            value = "" if watched.value is None else result_text(watched.value)
+            return f"{head} {INK.number}{value}{INK.reset}"
+        return f"{head} {_numbers(watched.series[at])}"
+
+    def action_remove(self) -> None:
+        """Watch the variable no more."""
+        watched = self._rows[self.cursor][0] if self._rows else None
+        if watched is not None:
+            self.post_message(self.Removed(watched.handle))
+
+    def action_reset(self) -> None:
+        """Forget extremes and courses."""
+        self.post_message(self.Reset())
+
+
+def _titles() -> str:
+    numbers = "".join(
+        f"{say(f'tester.watch.{key}'):>{_NUMBER}} " for key in ("value", "rate", "least", "most")
+    )
+    return f"{INK.dim}{say('tester.watch.name'):<{_NAME}} {numbers} {say('tester.watch.course')}{INK.reset}"
+
+
+def _numbers(series: Series) -> str:
+    values = (series.last, series.rate, series.least, series.most)
+    texts = "".join(f"{'' if value is None else f'{value:.5f}':>{_NUMBER}} " for value in values)
+    return f"{INK.number}{texts}{INK.reset} {INK.good}{series.course(_COURSE)}{INK.reset}"
