@@ -82,9 +82,13 @@ def _pairs(part: str) -> Iterator[tuple[str, int]]:
     if first not in order or last not in order:
         raise ValueError(f"{part.strip()!r}: names are {', '.join(_NAMES.values())}")
     names = order[order.index(first) : order.index(last) + 1]
+    if not names:
+        raise ValueError(f"{part.strip()!r}: {found[2]} does not come after {found[1]}")
     begin, end = int(found[3]), int(found[4] or found[3])
-    if not names or not begin or end - begin + 1 != len(names):
-        raise ValueError(f"{part.strip()!r}: {len(names)} names for {max(end - begin + 1, 0)} columns")
+    if not 0 < begin <= end:
+        raise ValueError(f"{part.strip()!r}: columns are counted from 1, and upwards")
+    if end - begin + 1 != len(names):
+        raise ValueError(f"{part.strip()!r}: {len(names)} names for {end - begin + 1} columns")
     yield from zip((_NAMES[name] for name in names), range(begin, end + 1), strict=True)
 
 
