@@ -101,12 +101,16 @@ class Message:
         return frames if len(frames) == len(items) else ()
 
     def learn(self, questions: Questions, attempts: Attempts) -> None:
-        """Find out what is asked or answered; all messages must pass here, in order."""
-        self._told = tuple(Told(seen, questions.about(seen)) for seen in self._seen())
+        """Find out what is asked or answered and by which try; all messages must pass here, in order."""
+        self.ask(questions)
         self.attempts = tuple(
             attempts.number(self.flow, told.seen.item) if isinstance(told.seen.item, Frame) else None
-            for told in self._told
+            for told in self.told
         )
+
+    def ask(self, questions: Questions) -> None:
+        """Find out what is asked or answered; all messages must pass here, in order."""
+        self._told = tuple(Told(seen, questions.about(seen)) for seen in self._seen())
 
     def _seen(self) -> Iterator[Observation]:
         for item in parse_datagram(self.data):

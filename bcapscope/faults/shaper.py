@@ -209,8 +209,15 @@ class Shaper:
                     self._overtake(parcel)
         return outputs
 
+    def holds(self, flow: Flow) -> bool:
+        """Tell whether something of this flow is still to be sent, before its end is passed on, or never."""
+        return not self.passes_end(flow.conversation) or any(
+            isinstance(parcel.output, Send) and _way(parcel.output.flow) == _way(flow)
+            for _, _, parcel in self._waiting
+        )
+
     def passes_end(self, conversation: Conversation) -> bool:
-        """Tell whether the end of one side of a connection is to be passed on: not of a half-open one."""
+        """Tell whether the end of one side of a connection is to be heard of: not of a half-open one."""
         return conversation not in self._dead
 
     def forget(self, conversation: Conversation) -> None:

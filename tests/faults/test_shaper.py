@@ -243,12 +243,13 @@ def test_a_partition_loses_datagrams_and_holds_a_stream_until_it_ends() -> None:
 def test_a_half_open_conversation_is_dead_both_ways_and_others_live() -> None:
     flows, other = talk(Transport.TCP), talk(Transport.TCP, Endpoint("10.0.0.3", 5))
     machine = shaper("half-open times 1 if command == slvMove")
-    assert machine.passes_end(flows.up.conversation)
+    assert not machine.holds(flows.up)
     assert machine.take(flows.up, request(1), 0).passed is False
     assert machine.take(flows.down, reply(1), 0).passed is False
     assert machine.take(other.up, request(1), 0).passed is True
+    assert machine.holds(flows.down)
     assert not machine.passes_end(flows.up.conversation)
-    assert machine.passes_end(other.up.conversation)
+    assert not machine.holds(other.up)
     machine.forget(flows.up.conversation)
     assert machine.idle(0)
 
@@ -283,6 +284,7 @@ def test_what_is_held_of_a_conversation_that_is_over_is_lost() -> None:
     flows, other, machine = talk(), talk(), shaper("delay=3ms", "reorder")
     machine.take(flows.up, request(1), 0)
     machine.take(other.up, request(2), 0)
+    assert [machine.holds(each) for each in (*flows, *other)] == [True, False, True, False]
     machine.forget(flows.up.conversation)
     assert [data for _, data in run_dry(machine, 0)] == [request(2)]
 

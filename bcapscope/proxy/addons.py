@@ -1,0 +1,258 @@
+"""Addons: classes of the user's own that see each message and may change, drop or answer it.
+
+A script is a Python file. Each class in it that has a method of one of these names is made, without
+arguments, and its methods are called:
+
+    request(message)      a request came from a client
+    reply(message)        a reply came from the controller
+    settled(call)         a call has ended: answered, refused or given up
+    connected(client)     a client was heard for the first time
+    gone(client)          a client has gone
+    done()                the proxy ends
+
+They run on the way of the bytes: what takes long there delays the robot.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from bcapscope.errors import BcapError
+from bcapscope.faults.message import Message
+from bcapscope.faults.quantities import ResultCode
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.functions import function_name
+from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.observation import Direction, Endpoint, Transport
+from bcapscope.traffic.question import Question
+from bcapscope.traffic.tracker import Tracker
+
+HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
+
+SLOW = 2_000_000
+"""ns; a hook that takes longer is told. A set point's whole time-out is not more (DENSO Wave 2009, How to use
+the Slave mode)."""
+
+
+class ScriptError(BcapError):
+    """A script cannot be used; the message names the file and says why."""
+
+
+class Client(NamedTuple):
+    """A client, as addons are told of it.
+
+    Attributes:
+        number: never used twice.
+        address: where it is.
+        controller: whom it speaks to.
+        transport: UDP or TCP.
+    """
+
+    number: int
+    address: Endpoint
+    controller: Endpoint
+    transport: Transport
+
+
+class PassingMessage:
+    """A message on its way, for hooks to look at and to change.
+
+    Attributes:
+        client: whose it is.
+        data: the bytes; other bytes put here go on in their place.
+        dropped: it does not go on.
+        answers: results that the client gets in place of the controller's answer.
+        question: what it asks or answers, where that is known.
+    """
+
+    def __init__(self, client: Client, message: Message) -> None:
+        self.client = client
+        self.data = message.data
+        self.dropped = False
+        self.answers: list[int] = []
+        self.question: Question | None = next((told.question for told in message.told if told.question), None)
+        self._frames = message.frames
+
+    @property
+    def frame(self) -> Frame | None:
+        """The frame as it came; None for bytes that are none."""
+        return self._frames[0] if self._frames else None
+
+    @property
+    def function(self) -> str | None:
+        """Name of the function that it asks for or answers."""
+        return None if self.question is None else function_name(self.question.function_id)
+
+    @property
+    def command(self) -> str | None:
+        """Command of an ..._Execute function."""
+        return None if self.question is None else self.question.command
+
+    @property
+    def values(self) -> list[Any]:
+        """The values of the arguments."""
+        return [argument.variant.value for argument in self.frame.arguments] if self.frame else []
+
+    def drop(self) -> None:
+        """Let it end here."""
+        self.dropped = True
+
+    def answer(self, hresult: int | str) -> None:
+        """Answer a request with a result, by name or number, and let it end here.
+
+        Raises:
+            ValueError: there is no such result.
+        """
+        self.answers.append(ResultCode.read(hresult))
+        self.dropped = True
+
+
+class Addons:
+    """Calls the hooks of all addons; what goes wrong in one is told once and hurts nobody.
+
+    Attributes:
+        tell: is given a line for the user.
+    """
+
+    def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
+        """Take addons, in the order in which they are called.
+
+        Args:
+            addons: objects with methods named as `HOOKS`.
+            clock: ns, to find the slow ones.
+        """
+        self.tell: Callable[[str], None] = lambda text: None
+        self.errors = 0
+        self._clock = clock
+        self._told: set[tuple[int, str, str]] = set()
+        self._hooks: dict[str, list[tuple[object, Callable[..., object]]]] = {
+            name: [(addon, getattr(addon, name)) for addon in addons if callable(getattr(addon, name, None))]
+            for name in HOOKS
+        }
+        self._tracker = Tracker() if self._hooks["settled"] else None
+
+    @property
+    def looks(self) -> bool:
+        """Whether any of them wants to see messages."""
+        return any(self._hooks[name] for name in ("request", "reply", "settled"))
+
+    def see(self, client: Client, message: Message) -> PassingMessage:
+        """Show a message to all, each to the next as the one before has left it."""
+        passing = PassingMessage(client, message)
+        name = "request" if message.flow.direction is Direction.REQUEST else "reply"
+        for addon, hook in self._hooks[name]:
+            self._call(addon, name, hook, passing)
+            if passing.dropped:
+                break
+        if not isinstance(passing.data, bytes):
+            self._complain(self, name, "data", f"{name}: data is to be bytes; the message goes on as it came")
+            passing.data = message.data
+        if self._tracker is not None:
+            for told in message.told:
+                self._settle(self._tracker.observe(told.seen))
+        return passing
+
+    def connected(self, client: Client) -> None:
+        """Tell of a new client."""
+        self._call_all("connected", client)
+
+    def gone(self, client: Client) -> None:
+        """Tell of a client that has gone."""
+        self._call_all("gone", client)
+
+    def expire(self, since_1970: int) -> None:
+        """Tell of calls that have settled though nothing came."""
+        if self._tracker is not None:
+            self._settle(self._tracker.expire(since_1970))
+
+    @property
+    def waits(self) -> bool:
+        """Whether `expire` is to be called from time to time."""
+        return self._tracker is not None and bool(self._tracker.open)
+
+    def done(self) -> None:
+        """Tell of the calls that are open, and of the end."""
+        if self._tracker is not None:
+            self._settle(self._tracker.close())
+        self._call_all("done")
+
+    def _settle(self, settled: Sequence[object]) -> None:
+        for each in settled:
+            if isinstance(each, Exchange):
+                self._call_all("settled", each)
+
+    def _call_all(self, name: str, *arguments: object) -> None:
+        for addon, hook in self._hooks[name]:
+            self._call(addon, name, hook, *arguments)
+
+    def _call(self, addon: object, name: str, hook: Callable[..., object], *arguments: object) -> None:
+        began = self._clock()
+        try:
+            hook(*arguments)
+        except (Exception, SystemExit) as error:
+            self._complain(addon, name, "error", f"{type(addon).__name__}.{name}: {_where(error)}")
+        took = self._clock() - began
+        if took > SLOW:
+            text = f"{type(addon).__name__}.{name} took {took / 1e6:.1f} ms, and all that passes waits for it"
+            self._complain(addon, name, "slow", text)
+
+    def _complain(self, addon: object, name: str, kind: str, text: str) -> None:
+        self.errors += kind != "slow"
+        key = (id(addon), name, kind)
+        if key not in self._told:
+            self._told.add(key)
+            self.tell(f"{text} (told once)")
+
+
+def load_addons(path: str) -> list[object]:
+    """Run a script and make its addons.
+
+    Raises:
+        ScriptError: it cannot be read, goes wrong, or has no addon in it.
+    """
+    module = _run(path)
+    kinds = [
+        kind
+        for name, kind in vars(module).items()
+        if isinstance(kind, type) and kind.__module__ == module.__name__ and not name.startswith("_")
+    ]
+    kinds = [kind for kind in kinds if any(callable(getattr(kind, hook, None)) for hook in HOOKS)]
+    if not kinds:
+        raise ScriptError(f"{path} has no class with a method {', '.join(HOOKS[:-1])} or {HOOKS[-1]}")
+    try:
+        return [kind() for kind in kinds]
+    except (Exception, SystemExit) as error:
+        raise ScriptError(f"{path}: {_where(error)}") from error
+
+
+def _run(path: str) -> ModuleType:
+    name = f"bcapscope_script_{Path(path).stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ScriptError(f"{path} is no Python file; its name ends with .py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up there
+    try:
+        spec.loader.exec_module(module)
+    except OSError as error:
+        raise ScriptError(f"{path} cannot be read: {error.strerror or error}") from error
+    except (Exception, SystemExit) as error:
+        raise ScriptError(f"{path}: {_where(error)}") from error
+    return module
+
+
+def _where(error: BaseException) -> str:
+    """Say in a line what went wrong and where."""
+    if isinstance(error, SyntaxError):
+        return f"{error.msg} (line {error.lineno})"
+    frames = traceback.extract_tb(error.__traceback__)
+    spot = f" ({Path(frames[-1].filename).name} line {frames[-1].lineno})" if frames else ""
+    text = "".join(traceback.format_exception_only(error)).strip().splitlines()[-1]
+    return f"{text}{spot}"
