@@ -50,6 +50,7 @@ _MOST_LISTED = 8
 @click.option("--client", metavar="ADDRESS", help="Whose session, by address, or address:port.")
 @options.filter_option(RecordKind.CALL)
 @click.option("--arm", is_flag=True, help="Allow what may move a robot.")
+@click.option("--anywhere", is_flag=True, help="Enter slave mode wherever the robot stands.")
 @click.option("--keep-going", is_flag=True, help="Do not end where a call fails that had succeeded.")
 @click.option(
     "--longest-pause",
@@ -73,6 +74,7 @@ def command(
     client: str | None,
     wanted: Filter | None,
     arm: bool,
+    anywhere: bool,
     keep_going: bool,
     longest_pause: float,
     no_delay: bool,
@@ -87,7 +89,8 @@ def command(
     As client, each call is made at its time with the handles that this controller gives, and its result is
     held against the recorded one; retries are made as this network needs them. What the recording uses but
     does not open is opened before. Whatever is still open at the end is let go of, slave mode first. What
-    may move a robot is only sent with --arm, or to bcapscope's own simulator.
+    may move a robot is only sent with --arm, or to bcapscope's own simulator, and slave mode is only entered
+    where the robot stands at the first set point, unless --anywhere is given.
 
     As server, a call is answered as the next one like it was in the recording.
 
@@ -103,7 +106,7 @@ def command(
         return
     if not target.host:
         raise click.UsageError("which HOST is to be called?")
-    stage = _Stage(script, keep_going, as_json, quiet, color)
+    stage = _Stage(script, keep_going, anywhere, _Teller(as_json, quiet, color))
     with failures_told(target):
         end_in_order()
         with undisturbed():
@@ -148,15 +151,29 @@ def _served(calls: int, unknown: int) -> str:
     return f"{counted(calls, 'call')}{strange}"
 
 
-class _Stage:
-    """Plays a script to a controller and tells how it goes."""
+class _Teller:
+    """Writes what came of each call."""
 
-    def __init__(self, script: Script, keep_going: bool, as_json: bool, quiet: bool, color: str) -> None:
-        self._script = script
-        self._keep_going = keep_going
+    def __init__(self, as_json: bool, quiet: bool, color: str) -> None:
         self._as_json = as_json
         self._quiet = quiet
         self._renderer = ReplayRenderer(palette(color))
+
+    def __call__(self, played: Played) -> None:
+        if self._as_json:
+            click.echo(self._renderer.record(played))
+        elif played.differs or not self._quiet:
+            click.echo(self._renderer.line(played))
+
+
+class _Stage:
+    """Plays a script to a controller and tells how it goes."""
+
+    def __init__(self, script: Script, keep_going: bool, anywhere: bool, tell: _Teller) -> None:
+        self._script = script
+        self._keep_going = keep_going
+        self._anywhere = anywhere
+        self._tell = tell
         self._calls = self._different = self._unanswered = 0
         self._latest = 0
 
@@ -167,7 +184,7 @@ class _Stage:
         try:
             async with _session(target) as (session, channel):
                 reach = Reach(session, target.service, target.connect, {})
-                play = Performance(self._script, reach, channel, longest_pause)
+                play = Performance(self._script, reach, channel, longest_pause, self._anywhere)
                 await play.play(self._told)
         except ValueError as error:
             raise BcapError(str(error)) from None
@@ -186,10 +203,7 @@ class _Stage:
         self._different += played.differs
         self._unanswered += played.unanswered
         self._latest = max(self._latest, played.late)
-        if self._as_json:
-            click.echo(self._renderer.record(played))
-        elif played.differs or not self._quiet:
-            click.echo(self._renderer.line(played))
+        self._tell(played)
         return self._keep_going or not played.failed
 
     def _sum(self) -> None:

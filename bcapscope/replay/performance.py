@@ -7,16 +7,25 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from bcapscope.client.reach import Reach
+from bcapscope.errors import BcapError, ControllerError
 from bcapscope.player.channel import Channel
+from bcapscope.player.checks_motion import NEAR
+from bcapscope.player.station import Station, distance
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, ResultKind
 from bcapscope.protocol.hresult import is_failure, is_success
+from bcapscope.protocol.poses import numbers
 from bcapscope.protocol.requester import Answered, Settled, TimedOut
+from bcapscope.protocol.slavemode import mode_pose_type, mode_value
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.replay.script import Line, Script
 
 WHOLE, PART = 1e-3, 1e-4
 """Numbers that differ by less, absolutely or relatively, are the same: mm, degrees and seconds that a robot
 comes back with are never equal to the last bit."""
+
+
+class FarAwayError(BcapError):
+    """The robot is not where the recording needs it, as far as is known."""
 
 
 class Played(NamedTuple):
@@ -63,6 +72,7 @@ class Performance:
         reach: Reach,
         channel: Channel,
         longest_pause: int,
+        anywhere: bool = False,
     ) -> None:
         """Prepare.
 
@@ -71,11 +81,13 @@ class Performance:
             reach: of a session in which nothing is open yet.
             channel: whose clock and patience are used.
             longest_pause: longer ones between two calls are cut to that many ns.
+            anywhere: enter slave mode wherever the robot stands.
         """
         self._script = script
         self._reach = reach
         self._channel = channel
         self._longest_pause = longest_pause
+        self._anywhere = anywhere
         self._handles: dict[tuple[ObjectClass, int], int] = {}
 
     async def play(self, told: Callable[[Played], bool]) -> None:
@@ -86,15 +98,18 @@ class Performance:
 
         Raises:
             ValueError: an object is needed that nobody told the name of.
+            FarAwayError: slave mode would begin far from where the robot stands; it is not entered.
             BcapError: what was missing could not be opened, or a call cannot be sent.
             OSError: the link is gone.
         """
         channel = self._channel
         start = channel.now()
-        for line, at in zip(self._script.lines, self._times(), strict=True):
+        for place, (line, at) in enumerate(zip(self._script.lines, self._times(), strict=True)):
             arguments = await self._arguments(line)
             if arguments is None:
                 continue
+            if not self._anywhere:
+                await self._check_start(place)
             channel.wait(start + at)
             late = channel.now() - start - at
             settled = await self._exchange(line, arguments)
@@ -128,6 +143,33 @@ class Performance:
             new = self._handles[owner, old] = await self._reach.handle(owner)
         return (Variant(VT.I4, new), *line.arguments[1:])
 
+    async def _check_start(self, place: int) -> None:
+        """Before slave mode is entered, look whether the robot stands where its first set point is."""
+        mode = _mode_entered(self._script.lines[place])
+        kind = None if mode is None else mode_pose_type(mode)
+        if kind is None:
+            return
+        moves = (line for line in self._script.lines[place + 1 :] if _command(line) == "slvmove")
+        first = next(moves, None)
+        goal = None if first is None or len(first.arguments) < 3 else numbers(first.arguments[2])
+        if first is None or goal is None:
+            return
+        try:
+            here = await Station(self._reach, self._pause).pose(kind)
+        except ControllerError as error:
+            raise FarAwayError(
+                f"slave mode was not entered, as nobody knows where the robot is: {error}"
+            ) from None
+        far = distance(kind, here, goal)
+        if far > NEAR:
+            raise FarAwayError(
+                f"call {first.call}, the first set point, is {far:.3g} (degrees or mm) from where the robot "
+                "stands: slave mode was not entered; bring the robot there first"
+            )
+
+    def _pause(self, length: int) -> None:
+        self._channel.wait(self._channel.now() + length)
+
     async def _exchange(self, line: Line, arguments: tuple[Variant, ...]) -> Settled:
         function = FUNCTIONS.get(line.question.function_id)
         if function is None:
@@ -143,6 +185,17 @@ class Performance:
         now = _first_number([argument.variant for argument in settled.reply.arguments])
         if then is not None and now is not None:
             self._handles[function.creates, then] = now
+
+
+def _command(line: Line) -> str | None:
+    return line.question.command.casefold() if line.question.command is not None else None
+
+
+def _mode_entered(line: Line) -> int | None:
+    """Return the slave mode that a line enters; None if it enters none."""
+    if _command(line) != "slvchangemode" or len(line.arguments) < 3:
+        return None
+    return mode_value(line.arguments[2]) or None
 
 
 def _first_number(values: Sequence[Variant]) -> int | None:

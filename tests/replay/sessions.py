@@ -81,6 +81,7 @@ def perform(
     told: Callable[[Played], bool] = lambda played: True,
     *,
     longest_pause: int = MINUTE,
+    anywhere: bool = False,
     before: Play | None = None,
     datagrams: bool = True,
 ) -> tuple[list[Played], Wire]:
@@ -99,7 +100,7 @@ def perform(
             if before is not None:
                 await before(session)
             reach = Reach(session, "", CONNECT, {})
-            await Performance(script, reach, wire, longest_pause).play(hear)
+            await Performance(script, reach, wire, longest_pause, anywhere).play(hear)
         finally:
             await session.close()
 

@@ -10,7 +10,8 @@ from bcapscope.client import Session
 from bcapscope.protocol.hresult import E_HANDLE
 from bcapscope.protocol.requester import Answered
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.replay.performance import Played
+from bcapscope.replay.performance import FarAwayError, Played
+from bcapscope.simulator.machine import Start
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
 from tests.replay.sessions import CONNECT, perform, recorded
@@ -132,3 +133,11 @@ def test_a_recorded_refusal_is_no_failure() -> None:
     played, _ = perform(recorded(wrong), Simulator(PROFILES["rc8"]), lambda played: not played.failed)
     refused = [each for each in played if each.line.hresult == E_HANDLE]
     assert [each.differs for each in refused] == [False]
+
+
+def test_slave_mode_is_not_entered_far_from_the_first_set_point() -> None:
+    script = recorded(motion)
+    simulator = Simulator(PROFILES["rc8"], Start(joints=(10.0, *HOME[1:])))
+    with pytest.raises(FarAwayError, match=r"call \d+, the first set point, is 10 "):
+        perform(script, simulator)
+    assert simulator.machine.slave.taken == 0
