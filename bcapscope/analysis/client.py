@@ -88,6 +88,15 @@ def ends_slave_mode(code: int) -> bool:
     )
 
 
+def gets_robslave(call: Exchange) -> bool:
+    """Tell whether a call asks for the task RobSlave, which the slave mode of an RC7 needs."""
+    return call.question.function_id == ID["Controller_GetTask"] and _is_robslave(text_argument(call, 1))
+
+
+def _is_robslave(name: str) -> bool:
+    return name.casefold().removesuffix(".pac") == "robslave"
+
+
 class Opened(NamedTuple):
     """An object that was given to a client.
 
@@ -118,6 +127,7 @@ class Client:
         motor_on: what it switched to; None where not seen.
         arm: the accepted TakeArm, until GiveArm.
         robslave: the latest accepted start of the task RobSlave.
+        robslave_missing: the first refused Controller_GetTask for the task RobSlave.
         motion: the latest accepted motion command outside slave mode.
         mode: slave mode, 0 for off; None where nothing told.
         mode_call: the slvChangeMode that entered `mode`.
@@ -145,6 +155,7 @@ class Client:
         self.motor_on: bool | None = None
         self.arm: Exchange | None = None
         self.robslave: Exchange | None = None
+        self.robslave_missing: Exchange | None = None
         self.motion: Exchange | None = None
         self.mode: int | None = None
         self.mode_call: Exchange | None = None
@@ -173,7 +184,8 @@ class Client:
     @property
     def generation(self) -> Generation | None:
         """The controller's generation, as far as what was said tells it."""
-        return Generation.RC7 if self.robslave is not None else self.clue.generation
+        asked = self.robslave is not None or self.robslave_missing is not None
+        return Generation.RC7 if asked else self.clue.generation
 
     def take_point(self, call: Exchange) -> None:
         """Take a set point into account that was answered with S_OK."""
@@ -225,6 +237,8 @@ class Client:
             _put(self.released, (thing.kind, thing.handle), call)
 
     def _learn_failure(self, call: Exchange, code: int) -> None:
+        if self.robslave_missing is None and gets_robslave(call):
+            self.robslave_missing = call
         if not ends_slave_mode(code):
             return
         if self.failure is None and code != E_NOT_IN_SLAVE_MODE:
@@ -251,7 +265,7 @@ class Client:
 
     def _start_task(self, call: Exchange) -> None:
         thing = self.thing
-        if thing is not None and thing.name.casefold().removesuffix(".pac") == "robslave":
+        if thing is not None and _is_robslave(thing.name):
             self.robslave = call
 
     def _get_value(self, call: Exchange) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client import ID, Client, Clients, argument, command_of
+from bcapscope.analysis.client import ID, Client, Clients, argument, command_of, gets_robslave
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import MS, SECOND, Kind, Rule, Watcher
@@ -254,13 +254,17 @@ def _ends_at_e(motion: Exchange) -> bool:
 def _robslave(call: Exchange, client: Client, clients: Clients) -> Why | None:
     command = command_of(call.question)
     code = call.hresult or 0
+    if gets_robslave(call):
+        return fixed("the controller has no program of that name, and an RC7 needs it running in slave mode")
     if command not in ("slvchangemode", "slvmove") or not (
         client.generation is Generation.RC7 or code <= 0xFFFF
     ):
         return None
     if code in (*_MOVING_CODES, *_MODE_CODES, *_MOTOR_CODES, *_ARM_CODES):
         return None
-    started = client.robslave
+    started, missing = client.robslave, client.robslave_missing
+    if started is None and missing is not None:
+        return Why(lambda speech: f"{called(missing)} had not found RobSlave", because=(missing.call,))
     if started is None:
         return (
             fixed("no Task_Start of RobSlave was seen from this client, and an RC7 needs it running")
@@ -305,7 +309,9 @@ def _moving(call: Exchange, client: Client, clients: Clients) -> Why | None:
 def _arm_taken(call: Exchange, client: Client, clients: Clients) -> Why | None:
     holder = next((other for other in clients.others(client) if other.arm is not None), None)
     if holder is None or holder.arm is None:
-        return None
+        if command_of(call.question) != "takearm":
+            return None
+        return fixed("whoever has it is not in this capture: the pendant, or a client on another network")
     taken = holder.arm
     return Why(
         lambda speech: (

@@ -44,7 +44,14 @@ NO_REPLY = Rule(
     "from a silent "
     "controller.",
     f"{_C_CLIENT}; {_ROS_12}",
-    ("malformed-request", "oversize-datagram", "executing-forever", "controller-silent"),
+    (
+        "malformed-request",
+        "oversize-datagram",
+        "executing-forever",
+        "controller-silent",
+        "malformed-reply",
+        "reply-to-nothing",
+    ),
     60 * SECOND,
 )
 STOPPED = Rule(
@@ -94,7 +101,7 @@ RETRIED = Rule(
     "calls were answered only after they had been sent again",
     "Packets are lost on the way: check cable, switch, duplex and other load; each retry costs its time-out.",
     f"{_SEED}, Retry sequence in UDP connection",
-    ("malformed-request",),
+    ("malformed-request", "malformed-reply", "reply-to-nothing"),
 )
 VERY_LATE = Rule(
     "very-late-reply",

@@ -31,6 +31,35 @@ def _rc7(starts: bool, code: int, fails_between: bool = False) -> Play:
     return play
 
 
+def _without_robslave(there: bool) -> Play:
+    """A session on an RC7 that may not have the program."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open(option="", provider="")
+        task = (CONTROLLER, text("RobSlave"), text(""))
+        if there:
+            client.call(25, "Controller_GetTask", *task, result=i4(3))
+            client.call(30, "Task_Start", i4(3), i4(1), text(""))
+        else:
+            client.call(25, "Controller_GetTask", *task, code=0x80000204)
+        client.execute(50, "slvChangeMode", i2(2), code=0 if there else 0x80004005)
+        client.execute(55, "slvChangeMode", i2(0))
+        client.close(60)
+
+    return play
+
+
+def _takes_arm_of_nobody(code: int) -> Play:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.execute(20, "TakeArm", i4s(0, 0), code=code)
+        client.close(40)
+
+    return play
+
+
 def _moves_to_first(passing: str, code: int = 0, takes: float = 1.0) -> Play:
     """A Robot_Move and then slvChangeMode."""
 
@@ -112,6 +141,13 @@ SCENES = (
         "controller-error",
     ),
     Scene(
+        "robslave-not-running",
+        _without_robslave(there=False),
+        (9, 10, 12),
+        ("Controller_GetTask", "the controller has no program of that name", "slvChangeMode"),
+        _without_robslave(there=True),
+    ),
+    Scene(
         "no-at-e",
         _moves_to_first("@P", 0x600B, 500),
         (13, 14, 15, 16),
@@ -150,6 +186,13 @@ SCENES = (
         (9, 10, 21, 22),
         ("client 192.168.0.10:50002 (UDP) took the arm at 0.020 s and has not given it back",),
         _arm(False),
+    ),
+    Scene(
+        "arm-taken-by-other",
+        _takes_arm_of_nobody(0x83501024),
+        (9, 10),
+        ("whoever has it is not in this capture",),
+        _takes_arm_of_nobody(0),
     ),
     Scene(
         "motor-off",
