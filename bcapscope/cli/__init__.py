@@ -28,6 +28,7 @@ _COMMANDS = {
     "ping": "Is a controller there, what is it, how fast does it answer?",
     "replay": "Play one side of a recorded session again.",
     "play": "Play a trajectory in slave mode.",
+    "tui": "The screen: traffic as it is, frame by frame.",
     "sim": "A controller without a robot, to try things on.",
     "fields": "List the fields and the language of --filter.",
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
@@ -12,7 +12,7 @@ from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.phrase import LONGEST_STRING
 from bcapscope.traffic.exchange import Event, Exchange, Role, Stray
 from bcapscope.traffic.handles import Ending, Session, Thing, name_asked
-from bcapscope.traffic.observation import Direction
+from bcapscope.traffic.observation import Direction, Flow
 from bcapscope.traffic.question import Question
 from bcapscope.traffic.verdict import Outcome, Verdict
 
@@ -25,7 +25,20 @@ _BRACKETS = {True: "└─", False: "├─"}
 class CallRenderer:
     """Writes calls as lines or trees, in the order in which they settle."""
 
-    def __init__(self, clock: Clock = Clock.RELATIVE, palette: Palette = PLAIN) -> None:
+    def __init__(
+        self,
+        clock: Clock = Clock.RELATIVE,
+        palette: Palette = PLAIN,
+        ends: Callable[[Flow], str] | None = None,
+    ) -> None:
+        """Choose the looks.
+
+        Args:
+            clock: how the time is told.
+            palette: colours.
+            ends: writes who spoke to whom, harmless; addresses and transport unless given.
+        """
+        self._ends = ends or _addresses
         self._time = time_writer(clock)
         self._palette = palette
 
@@ -44,9 +57,8 @@ class CallRenderer:
             return self._stray(call)
         color = self._palette
         request = call.request
-        ends = f"{request.flow.src_text} > {request.flow.dst_text} {request.flow.conversation.transport}"
         text = (
-            f"{call.call:>6} {self._time(request.time)} {color.dim}{printable(ends)}{color.reset}"
+            f"{call.call:>6} {self._time(request.time)} {color.dim}{self._ends(request.flow)}{color.reset}"
             f"  {self._asked(call.question)}{_subject(call, subject)}  {self._ending(call)}"
         )
         if call.latency is not None:
@@ -61,10 +73,17 @@ class CallRenderer:
         events = call.events
         before = call.request.time
         for event in events:
-            yield f"       {_BRACKETS[event is events[-1]]} {self._event(event, before, call)}"
+            yield f"       {_BRACKETS[event is events[-1]]} {self.event(event, before, call)}"
             before = event.seen.time
 
-    def _event(self, event: Event, before: int, call: Exchange) -> str:
+    def event(self, event: Event, before: int, call: Exchange) -> str:
+        """Write a frame of a call: its role, and when it was seen.
+
+        Args:
+            event: the frame.
+            before: when the frame before it was seen.
+            call: whose it is.
+        """
         seen, color = event.seen, self._palette
         since, elapsed = seen.time - before, seen.time - call.request.time
         frame = seen.item
@@ -117,15 +136,18 @@ class CallRenderer:
 
     def _stray(self, stray: Stray) -> str:
         seen, color = stray.seen, self._palette
-        ends = f"{seen.flow.src_text} > {seen.flow.dst_text} {seen.flow.conversation.transport}"
         whose = (
             "answers no request that was seen" if stray.call is None else f"too late for call {stray.call}"
         )
         return (
-            f"{'-':>6} {self._time(seen.time)} {color.dim}{printable(ends)}{color.reset}"
+            f"{'-':>6} {self._time(seen.time)} {color.dim}{self._ends(seen.flow)}{color.reset}"
             f"  {color.problem}reply with serial {seen.item.serial} {whose}{color.reset}"
             f"  {self._result(seen.item.code)}  {color.dim}frame {seen.number}{color.reset}"
         )
+
+
+def _addresses(flow: Flow) -> str:
+    return printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport}")
 
 
 def session_text(session: Session) -> str:

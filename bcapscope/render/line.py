@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 from bcapscope.protocol.frame import Frame, Framing, Malformed
@@ -27,9 +27,23 @@ LONGEST_RAW = 48
 class LineRenderer:
     """Writes frames as lines, in the order in which they were seen."""
 
-    def __init__(self, clock: Clock = Clock.RELATIVE, palette: Palette = PLAIN, brief: bool = False) -> None:
-        """Choose the looks; brief lines leave problems and comments to `remarks`."""
+    def __init__(
+        self,
+        clock: Clock = Clock.RELATIVE,
+        palette: Palette = PLAIN,
+        brief: bool = False,
+        ends: Callable[[Flow], str] | None = None,
+    ) -> None:
+        """Choose the looks.
+
+        Args:
+            clock: how the time is told.
+            palette: colours.
+            brief: leave problems and comments to `remarks`.
+            ends: writes who spoke to whom, harmless; addresses, transport and kind unless given.
+        """
         self._palette = palette
+        self._ends_text = ends or _addresses
         self._brief = brief
         self._time = time_writer(clock)
         self._phrases: dict[tuple[Flow, Layout, Question | None], Phrase] = {}
@@ -92,8 +106,7 @@ class LineRenderer:
 
     def _ends(self, flow: Flow) -> str:
         color = self._palette
-        ends = f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport} {flow.direction:<8}"
-        return f"{color.dim}{printable(ends)}{color.reset}".replace("%", "%%")
+        return f"{color.dim}{self._ends_text(flow)}{color.reset}".replace("%", "%%")
 
     def _function(self, question: Question) -> str:
         color = self._palette
@@ -130,3 +143,7 @@ class LineRenderer:
             return f"{head}  {shown}{more}"
         problem = f"{self._palette.problem}!! {reasons}{self._palette.reset}"
         return f"{head}  {shown}{more}{' ' if shown else ''}{problem}"
+
+
+def _addresses(flow: Flow) -> str:
+    return printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport} {flow.direction:<8}")
