@@ -14,6 +14,7 @@ from itertools import chain
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import Arrival, Attempt, LocalProtocolError, TooLargeError
+from bcapscope.protocol.content import EOT
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame, Malformed, encode, renumbered
 from bcapscope.protocol.functions import function_name
@@ -37,6 +38,11 @@ class Pace(NamedTuple):
 
     timeout: int
     retries: int
+
+
+def _is_whole(frame: Frame) -> bool:
+    """Tell whether no part of a datagram is missing; what is odd inside of a frame the caller may judge."""
+    return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
 def _took(attempts: tuple[Attempt, ...]) -> int:
@@ -181,7 +187,7 @@ class Requester:
 
     def receive(self, item: Frame | Malformed, now: int) -> None:
         """Take what came from the server."""
-        asked = self._asked(item.serial) if isinstance(item, Frame) else None
+        asked = self._asked(item.serial) if isinstance(item, Frame) and _is_whole(item) else None
         if not isinstance(item, Frame) or asked is None:
             self._events.append(Stray(item, now))
             return

@@ -148,6 +148,14 @@ def test_replies_to_calls_that_are_over_are_late() -> None:
     assert requester.calling
 
 
+@pytest.mark.parametrize("raw", [_reply(1).raw[:-1], _reply(1).raw[:15], _reply(1).raw[:-1] + b"\0"])
+def test_a_reply_that_is_cut_is_no_answer(raw: bytes) -> None:
+    requester = _calling()
+    requester.receive(Frame(raw), MS)
+    assert requester.events() == [Stray(Frame(raw), MS)]
+    assert requester.calling
+
+
 def test_what_nobody_asked_for_is_told() -> None:
     requester = _calling()
     (junk,) = parse_datagram(b"junk")

@@ -262,15 +262,9 @@ def _robslave(call: Exchange, client: Client, clients: Clients) -> Why | None:
         return None
     if code in (*_MOVING_CODES, *_MODE_CODES, *_MOTOR_CODES, *_ARM_CODES):
         return None
-    started, missing = client.robslave, client.robslave_missing
-    if started is None and missing is not None:
-        return Why(lambda speech: f"{called(missing)} had not found RobSlave", because=(missing.call,))
+    started = client.robslave
     if started is None:
-        return (
-            fixed("no Task_Start of RobSlave was seen from this client, and an RC7 needs it running")
-            if client.seen_from_start
-            else None
-        )
+        return _never_started(client)
     stopped = client.failure or _error_after(started, client)
     if stopped is None or stopped.call < started.call:
         return None
@@ -283,6 +277,15 @@ def _robslave(call: Exchange, client: Client, clients: Clients) -> Why | None:
         because=(stopped.call,),
         before=stopped,
     )
+
+
+def _never_started(client: Client) -> Why | None:
+    missing = client.robslave_missing
+    if missing is not None:
+        return Why(lambda speech: f"{called(missing)} had not found RobSlave", because=(missing.call,))
+    if not client.seen_from_start:
+        return None
+    return fixed("no Task_Start of RobSlave was seen from this client, and an RC7 needs it running")
 
 
 def _error_after(started: Exchange, client: Client) -> Exchange | None:

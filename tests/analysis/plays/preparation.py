@@ -144,7 +144,7 @@ SCENES = (
         "robslave-not-running",
         _without_robslave(there=False),
         (9, 10, 12),
-        ("Controller_GetTask", "the controller has no program of that name", "slvChangeMode"),
+        ("Controller_GetTask 5 of your client", "the controller has no program of that name", "twice in all"),
         _without_robslave(there=True),
     ),
     Scene(
