@@ -35,6 +35,10 @@ from bcapscope.tui.widgets.viewbar import ViewBar
 from bcapscope.tui.words import say
 
 VIEWS = ("frames", "calls", "findings", "slave", "statistics")
+_BRIEF = 100
+"""Columns below which large counts are rounded."""
+
+_BAR = 12
 _CLOCKS = (Clock.RELATIVE, Clock.DELTA, Clock.UTC)
 _KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 
@@ -216,29 +220,38 @@ class TrafficScreen(Place):
         self.query_one("#head", Static).update(Text(head() if head is not None else ""))
 
     def _show_state(self) -> None:
-        feed = self._feed
+        feed, brief = self._feed, self.size.width < _BRIEF
         counts = {"findings": str(len(self._verdict.findings) or "")}
         if feed.journal is not None and feed.calls is not None:
-            counts |= {"frames": f"{len(feed.journal):,}", "calls": f"{len(feed.calls):,}"}
+            counts |= {
+                "frames": _count(len(feed.journal), brief),
+                "calls": _count(len(feed.calls), brief),
+            }
             target = self._list
             if isinstance(target, FrameList | CallList) and target.rows.found is not None:
-                counts[self._view] = f"{len(target.rows.found):,}/{counts[self._view]}"
-        self.query_one(ViewBar).show(self._view, counts, self._state())
+                counts[self._view] = f"{_count(len(target.rows.found), brief)}/{counts[self._view]}"
+        self.query_one(ViewBar).show(self._view, counts, self._states())
 
-    def _state(self) -> str:
-        told = self._feed.progress
-        parts = []
+    def _states(self) -> tuple[str, ...]:
+        """Say how reading and searching go, in full and, for narrow terminals, in short."""
+        told, long, short = self._feed.progress, [], []
         if self._expressions.get(self._view) and self._feed.journal is not None:
             source = self._feed.journal if self._view == "frames" else self._feed.calls
             there = len(source) if source is not None else 0
             if self._searched < there:
-                parts.append(say("traffic.searching", percent=100 * self._searched // there))
+                percent = 100 * self._searched // there
+                long.append(say("traffic.searching", percent=percent))
+                short.append(f"/{percent}%")
         if told.lost:
-            parts.append(say("traffic.lost", count=told.lost))
-        if not told.ended:
-            reading = f"{say('traffic.reading')} {_bar(told.position, told.size)}"
-            parts.append(reading if told.size else f"● {say('traffic.live')}")
-        return "  ".join((*parts, printable(self._title)))
+            long.append(say("traffic.lost", count=told.lost))
+        if not told.ended and told.size:
+            percent = 100 * told.position // told.size
+            long.append(f"{say('traffic.reading')} {_bar(percent)} {percent:>3} %")
+            short.append(f"{percent}%")
+        elif not told.ended:
+            long.append(f"● {say('traffic.live')}")
+            short.append("●")
+        return "  ".join((*long, printable(self._title))), "  ".join(long), " ".join(short)
 
     @on(Lines.Moved)
     def _moved(self, message: Lines.Moved) -> None:
@@ -550,8 +563,14 @@ class TrafficScreen(Place):
         self._feed.stop()
 
 
-def _bar(position: int, size: int) -> str:
+def _count(number: int, brief: bool) -> str:
+    """Write a count, in a narrow place rounded down to three digits."""
+    if not brief or number < 10_000:
+        return f"{number:,}"
+    return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"
+
+
+def _bar(percent: int) -> str:
     """Draw how far reading has come."""
-    width = 12
-    full = width * position // size if size else 0
-    return f"{'━' * full}{'╌' * (width - full)} {100 * position // size if size else 0:>3} %"
+    full = _BAR * percent // 100
+    return f"{'━' * full}{'╌' * (_BAR - full)}"

@@ -31,12 +31,12 @@ class ViewBar(Widget):
         self._views = tuple(views)
         self._here = self._views[0][0]
         self._counts: Mapping[str, str] = {}
-        self._state = ""
+        self._states: Sequence[str] = ()
 
-    def show(self, here: str, counts: Mapping[str, str], state: str) -> None:
-        """Show where one is, the counts by view, and the state of reading."""
-        if (here, counts, state) != (self._here, self._counts, self._state):
-            self._here, self._counts, self._state = here, counts, state
+    def show(self, here: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
+        """Show where one is, the counts by view, and of several texts on the state the first that fits."""
+        if (here, counts, states) != (self._here, self._counts, self._states):
+            self._here, self._counts, self._states = here, counts, states
             self.refresh()
 
     def _texts(self) -> list[tuple[str, str, str]]:
@@ -48,18 +48,20 @@ class ViewBar(Widget):
         return found
 
     def render(self) -> RenderResult:
-        """Write the bar; the state is left out where there is no room for it."""
+        """Write the bar; what there is no room for is left out."""
         bar = Text(no_wrap=True, end="", overflow="crop")
         key_style = self.get_component_rich_style("viewbar--key")
         for view, key, label in self._texts():
             style = self.get_component_rich_style("viewbar--here" if view == self._here else "viewbar--there")
             bar.append(key, style=key_style if view != self._here else style)
             bar.append(label, style=style)
-        state = Text(f"{self._state} ", style=self.get_component_rich_style("viewbar--state"))
-        space = self.size.width - bar.cell_len - state.cell_len
-        if space >= 1:
-            bar.append(" " * space)
-            bar.append_text(state)
+        for text in self._states:
+            state = Text(f"{text} ", style=self.get_component_rich_style("viewbar--state"))
+            space = self.size.width - bar.cell_len - state.cell_len
+            if space >= 0:
+                bar.append(" " * space)
+                bar.append_text(state)
+                break
         return bar
 
     def on_click(self, event: Click) -> None:
