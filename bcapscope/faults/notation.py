@@ -37,7 +37,7 @@ import re
 from typing import Any, NamedTuple, NoReturn
 
 from bcapscope.faults.document import DocumentError, fault_of, plain
-from bcapscope.faults.fault import ACTIONS, AnyFault
+from bcapscope.faults.fault import ACTIONS, AnyFault, Fault
 from bcapscope.traffic.filter_tokens import FilterError, nearest
 
 _WORD = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^\s"])+')
@@ -88,7 +88,7 @@ def read_fault(text: str) -> AnyFault:
     return _Reader(text).read()
 
 
-def write_fault(fault: AnyFault) -> str:
+def write_fault(fault: Fault) -> str:
     """Write a fault; `read_fault` makes an equal one of it."""
     fields = plain(fault)
     action = fields.pop("action")

@@ -1,0 +1,200 @@
+"""``bcapscope proxy ctl``: ask and tell a proxy that runs."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from collections.abc import Mapping
+from contextlib import closing
+from typing import Any
+
+import click
+import orjson
+
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate
+from bcapscope.protocol.frame import parse_datagram
+from bcapscope.proxy.control_socket import ControlError, reach_control
+from bcapscope.render.escape import printable
+from bcapscope.render.line import LineRenderer
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.question import Question
+
+_LARGEST_ANSWER = 64 << 20
+
+
+@click.group("ctl", short_help="Ask and tell a proxy that runs.")
+@click.argument("address")
+@click.option("--json", "as_json", is_flag=True, help="Print the answer as it came.")
+@click.pass_context
+def command(context: click.Context, address: str, as_json: bool) -> None:
+    """Ask and tell the proxy that was started with `--control ADDRESS`.
+
+    Exit codes: 0 done; 4 nobody listens there; 8 the proxy refused.
+    """
+    context.obj = _Ctl(address, as_json)
+
+
+class _Ctl:
+    """A way to the proxy."""
+
+    def __init__(self, address: str, as_json: bool) -> None:
+        self._address = address
+        self._as_json = as_json
+
+    def ask(self, **question: object) -> Mapping[str, Any] | None:
+        """Ask; give the answer, None if it was printed already. A refusal ends the program."""
+        try:
+            with closing(reach_control(self._address)) as sock:
+                line = _exchange(sock, orjson.dumps(question) + b"\n")
+        except ControlError as error:
+            narrate(str(error))
+            sys.exit(Exit.UNREADABLE)
+        except OSError as error:
+            narrate(f"{self._address}: {(error.strerror or str(error)).lower()}")
+            sys.exit(Exit.UNREADABLE)
+        answer: Mapping[str, Any] = orjson.loads(line)
+        if self._as_json:
+            click.echo(line.decode())
+        elif not answer["ok"]:
+            narrate(str(answer["error"]))
+        if not answer["ok"]:
+            sys.exit(Exit.REFUSED)
+        return None if self._as_json else answer
+
+
+def _exchange(sock: socket.socket, line: bytes) -> bytes:
+    sock.sendall(line)
+    answer = bytearray()
+    while not answer.endswith(b"\n"):
+        data = sock.recv(1 << 16)
+        if not data or len(answer) > _LARGEST_ANSWER:
+            raise ControlError("the proxy ended before it answered")
+        answer += data
+    return bytes(answer[:-1])
+
+
+@command.command("rules", short_help="List the faults.")
+@click.pass_obj
+def _rules(ctl: _Ctl) -> None:
+    """List the faults, whether they are on, and how often they have struck."""
+    answer = ctl.ask(do="rules")
+    for rule in answer["rules"] if answer else ():
+        click.echo(
+            f"{'on ' if rule['on'] else 'off'}  {rule['name']:<16} struck {rule['struck']:<6}  {rule['rule']}"
+        )
+
+
+@command.command("add", short_help="Set up a fault.")
+@click.argument("rule")
+@click.pass_obj
+def _add(ctl: _Ctl, rule: str) -> None:
+    """Set up a fault, written as behind `--fault`; its name is printed."""
+    answer = ctl.ask(do="add", rule=rule)
+    if answer:
+        click.echo(answer["name"])
+
+
+@command.command("remove", short_help="Take a fault away.")
+@click.argument("name")
+@click.pass_obj
+def _remove(ctl: _Ctl, name: str) -> None:
+    """Take a fault away."""
+    ctl.ask(do="remove", name=name)
+
+
+@command.command("on", short_help="Switch a fault on.")
+@click.argument("name")
+@click.pass_obj
+def _on(ctl: _Ctl, name: str) -> None:
+    """Switch a fault on."""
+    ctl.ask(do="on", name=name)
+
+
+@command.command("off", short_help="Switch a fault off.")
+@click.argument("name")
+@click.pass_obj
+def _off(ctl: _Ctl, name: str) -> None:
+    """Switch a fault off."""
+    ctl.ask(do="off", name=name)
+
+
+@command.command("intercept", short_help="Hold other messages, or none.")
+@click.argument("expression", required=False)
+@click.option("--hold", metavar="TIME", help="How long, such as 60s; then they go on unchanged.")
+@click.pass_obj
+def _intercept(ctl: _Ctl, expression: str | None, hold: str | None) -> None:
+    """Hold what EXPRESSION is true for from now on; without it nothing more."""
+    question = {"if": expression} if expression else {}
+    ctl.ask(do="intercept", **question, **({"patience": hold} if hold else {}))
+
+
+@command.command("held", short_help="List the messages that wait.")
+@click.pass_obj
+def _held(ctl: _Ctl) -> None:
+    """List the messages that wait: how long already, how long still, their numbers, and what they say."""
+    answer = ctl.ask(do="held")
+    for held in answer["held"] if answer else ():
+        click.echo(f"waits {held['waited_s']:.1f} s, {held['left_s']:.1f} s left")
+        for line in _lines(held):
+            click.echo(line)
+
+
+def _lines(held: Mapping[str, Any]) -> list[str]:
+    ends = (_endpoint(held["client"]), _endpoint(held["server"]))
+    conversation = Conversation(*ends, Transport(held["transport"]), "the proxy")
+    flow = Flow(conversation, Direction(held["direction"]))
+    question = None if held["function_id"] is None else Question(held["function_id"], held["command"])
+    renderer = LineRenderer()
+    renderer.begin(0)
+    return [
+        renderer.line(Observation(held["number"], 0, 0, flow, item, 0), question)
+        for item in parse_datagram(bytes.fromhex(held["hex"]))
+    ]
+
+
+def _endpoint(text: str) -> Endpoint:
+    host, _, port = text.rpartition(":")
+    return Endpoint(host.strip("[]"), int(port))
+
+
+@command.command("forward", short_help="Send a message on.")
+@click.argument("number", type=int)
+@click.pass_obj
+def _forward(ctl: _Ctl, number: int) -> None:
+    """Send a message on as it came."""
+    ctl.ask(do="forward", number=number)
+
+
+@command.command("edit", short_help="Send a message on, changed.")
+@click.argument("number", type=int)
+@click.argument("changes", nargs=-1)
+@click.option("--hex", "data", metavar="BYTES", help="Send these bytes in its place.")
+@click.pass_obj
+def _edit(ctl: _Ctl, number: int, changes: tuple[str, ...], data: str | None) -> None:
+    """Send a message on with CHANGES, as behind the fault `rewrite`: set arg[2][0]=10."""
+    ctl.ask(do="edit", number=number, hex=data or "", rewrite=" ".join(changes))
+
+
+@command.command("drop", short_help="Drop a message.")
+@click.argument("number", type=int)
+@click.pass_obj
+def _drop(ctl: _Ctl, number: int) -> None:
+    """Drop a message that waits."""
+    ctl.ask(do="drop", number=number)
+
+
+@command.command("stats", short_help="Give figures.")
+@click.pass_obj
+def _stats(ctl: _Ctl) -> None:
+    """Give figures: strikes, refusals, what is held, what has passed."""
+    answer = ctl.ask(do="stats")
+    for name, value in (answer or {}).items():
+        if name != "ok":
+            click.echo(f"{name.replace('_', ' ')}: {printable(_figure(value))}")
+
+
+def _figure(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {each}" for name, each in value.items()) or "none"
+    return "none" if value is None else str(value)

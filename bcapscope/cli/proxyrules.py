@@ -1,0 +1,250 @@
+"""The options of ``bcapscope proxy`` that make rules, and the rules that they make."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from bcapscope.faults.document import DocumentError, RuleFile, read_document
+from bcapscope.faults.fault import AnyFault
+from bcapscope.faults.notation import read_fault
+from bcapscope.faults.quantities import Condition, Duration
+from bcapscope.faults.shaper import Shaper
+from bcapscope.proxy.addons import Addons, load_addons
+from bcapscope.proxy.guard import Guard, Target, read_target
+from bcapscope.proxy.intercept import PATIENCE, Intercept
+from bcapscope.proxy.rules import Rules
+
+F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class RuleWishes:
+    """What the options say.
+
+    Attributes:
+        faults: those of the command line before those of the files.
+        seed: of all chance.
+        guard: None for none.
+        intercept: what is to be held; None for nothing.
+        patience: ns that a held message waits.
+        scripts: paths.
+        control: address of the control socket; "" for none.
+    """
+
+    faults: tuple[AnyFault, ...]
+    seed: int
+    guard: Guard | None
+    intercept: Condition | None
+    patience: int
+    scripts: tuple[str, ...]
+    control: str
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything has to look into what passes."""
+        return bool(self.faults or self.guard or self.intercept or self.scripts or self.control)
+
+    def make(self) -> Rules:
+        """Make the rules, with the monotonic clock's time of now.
+
+        Raises:
+            ScriptError: a script cannot be used.
+        """
+        now, since_1970 = time.monotonic_ns(), time.time_ns()
+        addons = [addon for path in self.scripts for addon in load_addons(path)]
+        epoch = since_1970 - now
+        return Rules(
+            Shaper(self.faults, seed=self.seed, now=now, epoch=epoch),
+            self.guard,
+            Intercept(self.intercept, self.patience),
+            Addons(addons),
+            epoch=epoch,
+        )
+
+    def words(self) -> list[str]:
+        """Tell what is set up, a line each."""
+        lines = []
+        if self.faults:
+            lines.append(f"{len(self.faults)} faults, --seed {self.seed}")
+        if self.guard is not None:
+            lines.append("guard: what is not allowed is answered with E_ACCESSDENIED")
+        if self.intercept is not None:
+            lines.append(f"intercept: held until sent on, {self.patience / 1e9:g} s at most")
+        return lines
+
+
+def rule_options(function: F) -> F:
+    """Give a command the options; it gets one argument `rules`, a `RuleWishes`."""
+
+    def command(**arguments: Any) -> Any:
+        own = {name: arguments.pop(name) for name in _NAMES}
+        return function(rules=_wishes(**own), **arguments)
+
+    command.__doc__ = function.__doc__
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command  # type: ignore[return-value]  # the decorated command takes the options in place of `rules`
+
+
+def _wishes(
+    *,
+    faults: tuple[AnyFault, ...],
+    rule_files: tuple[tuple[AnyFault, ...], ...],
+    seed: int | None,
+    read_only: bool,
+    block: tuple[Target, ...],
+    allow_command: tuple[Target, ...],
+    intercept: Condition | None,
+    hold: Duration,
+    scripts: tuple[str, ...],
+    control: str | None,
+) -> RuleWishes:
+    every = (*faults, *(fault for each in rule_files for fault in each))
+    names = [fault.name for fault in every if fault.name]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise click.UsageError(f"two faults have the name {twice}")
+    guarded = read_only or block or allow_command
+    return RuleWishes(
+        faults=every,
+        seed=random.randrange(1_000_000) if seed is None else seed,
+        guard=Guard(read_only or bool(allow_command), block, allow_command) if guarded else None,
+        intercept=intercept,
+        patience=hold,
+        scripts=scripts,
+        control=control or "",
+    )
+
+
+def _reader(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Make a callback of click that reads what was typed, each of them where there are several."""
+
+    def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+        try:
+            if isinstance(value, tuple):
+                return tuple(read(each) for each in value)
+            return None if value is None else read(value)
+        except ValueError as error:
+            separator = "\n" if "\n" in str(error) else ""
+            raise click.BadParameter(f"{separator}{error}", context, parameter) from None
+
+    return convert
+
+
+def _rule_file(path: str) -> tuple[AnyFault, ...]:
+    try:
+        text = Path(path).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        return read_document(text, RuleFile).faults
+    except DocumentError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _show_notation(context: click.Context, _: click.Parameter, value: bool) -> None:
+    if value:
+        from bcapscope.faults import notation
+
+        click.echo((notation.__doc__ or "").strip())
+        context.exit()
+
+
+_OPTIONS = (
+    click.option(
+        "--fault",
+        "faults",
+        metavar="FAULT",
+        multiple=True,
+        callback=_reader(read_fault),
+        help="Make trouble: 'loss=5%', 'delay=3ms±1ms if command == slvMove', 'drop reply try 1'; may be "
+        "repeated. See --help-faults.",
+    ),
+    click.option(
+        "--rules",
+        "rule_files",
+        metavar="FILE.yaml",
+        multiple=True,
+        callback=_reader(_rule_file),
+        help="Faults from a file: a list `faults`, each with `action` and the words of --help-faults.",
+    ),
+    click.option("--seed", type=int, help="Of all chance: the same seed and traffic give the same faults."),
+    click.option(
+        "--read-only",
+        is_flag=True,
+        help="Refuse all that moves the robot or changes its state, and what is not known, with "
+        "E_ACCESSDENIED. Robot_Halt, slvChangeMode 0, releases and Service_Stop always pass.",
+    ),
+    click.option(
+        "--block",
+        metavar="NAME",
+        multiple=True,
+        callback=_reader(read_target),
+        help="Refuse this function or command, or FUNCTION:COMMAND; may be repeated.",
+    ),
+    click.option(
+        "--allow-command",
+        metavar="NAME",
+        multiple=True,
+        callback=_reader(read_target),
+        help="Read-only, but for this function or command; may be repeated.",
+    ),
+    click.option(
+        "--intercept",
+        metavar="EXPRESSION",
+        callback=_reader(Condition.read),
+        help="Hold what this is true for, until `proxy ctl` sends it on, edits or drops it; see "
+        "`bcapscope fields`.",
+    ),
+    click.option(
+        "--hold",
+        metavar="TIME",
+        default=Duration(PATIENCE).text,
+        show_default=True,
+        callback=_reader(Duration.read),
+        help="How long it is held; then it goes on unchanged.",
+    ),
+    click.option(
+        "--script",
+        "scripts",
+        metavar="FILE.py",
+        multiple=True,
+        type=click.Path(exists=True, dir_okay=False),
+        help="Classes with methods request(message), reply(message), settled(call), connected(client), "
+        "gone(client), done(); may be repeated.",
+    ),
+    click.option(
+        "--control",
+        metavar="PATH|127.0.0.1:PORT",
+        help="Listen for `bcapscope proxy ctl` there. Who can open it can do what you can do with the robot.",
+    ),
+    click.option(
+        "--help-faults",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_show_notation,
+        help="Tell how faults are written, and exit.",
+    ),
+)
+
+_NAMES = (
+    "faults",
+    "rule_files",
+    "seed",
+    "read_only",
+    "block",
+    "allow_command",
+    "intercept",
+    "hold",
+    "scripts",
+    "control",
+)

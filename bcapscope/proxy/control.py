@@ -1,0 +1,255 @@
+"""What can be asked and told from outside while the proxy runs: lines of JSON in, lines of JSON out.
+
+    {"do": "rules"}                              the faults, their switches and counts
+    {"do": "add", "rule": "loss=5% request"}     in one line, or with "fault" as in a file
+    {"do": "remove", "name": "drop"}
+    {"do": "on", "name": "drop"}                 also off
+    {"do": "intercept", "if": "command == slvMove", "patience": "60s"}    without "if": nothing more
+    {"do": "held"}                               messages that wait
+    {"do": "forward", "number": 3}
+    {"do": "edit", "number": 3, "hex": "01 …"}   or "rewrite": "set arg[2][0]=10"
+    {"do": "drop", "number": 3}
+    {"do": "stats"}
+
+The answer has "ok": true and what was asked for, or "ok": false and "error".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import msgspec
+import orjson
+
+from bcapscope.faults.document import convert, fault_of, plain
+from bcapscope.faults.fault import Rewrite
+from bcapscope.faults.notation import read_fault, write_fault
+from bcapscope.faults.quantities import Condition, Duration
+from bcapscope.faults.rewriting import Rewriter
+from bcapscope.protocol.frame import Frame, parse_datagram
+from bcapscope.protocol.functions import function_name
+from bcapscope.proxy.intercept import Held
+from bcapscope.proxy.rules import Rules
+
+LONGEST_LINE = 1 << 20
+"""Bytes; a message in hexadecimal digits has 1006 on UDP and seldom more than 20,000 on TCP."""
+
+
+class _Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="do"):
+    pass
+
+
+class ListRules(_Ask, frozen=True, kw_only=True, tag="rules"):
+    """List the faults."""
+
+
+class Add(_Ask, frozen=True, kw_only=True, tag="add"):
+    """Set up a fault: in one line, or as in a file."""
+
+    rule: str = ""
+    fault: dict[str, Any] = {}
+
+
+class Remove(_Ask, frozen=True, kw_only=True, tag="remove"):
+    """Take a fault away."""
+
+    name: str
+
+
+class On(_Ask, frozen=True, kw_only=True, tag="on"):
+    """Switch a fault on."""
+
+    name: str
+
+
+class Off(_Ask, frozen=True, kw_only=True, tag="off"):
+    """Switch a fault off."""
+
+    name: str
+
+
+class SetIntercept(_Ask, frozen=True, kw_only=True, tag="intercept", rename={"when": "if"}):
+    """Hold other messages from now on, or none."""
+
+    when: Condition | None = None
+    patience: Duration | None = None
+
+
+class ListHeld(_Ask, frozen=True, kw_only=True, tag="held"):
+    """List the messages that wait."""
+
+
+class Forward(_Ask, frozen=True, kw_only=True, tag="forward"):
+    """Send a message on as it came."""
+
+    number: int
+
+
+class Edit(_Ask, frozen=True, kw_only=True, tag="edit"):
+    """Send a message on with other bytes, or rewritten as by a fault."""
+
+    number: int
+    hex: str = ""
+    rewrite: str = ""
+
+
+class DropHeld(_Ask, frozen=True, kw_only=True, tag="drop"):
+    """Drop a message that waits."""
+
+    number: int
+
+
+class Stats(_Ask, frozen=True, kw_only=True, tag="stats"):
+    """Give figures."""
+
+
+Ask: TypeAlias = (
+    ListRules | Add | Remove | On | Off | SetIntercept | ListHeld | Forward | Edit | DropHeld | Stats
+)
+
+
+class Reply(NamedTuple):
+    """An answer.
+
+    Attributes:
+        line: JSON and a line feed.
+        sound: the question was JSON; who sends anything else is no client of ours.
+    """
+
+    line: bytes
+    sound: bool
+
+
+class Desk:
+    """Answers questions, without sockets or clocks."""
+
+    def __init__(self, rules: Rules, figures: Callable[[], Mapping[str, object]] = dict) -> None:
+        """Take the rules that are asked for.
+
+        Args:
+            rules: of the proxy.
+            figures: gives those of the relay, for `stats`.
+        """
+        self._rules = rules
+        self._figures = figures
+
+    def answer(self, line: bytes, now: int) -> Reply:
+        """Do what a line of JSON asks for."""
+        try:
+            asked = orjson.loads(line)
+        except orjson.JSONDecodeError as error:
+            return Reply(_line({"ok": False, "error": f"no JSON: {error}"}), False)
+        try:
+            ask = convert(asked, Ask)
+            return Reply(_line({"ok": True, **self._do(ask, now)}), True)
+        except KeyError as error:
+            return Reply(_line({"ok": False, "error": self._unknown(error.args[0])}), True)
+        except ValueError as error:
+            return Reply(_line({"ok": False, "error": str(error)}), True)
+
+    def _do(self, ask: Ask, now: int) -> dict[str, object]:
+        rules = self._rules
+        match ask:
+            case ListRules():
+                return {"rules": [_rule(rules, name) for name in rules.shaper.counts]}
+            case Add() | Remove() | On() | Off():
+                return self._change(ask, now)
+            case SetIntercept():
+                rules.intercept.set(ask.when)
+                rules.intercept.patience = ask.patience or rules.intercept.patience
+                rules.changed(now)
+            case ListHeld():
+                return {"held": [_held(each, now) for each in rules.intercept.held]}
+            case Forward():
+                rules.send_on(ask.number, now)
+            case Edit():
+                rules.send_on(ask.number, now, self._edited(ask))
+            case DropHeld():
+                rules.drop(ask.number)
+            case Stats():
+                return self._stats()
+        return {}
+
+    def _change(self, ask: Add | Remove | On | Off, now: int) -> dict[str, object]:
+        shaper = self._rules.shaper
+        if isinstance(ask, Add):
+            if bool(ask.rule) == bool(ask.fault):
+                raise ValueError("add takes a rule in one line, or a fault as in a file")
+            name = shaper.add(read_fault(ask.rule) if ask.rule else fault_of(ask.fault), now)
+            return {"name": name}
+        if isinstance(ask, Remove):
+            shaper.remove(ask.name)
+        else:
+            shaper.switch(ask.name, isinstance(ask, On))
+        self._rules.changed(now)
+        return {"name": ask.name}
+
+    def _edited(self, ask: Edit) -> bytes:
+        """Make the bytes that go on in place of a message that is held."""
+        held = next((each for each in self._rules.intercept.held if each.number == ask.number), None)
+        if held is None:
+            raise KeyError(ask.number)
+        if bool(ask.hex) == bool(ask.rewrite):
+            raise ValueError("edit takes the bytes in hex, or what to rewrite")
+        if ask.hex:
+            return bytes.fromhex(ask.hex)
+        fault = read_fault(f"rewrite {ask.rewrite}")
+        assert isinstance(fault, Rewrite)
+        rewriter = Rewriter(fault)
+        return b"".join(
+            rewriter.apply(item, held.flow) if isinstance(item, Frame) else item.raw
+            for item in parse_datagram(held.data)
+        )
+
+    def _stats(self) -> dict[str, object]:
+        rules = self._rules
+        intercept = rules.intercept
+        return {
+            "struck": rules.shaper.counts,
+            "refused": rules.refused,
+            "intercept": intercept.condition.text if intercept.condition else None,
+            "held": len(intercept.held),
+            "held_so_far": intercept.count,
+            "addon_errors": rules.addons.errors,
+            **self._figures(),
+        }
+
+    def _unknown(self, what: object) -> str:
+        if isinstance(what, int):
+            return f"no message {what} is held"
+        known = ", ".join(self._rules.shaper.counts) or "there are none"
+        return f"there is no fault {what!r}: {known}"
+
+
+def _rule(rules: Rules, name: str) -> dict[str, object]:
+    striker = rules.shaper.rule(name).striker
+    return {
+        "name": name,
+        "on": striker.on,
+        "struck": striker.struck,
+        "rule": write_fault(striker.fault),
+        "fault": plain(striker.fault),
+    }
+
+
+def _held(held: Held, now: int) -> dict[str, object]:
+    question = held.question
+    return {
+        "number": held.number,
+        "client": str(held.flow.conversation.client),
+        "server": str(held.flow.conversation.server),
+        "transport": held.flow.conversation.transport,
+        "direction": held.flow.direction,
+        "function_id": question.function_id if question else None,
+        "function": function_name(question.function_id) if question else None,
+        "command": question.command if question else None,
+        "waited_s": round((now - held.since) / 1e9, 3),
+        "left_s": round((held.until - now) / 1e9, 3),
+        "hex": held.data.hex(),
+    }
+
+
+def _line(answer: Mapping[str, object]) -> bytes:
+    return orjson.dumps(answer, default=str) + b"\n"
+

@@ -1,0 +1,247 @@
+"""The socket behind which the `Desk` stands: in the file system with the rights 0600, or on loopback."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import socket
+import stat
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+from bcapscope.errors import BcapError
+from bcapscope.proxy.control import LONGEST_LINE, Desk
+from bcapscope.proxy.poller import READ, WRITE
+
+MOST_CONNECTIONS = 16
+LARGEST_BACKLOG = 4 << 20
+"""Bytes of answers that a connection may leave unread before it is closed."""
+
+
+class ControlError(BcapError):
+    """There can be no control socket at that address, or nobody is behind it."""
+
+
+class Watcher(Protocol):
+    """Waits for file descriptors."""
+
+    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
+        """Call `handler` whenever something happens to it."""
+
+    def change(self, descriptor: int, mask: int) -> None:
+        """Wait for something else of it."""
+
+    def unwatch(self, descriptor: int) -> None:
+        """Forget it."""
+
+
+class ControlServer:
+    """Listens, and hands lines to a desk.
+
+    Attributes:
+        address: where: a path, or host and port.
+    """
+
+    def __init__(self, address: str, desk: Desk, watcher: Watcher) -> None:
+        """Listen.
+
+        Args:
+            address: ``HOST:PORT`` on loopback, anything else is a path.
+            desk: answers.
+            watcher: waits for the sockets.
+
+        Raises:
+            ControlError: that cannot be done.
+        """
+        self._desk = desk
+        self._watcher = watcher
+        self._connections: dict[int, _Connection] = {}
+        self._path = "" if is_port(address) else address
+        try:
+            self._socket = _listen_at_path(address) if self._path else _listen_at_port(address)
+        except OSError as error:
+            why = error.strerror or str(error)
+            raise ControlError(f"cannot listen for control on {address}: {why}") from error
+        self.address = self._path or "%s:%d" % self._socket.getsockname()[:2]
+        watcher.watch(self._socket.fileno(), self._acceptable)
+
+    def close(self) -> None:
+        """Close all, and take the file away."""
+        for connection in list(self._connections.values()):
+            connection.close()
+        self._watcher.unwatch(self._socket.fileno())
+        self._socket.close()
+        if self._path:
+            with suppress(OSError):
+                os.unlink(self._path)
+
+    def _acceptable(self, _: int) -> None:
+        try:
+            sock, _address = self._socket.accept()
+        except OSError:
+            return
+        if len(self._connections) >= MOST_CONNECTIONS:
+            sock.close()
+            return
+        sock.setblocking(False)
+        self._connections[sock.fileno()] = _Connection(sock, self._desk, self._watcher, self._connections)
+
+
+class _Connection:
+    """Someone who asks."""
+
+    def __init__(
+        self, sock: socket.socket, desk: Desk, watcher: Watcher, connections: dict[int, _Connection]
+    ) -> None:
+        self._socket = sock
+        self._descriptor = sock.fileno()
+        self._desk = desk
+        self._watcher = watcher
+        self._connections = connections
+        self._asked = bytearray()
+        self._backlog = bytearray()
+        self._ends = False
+        watcher.watch(self._descriptor, self._happened)
+
+    def close(self) -> None:
+        if self._connections.pop(self._descriptor, None) is not None:
+            self._watcher.unwatch(self._descriptor)
+            self._socket.close()
+
+    def _happened(self, _: int) -> None:
+        try:
+            if self._backlog:
+                self._flush()
+            else:
+                self._read()
+        except OSError:
+            self.close()
+
+    def _read(self) -> None:
+        try:
+            data = self._socket.recv(1 << 16)
+        except BlockingIOError:
+            return
+        if not data:
+            self.close()
+            return
+        self._asked += data
+        *lines, rest = bytes(self._asked).split(b"\n")
+        self._asked = bytearray(rest)
+        for line in lines:
+            if line.strip() and not self._ends:
+                self._answer(line)
+        if len(self._asked) > LONGEST_LINE:
+            self._ends = True
+        self._flush()
+
+    def _answer(self, line: bytes) -> None:
+        reply = self._desk.answer(line, time.monotonic_ns())
+        self._backlog += reply.line
+        # A browser that a web page sends here talks HTTP, with JSON of the page's making after it.
+        self._ends = not reply.sound
+
+    def _flush(self) -> None:
+        with suppress(BlockingIOError):
+            while self._backlog:
+                del self._backlog[: self._socket.send(self._backlog)]
+        if (self._ends and not self._backlog) or len(self._backlog) > LARGEST_BACKLOG:
+            self.close()
+        else:
+            self._watcher.change(self._descriptor, WRITE if self._backlog else READ)
+
+
+def is_port(address: str) -> bool:
+    """Tell whether an address is a port on a host, and no path."""
+    host, colon, port = address.rpartition(":")
+    return bool(colon) and port.isdecimal() and "/" not in host and os.sep not in host
+
+
+def reach_control(address: str, timeout: float = 5.0) -> socket.socket:
+    """Connect to a control socket.
+
+    Raises:
+        ControlError: nobody is behind it.
+    """
+    try:
+        if is_port(address):
+            return socket.create_connection(_host_port(address), timeout)
+        sock = _unix_socket(address)
+        sock.settimeout(timeout)
+        sock.connect(address)
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise ControlError(f"no proxy listens for control on {address}: {why}") from error
+    return sock
+
+
+def _host_port(address: str) -> tuple[str, int]:
+    host, _, port = address.rpartition(":")
+    return host.strip("[]"), int(port)
+
+
+def _listen_at_port(address: str) -> socket.socket:
+    host, port = _host_port(address)
+    try:
+        loopback = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        raise ControlError(
+            f"{host} is no IP address; control is on loopback, such as 127.0.0.1:5999"
+        ) from None
+    if not loopback:
+        raise ControlError(f"{host} is not loopback: who controls the proxy moves the robot")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((host, port))
+        return _listening(sock)
+    except (OSError, OverflowError):
+        sock.close()
+        raise
+
+
+def _listen_at_path(path: str) -> socket.socket:
+    sock = _unix_socket(path)
+    try:
+        _clear(path)
+        before = os.umask(0o177)
+        try:
+            sock.bind(path)
+        finally:
+            os.umask(before)
+        return _listening(sock)
+    except OSError:
+        sock.close()
+        raise
+
+
+def _clear(path: str) -> None:
+    """Take away the socket that a proxy has left that was killed."""
+    try:
+        mode = os.lstat(path).st_mode
+    except FileNotFoundError:
+        return
+    if not stat.S_ISSOCK(mode):
+        raise ControlError(f"{path} is there already, and no socket")
+    with _unix_socket(path) as probe:
+        try:
+            probe.connect(path)
+        except OSError:
+            os.unlink(path)
+            return
+    raise ControlError(f"another proxy listens for control on {path}")
+
+
+def _unix_socket(path: str) -> socket.socket:
+    if not hasattr(socket, "AF_UNIX"):
+        raise ControlError(f"there are no sockets such as {path} on this system; 127.0.0.1:5999 would do")
+    return socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+
+
+def _listening(sock: socket.socket) -> socket.socket:
+    sock.listen(4)
+    sock.setblocking(False)
+    return sock
