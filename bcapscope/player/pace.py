@@ -118,7 +118,7 @@ class Pacer:
         self._silence = SILENCE if exchanger.link.datagrams else move.pace.timeout
         self._throttle = _Throttle(round(FASTEST * move.period), move.mode.slots + 1)
         self._last = 0
-        self._heard = 0
+        self._unheard: int | None = None  # when the first set point was sent that nothing was heard after
         self._sent = self._retries = self._late = self._answered = 0
         self._repeated = self._shifted = self._held = 0
 
@@ -139,7 +139,7 @@ class Pacer:
             HaltedError: `idle` said so.
             OSError: the link is gone.
         """
-        due = self._heard = self._exchanger.link.now() + _START
+        due = self._exchanger.link.now() + _START
         for point in self._course:
             self.commanded = point
             due = self._one(self._move.arguments(point), due)
@@ -148,6 +148,7 @@ class Pacer:
         """Send one set point until it is taken; return the deadline of the next."""
         for _ in range(MOST_REPEATS):
             sent = self._send(arguments, due)
+            due = self._kept(due, sent)
             code = self._code(self._await(due))
             if code != E_SLAVE_OVERFLOW or not self._move.mode.overflow_is_error:
                 break
@@ -155,7 +156,7 @@ class Pacer:
             due = sent + REPEAT_AFTER
         if code is not None and is_failure(code):
             raise ControllerError(_NAME, code, hresult_name(code), describe(code).text)
-        return self._next(due, sent, code)
+        return self._next(due, code)
 
     def _send(self, arguments: tuple[Variant, ...], due: int) -> int:
         exchanger = self._exchanger
@@ -169,6 +170,8 @@ class Pacer:
             self.cycle.add(sent - self._last)
         self._last = sent
         self._sent += 1
+        if self._unheard is None:
+            self._unheard = sent
         self._throttle.sent(sent)
         self._idle(sent)
         return sent
@@ -196,14 +199,18 @@ class Pacer:
         self._hear_late()
         if isinstance(settled, TimedOut):
             by_clock = self._move.mode.kind in _BY_CLOCK
-            if not by_clock or self._exchanger.link.now() - self._heard > self._silence:
+            if not by_clock or self._is_silent():
                 raise ExchangeTimeout(_NAME, settled.attempts)
             return None
         self._answered += 1
-        self._heard = settled.attempts[-1].came[-1].time
+        self._unheard = None
         self.reply = settled.reply
         code: int = settled.reply.code
         return code
+
+    def _is_silent(self) -> bool:
+        """Tell whether the controller is gone; times when we ourselves were held up do not count."""
+        return self._unheard is not None and self._exchanger.link.now() - self._unheard > self._silence
 
     def _hear_late(self) -> None:
         late = self._exchanger.late
@@ -214,20 +221,23 @@ class Pacer:
             self._late += 1
             if by_clock:
                 self._answered += 1
-                self._heard = max(self._heard, each.time)
+                self._unheard = None
                 code = each.reply.code
                 if is_failure(code):
                     raise ControllerError(_NAME, code, hresult_name(code), describe(code).text)
         late.clear()
 
-    def _next(self, due: int, sent: int, code: int | None) -> int:
+    def _kept(self, due: int, sent: int) -> int:
+        """Return the deadline from which the next one counts: put off if this one was missed by too much."""
+        if sent - due <= self._move.period // 2:
+            return due
+        self._shifted += 1
+        return sent
+
+    def _next(self, due: int, code: int | None) -> int:
         """Return the deadline of the next set point."""
-        period = self._move.period
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            if sent - due <= period // 2:
-                return due + period
-            self._shifted += 1
-            return sent + period
+            return due + self._move.period
         ready, free = self._exchanger.link.now() + _PREPARING, self._throttle.free
         self._held += free > ready
         return max(ready, free)

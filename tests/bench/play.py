@@ -1,0 +1,163 @@
+"""How late set points go out beside two busy processes, and how late an empty loop is in the same run.
+
+The empty loop sleeps and spins to its deadlines as the player does, and sends nothing. Run from the project's
+root as ``python -m tests.bench.play``; real-time priority is shown where the system gives it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from math import cos, pi
+
+import msgspec
+
+from bcapscope.client.target import Target
+from bcapscope.player.channel import SocketChannel
+from bcapscope.player.lateness import Lateness, Spread
+from bcapscope.player.messages import Outcome, Pacing, Plan, Question, Readiness
+from bcapscope.player.process import Player
+from bcapscope.player.realtime import undisturbed
+from tests.bench.jobs import ROOT
+
+BUSY = 2
+PERIODS = (8_000_000, 1_000_000)
+LIMIT_P999, LIMIT_MOST = 100_000, 1_000_000
+_HOME = (0.0, 90.0, 0.0, 90.0, 0.0)
+
+
+@contextmanager
+def running(*words: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a Python process for the length of a block."""
+    argv = [sys.executable, *words]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=pipe, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGKILL)
+
+
+@contextmanager
+def simulator() -> Iterator[Target]:
+    """Run the simulator; yield how to reach it."""
+    with running("-m", "bcapscope", "sim", "--port", "0", "-q") as process:
+        assert process.stderr is not None
+        match = re.search(r"port (\d+)", process.stderr.readline())
+        if not match:
+            raise SystemExit("the simulator did not start")
+        # TCP, since the simulator, which is no other machine here, may be held up for longer than UDP bears.
+        yield Target("127.0.0.1", int(match[1]), tcp=True)
+
+
+def empty_loop(period: int, count: int, realtime: bool) -> Spread:
+    """Keep deadlines without sending anything, in a process of its own."""
+    words = ["-m", "tests.bench.play", "--empty", str(period), str(count), str(int(realtime))]
+    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, check=True)
+    return msgspec.json.decode(done.stdout, type=Spread)
+
+
+def empty(period: int, count: int, realtime: bool) -> None:
+    """Be that process."""
+    late = Lateness(count)
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    channel = SocketChannel(ends[0])
+    with undisturbed(realtime):
+        due = channel.now()
+        for _ in range(count):
+            due += period
+            channel.wait(due)
+            now = channel.now()
+            late.add(now - due)
+            if now - due > period // 2:
+                due = now
+    sys.stdout.buffer.write(msgspec.json.encode(late.exact()))
+
+
+def play(target: Target, period: int, count: int, realtime: bool) -> tuple[Spread, bool]:
+    """Play a slow wave; return the lateness and whether there was real-time priority.
+
+    Raises:
+        SystemExit: it did not get to the end.
+    """
+    points = [(5 * (1 - cos(2 * pi * number / count)), *_HOME) for number in range(count)]
+    plan = Plan(target=target, mode=Pacing.ASYNC, period=period, points=points, realtime=realtime)
+    priority = False
+    with Player(plan) as player:
+        while player.ended is None:
+            for message in player.wait(1.0):
+                if isinstance(message, Question):
+                    player.answer("yes")
+                elif isinstance(message, Readiness):
+                    priority = message.realtime
+    ended = player.ended
+    if ended.outcome is not Outcome.DONE:
+        raise SystemExit(f"{ended.outcome}: {ended.reason}")
+    return ended.lateness, priority
+
+
+def line(name: str, spread: Spread) -> str:
+    """Write a line of the table, µs."""
+    points = (spread.p50, spread.p99, spread.p999, spread.most)
+    return f"{name:44}" + "".join(f"{point / 1000:11.1f}" for point in points)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
+    parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--empty", nargs=3, type=int, help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    if chosen.empty:
+        empty(chosen.empty[0], chosen.empty[1], bool(chosen.empty[2]))
+        return
+    stolen = _stolen()
+    print(f"{os.cpu_count()} processors, {BUSY} busy processes beside; lateness in µs")
+    print(f"{'':44}{'p50':>11}{'p99':>11}{'p99.9':>11}{'max':>11}")
+    with ExitStack() as stack:
+        target = stack.enter_context(simulator())
+        for _ in range(BUSY):
+            stack.enter_context(running("-c", "while True: pass"))
+        for _ in range(chosen.rounds):
+            for period in PERIODS:
+                _measure(target, period, round(chosen.seconds * 1e9 / period))
+    print(
+        f"meanwhile the host of this virtual machine took {_stolen() - stolen:.2f} s of processor time away"
+    )
+
+
+def _measure(target: Target, period: int, count: int) -> None:
+    for wanted in (True, False):
+        bare = empty_loop(period, count, wanted)
+        ours, priority = play(target, period, count, wanted)
+        if wanted and not priority:
+            print("no real-time priority here")
+            continue
+        name = f"{period / 1e6:g} ms, {'real-time priority' if wanted else 'without'}"
+        print(line(f"{name}, empty loop", bare))
+        print(line(f"{name}, play", ours))
+        if wanted:
+            words = [
+                "yes" if each.p999 < LIMIT_P999 and each.most <= LIMIT_MOST else "NO" for each in (ours, bare)
+            ]
+            print(f"    p99.9 under 0.1 ms and none above 1 ms: {words[0]}; the empty loop: {words[1]}")
+        else:
+            print(f"    p99.9 {ours.p999 / max(1, bare.p999):.2f} times that of the empty loop")
+
+
+def _stolen() -> float:
+    """Return the seconds that a virtual machine's host gave to others: no priority in here helps against it."""
+    with open("/proc/stat", encoding="ascii") as file:
+        return int(file.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
+
+
+if __name__ == "__main__":
+    main()
