@@ -29,6 +29,7 @@ _COMMANDS = {
     "replay": "Play one side of a recorded session again.",
     "play": "Play a trajectory in slave mode.",
     "tui": "The screen: traffic as it is, frame by frame.",
+    "proxy": "In the middle: see, record, disturb.",
     "sim": "A controller without a robot, to try things on.",
     "fields": "List the fields and the language of --filter.",
 }

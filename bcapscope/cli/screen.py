@@ -44,7 +44,7 @@ class Screen:
         """Whether anybody sees the line at the bottom."""
         return self._terminal
 
-    def show(self, lines: Sequence[bytes] | Sequence[str]) -> None:
+    def show(self, lines: Sequence[bytes | str]) -> None:
         """Write lines of data, when the terminal can take them."""
         if not self._heard:
             return

@@ -32,7 +32,11 @@ _BACKLOG = 32
 
 
 class ListenError(BcapError):
-    """An address cannot be listened on, or a controller's name is unknown."""
+    """An address cannot be listened on."""
+
+
+class NoWay(BcapError):
+    """A controller's name is unknown, or nothing leads there."""
 
 
 def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
@@ -50,7 +54,7 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         if stream and sys.platform != "win32":  # there it would let others take our port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sock.bind(resolve(endpoint, transport)[1])
+        sock.bind(_own_address(family, endpoint))
         if stream:
             sock.listen(_BACKLOG)
         else:
@@ -62,17 +66,23 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     return sock
 
 
+def _own_address(family: int, endpoint: Endpoint) -> SocketAddress:
+    flags = socket.AI_NUMERICHOST | socket.AI_PASSIVE
+    address: SocketAddress = socket.getaddrinfo(endpoint.host, endpoint.port, family, flags=flags)[0][4]
+    return address
+
+
 def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddress]:
     """Return the address family and the address.
 
     Raises:
-        ListenError: there is no such host.
+        NoWay: there is no such host.
     """
     kind = socket.SOCK_STREAM if transport is Transport.TCP else socket.SOCK_DGRAM
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise ListenError(f"there is no way to {endpoint}: {reason(error)}") from None
+        raise NoWay(f"there is no way to {endpoint}: {reason(error)}") from None
     return family, address
 
 

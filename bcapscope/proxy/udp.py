@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import time
+from collections.abc import Sequence
 
+from bcapscope.protocol.hresult import S_EXECUTING
 from bcapscope.proxy.poller import READ
 from bcapscope.proxy.relay import Relay, conversation
 from bcapscope.proxy.ring import Count
@@ -31,6 +34,12 @@ is long; its socket costs nothing."""
 GIVE_WAY_AFTER = 10_000_000_000
 """ns of silence after which a client makes room for a new one when there are too many, as in the official
 server (orin_bcap C/src/bcap_server.c)."""
+
+_TRIES = 2
+_PATIENCE = 0.3
+"""Seconds for the answer to a try."""
+
+_STILL_EXECUTING = S_EXECUTING.to_bytes(4, "little")
 
 _MOST_STRANGERS = 256
 """Addresses that are told to be refused, each once."""
@@ -204,6 +213,32 @@ class UdpSession:
             return self._refuse(data, again)
         self._relay.counts[Count.LEFT_UP] += 1
         return time.time_ns()
+
+    def leave(self, requests: Sequence[bytes]) -> int:
+        """Send requests in the client's place, each after the answer to the one before; return how many
+        were answered. It waits, so nothing else passes meanwhile.
+        """
+        for count, request in enumerate(requests):
+            if not any(self._ask(request) for _ in range(_TRIES)):
+                return count
+        return len(requests)
+
+    def _ask(self, request: bytes) -> bool:
+        """Send a request and wait for its answer."""
+        relay = self._relay
+        left = self.send(True, request)
+        relay.ring.put(True, self.number, 0, left, request, note=b"the proxy ends the session")
+        until = time.monotonic() + _PATIENCE
+        while (rest := until - time.monotonic()) > 0 and select.select([self.upstream], (), (), rest)[0]:
+            try:
+                size, control, _, _ = self._receive(self._buffers, CONTROL)
+            except OSError:
+                return False
+            data = bytes(self._view[:size])
+            relay.ring.put(False, self.number, kernel_time(control, time.time_ns()), 0, data)
+            if data[5:7] == request[5:7] and data[9:13] != _STILL_EXECUTING:
+                return True
+        return False
 
     def passed_on(self, up: bool) -> None:
         """Do nothing: datagrams have no end."""

@@ -58,9 +58,9 @@ class _Way:
 class _Client:
     def __init__(self, who: Met) -> None:
         conversation = Conversation(who.client, who.controller, who.transport, "the proxy")
+        self.conversation = conversation
         self.is_stream = who.transport is Transport.TCP
         self.ways = (_Way(conversation, Direction.RESPONSE), _Way(conversation, Direction.REQUEST))
-        self.last = 0
 
 
 class Witness:
@@ -73,6 +73,16 @@ class Witness:
     def __init__(self) -> None:
         self.count = 0
         self._clients: dict[int, _Client] = {}
+
+    @property
+    def numbers(self) -> dict[Conversation, int]:
+        """The relay's number of each client that is there."""
+        return {client.conversation: number for number, client in self._clients.items()}
+
+    def conversation(self, number: int) -> Conversation | None:
+        """Return that of a client, None if it has gone."""
+        client = self._clients.get(number)
+        return None if client is None else client.conversation
 
     def observe(self, records: Iterable[Record]) -> Iterator[tuple[Observation, str]]:
         """Yield what was said, with what a rule did to it."""
@@ -89,7 +99,6 @@ class Witness:
                 time = came if up else left
                 if not time:
                     continue
-                client.last = time
                 way = client.ways[up]
                 if client.is_stream:
                     yield from self._stream(way, data, time, note)

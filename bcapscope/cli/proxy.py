@@ -1,0 +1,140 @@
+"""``bcapscope proxy``: in the middle between clients and controllers."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from bcapscope.capture.series import Bounds, parse_bounds
+from bcapscope.cli import options
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.files import check_free
+from bcapscope.cli.output import narrate
+from bcapscope.cli.proxyrun import Proxy
+from bcapscope.cli.proxyview import Form, Look
+from bcapscope.cli.proxywatch import Wishes
+from bcapscope.cli.serving import reach
+from bcapscope.proxy.sockets import ListenError, NoWay
+from bcapscope.proxy.spec import SpecError, parse_listeners
+from bcapscope.render.moment import Clock
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import FilterError
+
+
+def _bounds(context: click.Context, parameter: click.Parameter, value: str | None) -> Bounds | None:
+    try:
+        return None if value is None else parse_bounds(value)
+    except ValueError as error:
+        raise click.BadParameter(f"{error}", context, parameter) from None
+
+
+@click.group(invoke_without_command=True, short_help="In the middle: see, record, disturb.")
+@click.option(
+    "--listen",
+    metavar="HOST:PORT",
+    multiple=True,
+    help="Address of this machine that clients are pointed at; udp: or tcp: before it for one of them. Port "
+    "0 takes one that is free. May be repeated, each with its --to.",
+)
+@click.option("--to", metavar="HOST:PORT", multiple=True, help="The controller.")
+@click.option(
+    "--transport",
+    type=click.Choice(["udp", "tcp", "both"]),
+    default="both",
+    show_default=True,
+    help="What to listen on, where --listen does not say.",
+)
+@click.option(
+    "--allow", metavar="ADDRESS", multiple=True, help="Where clients may be: an address, or a network."
+)
+@click.option(
+    "--record",
+    metavar="FILE.pcapng",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write all that passes, on both sides, to a new capture.",
+)
+@click.option(
+    "--ring",
+    metavar="RING",
+    callback=_bounds,
+    help="Record to a ring of files, 10x100MB, 24x1h or 24x1h,500MB; the oldest is removed.",
+)
+@click.option(
+    "--forget",
+    metavar="SECONDS",
+    type=click.FloatRange(min=1),
+    default=600.0,
+    show_default=True,
+    help="Forget UDP clients that are silent for so long.",
+)
+@click.option("--calls", is_flag=True, help="Show calls, as `calls` does; else frames, as `decode` does.")
+@click.option("--tree", "form", flag_value=Form.TREE, type=Form, help="Every field, or each call's frames.")
+@click.option("--json", "form", flag_value=Form.JSON, type=Form, help="One JSON object each.")
+@click.option(
+    "-f", "--filter", "wanted", metavar="EXPRESSION", default="", help="Show only what this is true for."
+)
+@options.clock
+@options.color
+@click.option("-q", "--quiet", is_flag=True, help="Show nothing of what passes.")
+@click.pass_context
+def command(
+    context: click.Context,
+    *,
+    listen: tuple[str, ...],
+    to: tuple[str, ...],
+    transport: str,
+    allow: tuple[str, ...],
+    record: Path | None,
+    ring: Bounds | None,
+    forget: float,
+    calls: bool,
+    form: Form | None,
+    wanted: str,
+    clock: str,
+    color: str,
+    quiet: bool,
+) -> None:
+    """Pass on what b-CAP clients and controllers say to each other, and see it.
+
+    Bytes pass at once and unchanged; another process records and shows them. Ctrl-C ends the sessions that
+    are open, closes the recording and sums up; a second Ctrl-C ends at once.
+
+    Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on; 6 the
+    capture cannot be written; 9 there is no controller of that name.
+    """
+    if context.invoked_subcommand is not None:
+        return
+    if ring is not None and record is None:
+        raise click.UsageError("--ring needs --record FILE.pcapng")
+    shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
+    look = Look(shown, form or Form.LINE, wanted, Clock(clock))
+    try:
+        listeners = parse_listeners(listen, to, transport, allow)
+        look.filter()
+    except SpecError as error:
+        raise click.UsageError(str(error)) from None
+    except FilterError as error:
+        raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
+    if record is not None and ring is None:
+        check_free(record, False)
+    proxy = Proxy(Wishes(record, ring, look, color))
+    try:
+        for listener in listeners:
+            address = proxy.listen(listener, round(forget * 1e9))
+            words = " and ".join(each.upper() for each in listener.transports)
+            narrate(f"{address} {words} > {listener.to}; {reach(address.host)}{_allowed(allow)}")
+        proxy.run()
+    except ListenError as error:
+        narrate(str(error))
+        sys.exit(Exit.UNREADABLE)
+    except NoWay as error:
+        narrate(str(error))
+        sys.exit(Exit.UNANSWERED)
+    finally:
+        proxy.close()
+
+
+def _allowed(allow: tuple[str, ...]) -> str:
+    return f", of whom only {', '.join(allow)} may" if allow else ""

@@ -1,0 +1,178 @@
+"""A proxy at work: the relay here, what watches it in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import signal
+import sys
+import time
+from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
+from types import FrameType
+
+from bcapscope.cli.files import FileRefused
+from bcapscope.cli.output import narrate
+from bcapscope.cli.proxywatch import FAREWELL, READY, Wishes, watch
+from bcapscope.player.realtime import undisturbed
+from bcapscope.proxy.hook import Policy
+from bcapscope.proxy.ports import open_ports
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.ring import HEADER, RingWriter
+from bcapscope.proxy.spec import Listener
+from bcapscope.proxy.udp import UdpSession
+from bcapscope.traffic.observation import Endpoint
+
+RING_SIZE = 16 << 20
+"""Bytes: ten seconds of four robots with a set point each millisecond, if nobody watched at all."""
+
+_BEGINS_WITHIN = 30.0
+_ANSWERS_WITHIN = 3.0
+_ENDS_WITHIN = 60.0
+"""Seconds that the watching process has."""
+
+_SILENT = 30_000_000_000
+"""ns after which a client is taken to have gone, once the terminal is closed."""
+
+
+class Proxy:
+    """A relay and what watches it.
+
+    Attributes:
+        relay: for whoever has more to plug in before it runs.
+    """
+
+    def __init__(self, wishes: Wishes, policy: Policy | None = None) -> None:
+        """Make a relay that listens nowhere yet."""
+        self._wishes = wishes
+        self._memory = SharedMemory(create=True, size=HEADER + RING_SIZE)
+        assert self._memory.buf is not None
+        self._memory.buf[:] = bytes(HEADER + RING_SIZE)  # so that no page is missing later
+        self._ring = RingWriter(self._memory.buf[: HEADER + RING_SIZE])
+        self.relay = Relay(self._ring, policy)
+        self._context = multiprocessing.get_context("spawn")
+        self._link, self._other_end = self._context.Pipe()
+        self._watcher: multiprocessing.process.BaseProcess | None = None
+        self._watched = False
+        self._ending = 0.0
+        self._hung_up = False
+        self._goodbyes: list[tuple[int, str, list[str]]] = []
+
+    def listen(self, listener: Listener, forget_after: int) -> Endpoint:
+        """Listen; return where.
+
+        Args:
+            listener: where, and where to.
+            forget_after: ns of silence after which a UDP client is forgotten.
+
+        Raises:
+            ListenError: it cannot be listened on.
+            NoWay: the controller's name is unknown.
+        """
+        address, ports = open_ports(self.relay, listener, forget_after)
+        self.relay.listen(ports)
+        return address
+
+    def run(self) -> None:
+        """Pass bytes on until told to end, then end in order.
+
+        Raises:
+            FileRefused: the recording cannot be written.
+        """
+        self._start_watching()
+        for name in ("SIGINT", "SIGTERM"):
+            signal.signal(getattr(signal, name), self._end)
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            signal.signal(signal.SIGHUP, self._hang_up)
+        with undisturbed() as grade:
+            if not grade.realtime:
+                self._say(grade.text.encode())
+            self.relay.run(self._look_around)
+            self.relay.close_ports()
+            self._say_goodbye()
+            for line in self.relay.policy.report() if self.relay.policy is not None else ():
+                self.relay.tell(line)
+            self.relay.close()
+
+    def close(self) -> None:
+        """Wait for the watcher's summary and let go of everything."""
+        self.relay.close()
+        self._link.close()
+        if self._watcher is not None:
+            self._watcher.join(_ENDS_WITHIN)
+            if self._watcher.is_alive():
+                narrate("watching has not ended in time; the last part of the recording may be missing")
+                self._watcher.kill()
+            self._watcher = None
+        self._ring.release()
+        self._memory.close()
+        self._memory.unlink()
+
+    def _start_watching(self) -> None:
+        arguments = self._memory.name, self._other_end, self._wishes
+        self._watcher = self._context.Process(target=watch, args=arguments, name="watch")
+        self._watcher.start()
+        self._other_end.close()
+        try:
+            answer = self._link.recv_bytes() if self._link.poll(_BEGINS_WITHIN) else b"no answer"
+        except (EOFError, OSError):
+            answer = b"the process that writes it has ended"
+        if answer != READY:
+            raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
+        self._watched = True
+        if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
+            self.relay.watch(self._link.fileno(), lambda _: self._hear())
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        """End in order, and at once when asked again; a signal handler."""
+        if self._ending or not self._say(FAREWELL):
+            self.relay.stop()
+        self._ending = time.monotonic()
+
+    def _hang_up(self, number: int, frame: FrameType | None) -> None:
+        """Go on without a terminal until no client is left; a signal handler."""
+        self._hung_up = True
+
+    def _look_around(self) -> None:
+        """Do what is due about once a second."""
+        if self._ending and time.monotonic() - self._ending > _ANSWERS_WITHIN:
+            self.relay.stop()
+        if self._watched and self._link.poll():
+            self._hear()
+        if self._hung_up and not self._ending:
+            now = time.time_ns()
+            if all(now - session.heard > _SILENT for session in self.relay.sessions.values()):
+                self._end(0, None)
+
+    def _hear(self) -> None:
+        """Take what the watcher says: how the open sessions can be ended, or nothing any more."""
+        try:
+            self._goodbyes = json.loads(self._link.recv_bytes())
+            self.relay.stop()
+        except (EOFError, OSError):
+            self._watched = False
+            self.relay.unwatch(self._link.fileno())
+            self._ring.abandon()
+            narrate("watching has ended; the relay goes on, and nothing is recorded or shown any more")
+            if self._ending:
+                self.relay.stop()
+
+    def _say(self, message: bytes) -> bool:
+        """Say something to the watcher; tell whether it is there."""
+        try:
+            self._link.send_bytes(message)
+        except OSError:
+            return False
+        return self._watched
+
+    def _say_goodbye(self) -> None:
+        """End the sessions of UDP clients at the controller, in their place."""
+        for number, state, requests in self._goodbyes:
+            session = self.relay.sessions.get(number)
+            if not isinstance(session, UdpSession):
+                continue
+            client, controller = session.conversation.client, session.conversation.server
+            answered = session.leave([bytes.fromhex(request) for request in requests])
+            how = "was ended" if answered == len(requests) else "could not be ended: no answer"
+            what = f", where {state}," if state else ""
+            self.relay.tell(f"the session of {client} at {controller}{what} {how}")

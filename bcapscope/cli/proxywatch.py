@@ -1,0 +1,255 @@
+"""The process that watches a proxy: it records, decodes, shows and judges, and never holds the relay up.
+
+It looks every few hundredths of a second at what the relay has written into the ring. When the relay ends,
+or is killed, it takes what is left, closes the recording and sums up.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
+
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.capture.series import Bounds
+from bcapscope.cli.output import palette
+from bcapscope.cli.proxyrecord import ProxyRecorder
+from bcapscope.cli.proxystatus import Delays, losses, rates, totals
+from bcapscope.cli.proxyview import Look, View
+from bcapscope.cli.screen import Screen
+from bcapscope.proxy.farewell import Farewells
+from bcapscope.proxy.ring import Kind, Record, RingReader
+from bcapscope.proxy.witness import Witness
+from bcapscope.render.call import counted
+from bcapscope.render.escape import printable
+from bcapscope.render.findings import FindingsRenderer
+from bcapscope.traffic.exchange import Exchange, Settled
+from bcapscope.traffic.handles import Handles
+from bcapscope.traffic.lane import RETRY_WITHIN_NS
+from bcapscope.traffic.tracker import Tracker
+
+TICK = 0.025
+"""Seconds between looks at the ring."""
+
+FAREWELL, READY = b"farewell", b"ready"
+"""What the relay asks before it ends, and what it waits for before it begins. Anything else that it says is
+advice for the user, for the case that it is too slow."""
+
+_STATUS_EVERY = 500_000_000
+_MARGIN = round(3 * TICK * 1e9)
+"""ns that something may have passed before it is seen here."""
+
+_NICENESS = 10
+_BEHIND = 1 << 18
+"""Bytes in the ring from which on there is no pause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What is to be done with what passes.
+
+    Attributes:
+        record: a capture to write; None for none.
+        bounds: makes a ring of files of it.
+        look: what is shown.
+        color: as the option has it.
+    """
+
+    record: Path | None
+    bounds: Bounds | None
+    look: Look
+    color: str
+
+
+def watch(memory: str, relay: Connection, wishes: Wishes) -> None:
+    """Watch a relay until it ends; the entry of a process.
+
+    Args:
+        memory: name of the ring's.
+        relay: over which it asks and is answered; its end is the relay's.
+        wishes: what is to be done.
+    """
+    _step_back()
+    screen = Screen()
+    recorder = None
+    try:
+        if wishes.record is not None:
+            recorder = ProxyRecorder(wishes.record, wishes.bounds, screen.tell)
+    except OSError as error:
+        relay.send_bytes((error.strerror or str(error)).lower().encode())
+        return
+    shared = SharedMemory(memory)
+    assert shared.buf is not None
+    reader = RingReader(shared.buf)
+    relay.send_bytes(READY)
+    try:
+        Watcher(reader, wishes, screen, recorder).run(relay)
+    finally:
+        screen.close()
+        if recorder is not None:
+            recorder.close()
+        reader.release()
+        shared.close()
+
+
+def _step_back() -> None:
+    """Leave the processor, and the signals that the terminal sends, to the relay."""
+    for name in ("SIGINT", "SIGHUP", "SIGTERM"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    if hasattr(os, "sched_setscheduler"):
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    if hasattr(os, "nice"):
+        with suppress(OSError):
+            os.nice(_NICENESS)
+    gc.freeze()
+
+
+class Watcher:
+    """Takes what the relay wrote, and does with it what is wished."""
+
+    def __init__(
+        self, reader: RingReader, wishes: Wishes, screen: Screen, recorder: ProxyRecorder | None
+    ) -> None:
+        self._reader = reader
+        self._wishes = wishes
+        self._screen = screen
+        self._recorder = recorder
+        self._colors = palette(wishes.color)
+        self._view = View(wishes.look, self._colors)
+        self._witness = Witness()
+        self._tracker = Tracker()
+        self._diagnosis = Diagnosis()
+        self._handles = Handles()
+        self._farewells = Farewells(self._handles)
+        self._delays = Delays()
+        self._advice = ""
+        self._calls = self._retries = 0
+        self._next_status = 0
+        self._counts_then: tuple[int, ...] = ()
+
+    def run(self, relay: Connection) -> None:
+        """Watch until the relay is gone and all that it left is taken."""
+        over = asked = False
+        while True:
+            records = self._reader.take()
+            self._take(records)
+            waiting = self._reader.waiting
+            if not waiting and asked:
+                relay.send_bytes(self._goodbyes())
+                asked = False
+            if over and not waiting and not records:
+                break
+            self._look_around(bool(waiting))
+            if over:
+                time.sleep(0.0 if waiting else TICK / 10)
+                continue
+            try:
+                if relay.poll(0 if waiting > _BEHIND else TICK):
+                    said = relay.recv_bytes()
+                    asked = said == FAREWELL
+                    self._advice = self._advice if asked else said.decode()
+            except (EOFError, OSError):
+                over = True
+        self._finish()
+
+    def _take(self, records: list[Record]) -> None:
+        if not records:
+            return
+        if self._recorder is not None:
+            self._recorder.take(records)
+        lines: list[str | bytes] = []
+        gone = [record for record in records if record.kind is Kind.GONE]
+        going = [(self._witness.conversation(record.client), record) for record in gone]
+        for seen, note in self._witness.observe(records):
+            lines += self._view.frame(seen, note)
+            self._diagnosis.take_observation(seen)
+            settled = self._tracker.observe(seen)
+            if settled:
+                lines += self._settled(settled)
+        self._screen.show(lines)
+        self._delays.add(records)
+        for record in records:
+            if record.kind is Kind.TOLD:
+                self._screen.tell(printable(record.data.decode("utf-8", "replace")))
+        for conversation, record in going:
+            left = "" if conversation is None else self._farewells.forget(conversation)
+            if left:
+                why = printable(record.data.decode("utf-8", "replace"))
+                self._screen.tell(
+                    f"{conversation.client if conversation else ''} is gone ({why}) while {left}"
+                )
+
+    def _settled(self, settled: Iterable[Settled]) -> list[str | bytes]:
+        lines: list[str | bytes] = []
+        for item in settled:
+            subject = None
+            if isinstance(item, Exchange):
+                self._calls += 1
+                self._retries += item.retries
+                subject = self._handles.follow(item)
+                self._farewells.follow(item)
+            self._diagnosis.take(item)
+            lines += self._view.call(item, subject)
+        return lines
+
+    def _look_around(self, is_behind: bool) -> None:
+        """Do what is due whether or not anything passes."""
+        now = time.time_ns()
+        if not is_behind:
+            self._screen.show(self._settled(self._tracker.expire(now - _MARGIN)))
+        color = self._colors
+        for finding in self._diagnosis.news():
+            head = f"{color.problem}{finding.severity}{color.reset} {finding.rule}"
+            self._screen.tell(f"{head}: {printable(finding.sentence)}")
+        warning = self._delays.warning()
+        if warning:
+            self._screen.tell(f"{warning}; {self._advice}")
+        if self._screen.has_status and now >= self._next_status:
+            self._status(now)
+
+    def _status(self, now: int) -> None:
+        counts = tuple(self._reader.counts)
+        seconds = (now - self._next_status + _STATUS_EVERY) / 1e9
+        parts = [counted(self._calls, "call"), f"{self._retries} retries"]
+        parts += [rates(counts, self._counts_then, seconds), self._delays.brief(), *losses(counts)]
+        self._screen.status(" · ".join(part for part in parts if part))
+        self._counts_then = counts
+        self._next_status = now + _STATUS_EVERY
+
+    def _goodbyes(self) -> bytes:
+        """Return how the relay can end the sessions that are open: JSON, client and frames in hex."""
+        # What was answered is over, though a late retry of it might still come.
+        self._screen.show(self._settled(self._tracker.expire(time.time_ns() + RETRY_WITHIN_NS)))
+        numbers = self._witness.numbers
+        goodbyes = []
+        for farewell in self._farewells.of_all():
+            number = numbers.get(farewell.conversation)
+            if number is not None:
+                goodbyes.append((number, farewell.state, [each.hex() for each in farewell.requests]))
+        return json.dumps(goodbyes).encode()
+
+    def _finish(self) -> None:
+        """Settle what is open and sum up."""
+        self._screen.show(self._settled(self._tracker.close()))
+        findings = self._diagnosis.finish()
+        tell, counts = self._screen.tell, tuple(self._reader.counts)
+        tell(
+            f"{counted(self._calls, 'call')}, {counted(self._retries, 'retry', 'retries')}; {totals(counts)}"
+        )
+        for line in (*losses(counts), *self._delays.lines()):
+            tell(line)
+        if self._witness.count:
+            width = shutil.get_terminal_size().columns
+            for line in FindingsRenderer(self._colors, width).lines(findings, self._diagnosis.seen):
+                tell(line)
