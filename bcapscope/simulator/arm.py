@@ -116,10 +116,18 @@ class Arm:
         self._steps.clear()
         self._changed = now
 
-    def step(self, joints: Joints, time: int) -> None:
-        """Take a set point that is commanded at `time`, from the one before in a straight line."""
+    def step(self, joints: Joints, began: int, time: int) -> None:
+        """Take a set point that is commanded at `time`, in a straight line from the one before.
+
+        Args:
+            joints: of the set point.
+            began: when the line begins; until then the arm stands at the set point before.
+            time: when it ends.
+        """
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
+        if self._steps and self._steps[-1][0] < began:
+            self._steps.append((began, self._steps[-1][1]))
         self._steps.append((time, joints))
 
     def follow(self, now: int) -> None:

@@ -147,7 +147,7 @@ class SlaveDrive:
         self._speed = speed
         self._moving = any(abs(each) > MOVING for each in speed)
         if not code:
-            self._arm.step(goal, time)
+            self._arm.step(goal, time - PERIOD, time)
         return code
 
     def _stand(self) -> None:

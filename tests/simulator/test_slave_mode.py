@@ -133,6 +133,13 @@ def test_set_points_are_followed_with_a_lag() -> None:
     assert operator.robot("CurJnt").value == pytest.approx(joints(5.0, *HOME[1:]))
 
 
+def test_the_arm_does_not_move_before_a_set_point_has_come() -> None:
+    operator = started("rc7")
+    operator.desk.wait(3000)
+    before = operator.point(0.005, *HOME[1:]).value
+    assert before == pytest.approx(joints(*HOME))
+
+
 def test_mode_0_warns_when_full_and_refuses_one_too_many() -> None:
     operator = started(mode=0x002)
     results = [send(operator, 0.1) for _ in range(5)]
