@@ -16,21 +16,25 @@ from bcapscope.protocol.slavemode import PoseType
 SAME_INTERVAL = 0.01
 """Share by which intervals may differ and still count as the same."""
 
+LARGEST = 1e9
+"""mm or degrees that count as a number at all."""
+
 GAP = 1.5
 """Intervals beyond which something is missing."""
 
 _RADIANS, _METRES = 6.3, 2.0  # below which numbers look as if they counted these
 _UNIT = 0.01  # by which the length of a direction may differ from 1
-_FEW_SPANS = 3  # intervals that a sentence names
+_USUAL_AXES = 6
 
 RESAMPLE = "resample it, which also gives it a smooth start and stop"
 
 
 def finite(case: Case) -> Iterator[Finding]:
-    """Look for what is no number."""
-    points, count = numbered(~np.isfinite(case.trajectory.points).all(axis=1))
+    """Look for what is no number, or none that a robot could go to."""
+    points, count = numbered(~(np.abs(case.trajectory.points) <= LARGEST).all(axis=1))
     if count:
-        sentence = f"{counted(count, 'set point')} of {len(case.trajectory)} hold NaN or an infinite number"
+        told = f"{counted(count, 'set point')} of {len(case.trajectory)}"
+        sentence = f"{told} {'holds' if count == 1 else 'hold'} NaN, infinity or a number beyond {LARGEST:g}"
         yield Finding("not-finite", Severity.ERROR, sentence, "put the file right", points, count)
 
 
@@ -60,7 +64,8 @@ def axes(case: Case) -> Iterator[Finding]:
                 f"the robot has {counted(case.axis_count, 'axis', 'axes')}, the file moves {_and(moved)}"
             )
             yield Finding("axes", Severity.ERROR, sentence, "make sure that the file is for this robot")
-        missing = missing[: max(case.axis_count - len(trajectory.axes), 0)]
+    if trajectory.kind is PoseType.J:
+        missing = missing[: max((case.axis_count or _USUAL_AXES) - len(trajectory.axes), 0)]
     if missing:
         kept = "keeps what the robot has now" if len(missing) == 1 else "keep what the robot has now"
         yield Finding("axes", Severity.NOTE, f"{_and(missing)}, not in the file, {kept}")

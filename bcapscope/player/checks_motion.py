@@ -126,9 +126,9 @@ def join(case: Case) -> Iterator[Finding]:
         return
     motion = _own(case)
     last, first = next(_of(case, case.trajectory.points[[-1, 0]])).rows
-    back = np.abs(first - last)
+    back = first - last
     most = np.maximum(np.abs(np.diff(motion.rows, axis=0)).max(axis=0), NEAR)
-    far = [place for place in range(len(motion.axes)) if back[place] > most[place]]
+    far = [place for place in range(len(motion.axes)) if abs(back[place]) > most[place]]
     if far:
         named = ", ".join(_away(motion.axes[place], back[place]) for place in far)
         sentence = f"the last point is away from the first, to which it returns in one step: {named}"

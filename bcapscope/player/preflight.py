@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
+
 from bcapscope.analysis.finding import Severity
 from bcapscope.player import checks, checks_motion
 from bcapscope.player.checks_motion import Figures
@@ -90,14 +92,16 @@ def check(
     case = Case(trajectory, period, limits, present, mode, axis_count, loop)
     findings = list(checks.finite(case))
     sound = not findings
-    for each in (*_OF_FORM, *(_OF_NUMBERS if sound else ())):
-        findings += each(case)
+    with np.errstate(all="ignore"):  # absurd times give absurd intervals, which is what is looked for
+        for each in (*_OF_FORM, *(_OF_NUMBERS if sound else ())):
+            findings += each(case)
+        figures = checks_motion.figures(case) if sound else ()
     rank = list(Severity)
     return Preflight(
         trajectory=trajectory,
         period=period,
         whose=limits.whose,
         findings=tuple(sorted(findings, key=lambda finding: rank.index(finding.severity))),
-        figures=checks_motion.figures(case) if sound else (),
+        figures=figures,
         distance=checks_motion.distance(case) if sound else None,
     )

@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 import orjson
 
 from bcapscope.capture.file import open_capture
@@ -77,9 +78,10 @@ def read(
     """
     wishes = wishes or Wishes()
     try:
-        if is_project(Path(path)):
-            return search(Path(path), lambda file: _read_file(file, wishes, ports))
-        return _read_file(Path(path), wishes, ports)
+        with np.errstate(all="ignore"):  # absurd numbers are for the pre-flight to tell
+            if is_project(Path(path)):
+                return search(Path(path), lambda file: _read_file(file, wishes, ports))
+            return _read_file(Path(path), wishes, ports)
     except OSError as error:
         raise TrajectoryError(f"cannot be read: {error.strerror or error}") from error
     except CaptureError as error:

@@ -54,11 +54,10 @@ def resample(trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp:
     way = _Way(float(knots[-1]), period, speed, ramp)
     if len(trajectory) == 1:
         return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
-    points = Curve(trajectory.kind, knots, trajectory.points).at(way.places())
+    with np.errstate(all="ignore"):
+        points = Curve(trajectory.kind, knots, trajectory.points).at(way.places())
     points[0], points[-1] = trajectory.points[0], trajectory.points[-1]
-    told = (
-        f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {way.ramp:.3g} s to start and stop",
-    )
+    told = (f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {ramp:.3g} s to start and stop",)
     source = replace(trajectory.source, notes=trajectory.source.notes + told)
     return Trajectory(trajectory.kind, points, source, period)
 
@@ -115,8 +114,8 @@ class _Way:
         time = end / speed
         if not time / period < MOST_POINTS - ramp / period - 2:
             raise TrajectoryError(f"{time:.3g} s in steps of {period:.3g} s are too many set points")
-        self.ramp = min(ramp, time)
-        self._cycles = ceil((time + self.ramp) / period - _WHOLE)
+        self._ramp = ramp
+        self._cycles = ceil((max(time, ramp) + ramp) / period - _WHOLE) if end else 0
         self._period = period
         self._end = end
 
@@ -124,20 +123,21 @@ class _Way:
         """Return the parameter of the curve at each cycle, 0 first."""
         times = np.arange(self._cycles + 1, dtype=np.float64) * self._period
         total = float(times[-1])
-        rate = self._end / (total - self.ramp) if self._end else 0.0
-        if not self.ramp:
+        rate = self._end / (total - self._ramp) if self._end else 0.0
+        if not self._ramp:
             return np.asarray(rate * times)
-        begun = _gained(np.minimum(times / self.ramp, 1.0)) + np.maximum(times / self.ramp - 1.0, 0.0)
-        ending = np.minimum((total - times) / self.ramp, 1.0)
+        begun = _gained(np.minimum(times / self._ramp, 1.0)) + np.maximum(times / self._ramp - 1.0, 0.0)
+        ending = np.minimum((total - times) / self._ramp, 1.0)
         lost = 0.5 - ending + _gained(ending)
-        return np.asarray(rate * self.ramp * (begun - lost))
+        return np.asarray(rate * self._ramp * (begun - lost))
 
 
 def _knots(trajectory: Trajectory, period: float) -> Array:
     if trajectory.period is not None or trajectory.times is None:
         return np.arange(len(trajectory), dtype=np.float64) * (trajectory.period or period)
-    knots: Array = trajectory.times - trajectory.times[0]
-    bad = np.flatnonzero(~(np.diff(knots) > 0) | ~np.isfinite(knots[1:]))
+    with np.errstate(all="ignore"):
+        knots: Array = trajectory.times - trajectory.times[0]
+        bad = np.flatnonzero(~(np.diff(knots) > 0) | ~np.isfinite(knots[1:]))
     if len(bad):
         raise TrajectoryError(f"the time of set point {bad[0] + 2} is not later than that of the one before")
     return knots

@@ -1,0 +1,392 @@
+"""The pre-flight: each check with a case that fires it and one that does not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.player.curve import Array
+from bcapscope.player.finding import MOST_NUMBERS, Finding
+from bcapscope.player.limits import UNKNOWN, Limits, limited, simulator_limits
+from bcapscope.player.preflight import Preflight, check
+from bcapscope.player.resampling import resample
+from bcapscope.player.trajectory import Column, Trajectory
+from bcapscope.protocol.poses import AXES
+from bcapscope.protocol.slavemode import Generation, PoseType, slave_mode
+from bcapscope.simulator.kinematics import position, trans
+from tests.player.ways import PERIOD, swing, way
+
+ERROR, WARNING, NOTE = Severity
+HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
+JOINTS = swing() + HOME[:6]
+SIMULATOR = simulator_limits()
+
+
+def positions() -> Array:
+    return np.array([position(tuple(row)) for row in JOINTS.tolist()])
+
+
+def found(preflight: Preflight) -> set[str]:
+    return {finding.check for finding in preflight.findings}
+
+
+def one(preflight: Preflight, name: str) -> Finding:
+    (finding,) = [each for each in preflight.findings if each.check == name]
+    return finding
+
+
+def test_a_good_trajectory_has_no_finding() -> None:
+    preflight = check(
+        way(JOINTS), PERIOD, SIMULATOR, present=HOME, mode=slave_mode(0x202), axis_count=6, loop=True
+    )
+    assert preflight.findings == ()
+    assert preflight.is_fit
+    assert not preflight.needs_move
+    assert preflight.seconds == 2.0
+    assert preflight.distance == (0,) * 6
+
+
+def test_positions_are_checked_as_joints_too() -> None:
+    preflight = check(way(positions(), PoseType.P), PERIOD, SIMULATOR, present=position(HOME))
+    assert preflight.findings == ()
+    names = [figures.axis.name for figures in preflight.figures]
+    assert names == ["X", "Y", "Z", "Rx", "Ry", "Rz", "J1", "J2", "J3", "J4", "J5", "J6"]
+
+
+@dataclass
+class Fault:
+    """A trajectory with one fault."""
+
+    check: str
+    severity: Severity
+    sentence: str
+    points: tuple[int, ...]
+    count: int
+    preflight: Preflight
+
+
+def changed(rows: Array, row: int | slice, column: int, value: float) -> Array:
+    copy = rows.copy()
+    copy[row, column] = value
+    return copy
+
+
+FAST = way([[0], [1], [3], [4]], period=0.1)
+FIGS = changed(positions(), slice(100, None), 6, 5)
+TURNED = np.array([trans(tuple(row)) for row in JOINTS.tolist()])
+UNITS_KNOWN = tuple(Column(axis.name, 1, "", "rad") for axis in AXES[PoseType.J][:6])
+
+FAULTS = [
+    Fault(
+        "not-finite",
+        ERROR,
+        "2 set points of 251 hold NaN, infinity or a number beyond 1e+09",
+        (5, 9),
+        2,
+        check(way(changed(changed(JOINTS, 4, 0, np.nan), 8, 5, np.inf)), PERIOD),
+    ),
+    Fault(
+        "mode",
+        ERROR,
+        "slave mode 0x101 takes P type, the set points are of J type",
+        (),
+        0,
+        check(way(JOINTS), PERIOD, mode=slave_mode(0x101, Generation.RC7)),
+    ),
+    Fault(
+        "axes",
+        ERROR,
+        "the robot has 4 axes, the file moves J5 and J6",
+        (),
+        0,
+        check(way(JOINTS), PERIOD, axis_count=4),
+    ),
+    Fault(
+        "axes",
+        NOTE,
+        "J7 and J8, not in the file, keep what the robot has now",
+        (),
+        0,
+        check(way(JOINTS), PERIOD, axis_count=8),
+    ),
+    Fault(
+        "axes",
+        NOTE,
+        "Fig, not in the file, keeps what the robot has now",
+        (),
+        0,
+        check(way(positions()[:, :6], PoseType.P), PERIOD),
+    ),
+    Fault(
+        "fig",
+        WARNING,
+        "Fig changes 1 time, first from 1 to 5: the arm cannot change its posture from one point to the next",
+        (101,),
+        1,
+        check(way(FIGS, PoseType.P), PERIOD),
+    ),
+    Fault(
+        "fig",
+        WARNING,
+        "the first point has Fig 1, the robot has 5 now",
+        (),
+        0,
+        check(way(positions(), PoseType.P), PERIOD, present=(*position(HOME)[:6], 5.0)),
+    ),
+    Fault(
+        "fig",
+        ERROR,
+        "Fig is no whole number in 251 set points",
+        tuple(range(1, MOST_NUMBERS + 1)),
+        251,
+        check(way(changed(positions(), slice(None), 6, 1.5), PoseType.P), PERIOD),
+    ),
+    Fault(
+        "directions",
+        ERROR,
+        "orientation and approach are no unit vectors at a right angle in 1 set point",
+        (8,),
+        1,
+        check(way(changed(TURNED, 7, 3, 2.0), PoseType.T), PERIOD),
+    ),
+    Fault(
+        "interval",
+        ERROR,
+        "the set points are 10 ms apart and slvMove goes each 8 ms, which would move the robot at 1.25 times "
+        "the speed",
+        (),
+        0,
+        check(way(JOINTS, period=0.01), PERIOD),
+    ),
+    Fault(
+        "interval",
+        WARNING,
+        "the file does not tell the interval, 8 ms is assumed",
+        (),
+        0,
+        check(way(JOINTS, period=None), PERIOD),
+    ),
+    Fault(
+        "interval",
+        ERROR,
+        "the times are 10 ms to 12 ms apart and slvMove goes each 8 ms",
+        (),
+        0,
+        check(way([[0]] * 3, period=None, times=[0, 0.01, 0.022]), PERIOD),
+    ),
+    Fault(
+        "gap",
+        WARNING,
+        "1 gap in the times, the longest of 40 ms where 8 ms are usual",
+        (4,),
+        1,
+        check(way([[0]] * 6, period=None, times=[0, 0.008, 0.016, 0.056, 0.064, 0.072]), PERIOD),
+    ),
+    Fault(
+        "time-order",
+        ERROR,
+        "the time of 2 set points is not later than that of the one before",
+        (3, 5),
+        2,
+        check(way([[0]] * 5, period=None, times=[0, 1, 1, 2, 1]), PERIOD),
+    ),
+    Fault(
+        "range",
+        ERROR,
+        "J1 goes from 0 to 30 deg, its limits are -10 and 20: 51 set points",
+        tuple(range(101, 109)),
+        51,
+        check(way(JOINTS), PERIOD, limited(UNKNOWN, ["J1=-10..20"])),
+    ),
+    Fault(
+        "speed",
+        ERROR,
+        "J1 reaches 20 deg/s, its limit is 15: 1 set point",
+        (3,),
+        1,
+        check(FAST, 0.1, limited(UNKNOWN, ["J1.speed=15"])),
+    ),
+    Fault(
+        "speed",
+        ERROR,
+        "J1 reaches 1.25e+04 deg/s, more than any arm does: 2 set points",
+        (3, 4),
+        2,
+        check(way([[0], [0], [100], [0], [0]]), PERIOD),
+    ),
+    Fault(
+        "acceleration",
+        ERROR,
+        "J1 accelerates by 100 deg/s², its limit is 99: 4 set points",
+        (1, 2, 3, 4),
+        4,
+        check(FAST, 0.1, limited(UNKNOWN, ["J1.acceleration=99"])),
+    ),
+    Fault(
+        "reach",
+        ERROR,
+        "the simulated arm does not reach 1 set point",
+        (3,),
+        1,
+        check(way(changed(positions(), 2, 0, 4000.0), PoseType.P), PERIOD, SIMULATOR),
+    ),
+    Fault(
+        "limits",
+        NOTE,
+        "no limits of this arm are known, so that speeds are told but compared with nothing",
+        (),
+        0,
+        check(way(JOINTS), PERIOD),
+    ),
+    Fault(
+        "rest",
+        WARNING,
+        "the trajectory ends at speed: J1 at 40 deg/s",
+        (3,),
+        1,
+        check(way([[0], [0], [4]], period=0.1), 0.1),
+    ),
+    Fault(
+        "rest",
+        WARNING,
+        "the trajectory begins at speed: J1 at 40 deg/s",
+        (1,),
+        1,
+        check(way([[0], [4], [4]], period=0.1), 0.1),
+    ),
+    Fault(
+        "first-point",
+        WARNING,
+        "the first point is away from where the robot is: J1 -12 deg, J3 +0.1 deg",
+        (1,),
+        1,
+        check(way(JOINTS), PERIOD, present=(12, 0, 89.9, 0, 90, 0.01, 0, 0)),
+    ),
+    Fault(
+        "loop",
+        ERROR,
+        "the last point is away from the first, to which it returns in one step: J1 -1 deg",
+        (251, 1),
+        2,
+        check(way(JOINTS + np.linspace(0, 1, 251)[:, None] * [1, 0, 0, 0, 0, 0]), PERIOD, loop=True),
+    ),
+    Fault(
+        "units",
+        WARNING,
+        "no joint goes beyond 1.53: these may be radians, and are taken as degrees",
+        (),
+        0,
+        check(way(np.radians(JOINTS) / 1.2), PERIOD),
+    ),
+    Fault(
+        "units",
+        WARNING,
+        "X, Y and Z stay below 0.784: these may be metres, and are taken as mm",
+        (),
+        0,
+        check(way(positions() / [1000, 1000, 1000, 1, 1, 1, 1], PoseType.P), PERIOD),
+    ),
+    Fault("still", NOTE, "nothing moves: 5 set points, all the same", (), 0, check(way([[1]] * 5), PERIOD)),
+]
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.check}-{fault.severity}")
+def test_a_fault_is_told(fault: Fault) -> None:
+    findings = [each for each in fault.preflight.findings if each.check == fault.check]
+    assert (fault.severity, fault.sentence, fault.points, fault.count) in [
+        (each.severity, each.sentence, each.points, each.count) for each in findings
+    ]
+    assert fault.preflight.is_fit is all(each.severity is not ERROR for each in fault.preflight.findings)
+
+
+def test_every_check_has_a_fault() -> None:
+    assert {fault.check for fault in FAULTS} >= {
+        finding.check for fault in FAULTS for finding in fault.preflight.findings
+    }
+
+
+def test_the_gravest_come_first() -> None:
+    preflight = check(FIGS_AND_MORE, PERIOD, SIMULATOR, present=(0.0,) * 7)
+    rank = [list(Severity).index(finding.severity) for finding in preflight.findings]
+    assert rank == sorted(rank)
+    assert len(set(rank)) > 1
+
+
+FIGS_AND_MORE = way(FIGS, PoseType.P, period=0.02)
+
+
+def test_units_that_the_file_tells_are_believed() -> None:
+    preflight = check(way(np.radians(JOINTS), columns=UNITS_KNOWN), PERIOD)
+    assert "units" not in found(preflight)
+
+
+def test_the_first_point_is_near_the_short_way_round() -> None:
+    rows = positions()
+    rows[:, 3] = 179.99
+    preflight = check(
+        way(rows, PoseType.P), PERIOD, present=(*rows[0, :3].tolist(), -180.0, *rows[0, 4:].tolist())
+    )
+    assert not preflight.needs_move
+    assert preflight.distance is not None
+    assert preflight.distance[3] == pytest.approx(-0.01)
+
+
+def test_a_loop_that_is_closed_the_short_way_round() -> None:
+    turning = np.zeros((91, 7))
+    turning[:, 5] = 180 - np.mod(180 - np.arange(91) * 4.0, 360)
+    assert "loop" not in found(check(way(turning, PoseType.P), PERIOD, loop=True))
+
+
+def test_the_join_of_a_loop_counts_for_speed() -> None:
+    rows = way(swing()[:190])
+    assert check(rows, PERIOD).figures[0].speed < check(rows, PERIOD, loop=True).figures[0].speed
+
+
+def test_figures() -> None:
+    (figures,) = check(FAST, 0.1).figures
+    assert (figures.axis, figures.fastest) == (AXES[PoseType.J][0], 3)
+    assert figures[1:6] == pytest.approx((0, 4, 2, 20, 100))
+
+
+def test_one_point_is_enough() -> None:
+    preflight = check(way([[1, 2, 3]]), PERIOD, SIMULATOR, present=HOME, loop=True)
+    assert found(preflight) == {"first-point", "still", "axes"}
+    assert preflight.seconds == 0
+
+
+NUMBER = st.floats() | st.floats(-400, 400)
+
+
+@st.composite
+def anything(draw: st.DrawFn) -> Trajectory:
+    kind = draw(st.sampled_from(PoseType))
+    width = len(AXES[kind])
+    rows = draw(st.lists(st.lists(NUMBER, min_size=width, max_size=width), min_size=1, max_size=6))
+    times = draw(st.none() | st.lists(NUMBER, min_size=len(rows), max_size=len(rows)))
+    return way(rows, kind, draw(st.none() | st.floats(1e-4, 10)), times)
+
+
+@given(
+    anything(),
+    st.sampled_from([UNKNOWN, SIMULATOR]),
+    st.none() | st.lists(st.floats(-400, 400), max_size=10),
+    st.booleans(),
+)
+@pytest.mark.filterwarnings("error")
+def test_no_trajectory_breaks_it(
+    trajectory: Trajectory, limits: Limits, present: list[float] | None, loop: bool
+) -> None:
+    preflight = check(trajectory, PERIOD, limits, present=present, axis_count=6, loop=loop)
+    assert preflight.is_fit or preflight.findings
+
+
+@given(st.floats(5, 60), st.floats(0.3, 3), st.sampled_from([0.25, 0.5, 1.0]))
+def test_what_was_resampled_is_checked_as_what_it_is(degrees: float, seconds: float, speed: float) -> None:
+    trajectory = resample(way(swing(seconds, degrees)), PERIOD, speed=speed)
+    preflight = check(trajectory, PERIOD, UNKNOWN, loop=True)
+    assert found(preflight) <= {"limits", "units"}
