@@ -60,7 +60,7 @@ class Limits:
         return name in self.axes
 
 
-UNKNOWN = Limits("an arm of which nothing is known")
+UNKNOWN = Limits("an unknown arm")
 
 
 def simulator_limits() -> Limits:
