@@ -1,0 +1,148 @@
+"""Addons: loading them, calling them, and what goes wrong in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bcapscope.faults.message import Message
+from bcapscope.proxy.addons import SLOW, Addons, Client, PassingMessage, ScriptError, load_addons
+from bcapscope.traffic.question import Questions
+from tests.faults.traffic import CLIENT, SERVER, request, talk
+
+FLOWS = talk()
+WHO = Client(1, CLIENT, SERVER, FLOWS.up.conversation.transport)
+
+
+def message(raw: bytes = b"") -> Message:
+    """Make a request on its way."""
+    made = Message(1, FLOWS.up, raw or request(7), 0, 0)
+    made.ask(Questions())
+    return made
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Callable[[str], str]:
+    """Write scripts."""
+
+    def write(text: str) -> str:
+        path = tmp_path / "mine.py"
+        path.write_text(text, "utf-8")
+        return str(path)
+
+    return write
+
+
+def test_each_class_with_a_hook_is_made(script: Callable[[str], str]) -> None:
+    path = script(
+        "from dataclasses import dataclass\n"
+        "from pathlib import Path\n"
+        "class First:\n    def request(self, message): message.drop()\n"
+        "@dataclass\nclass Second:\n    count: int = 0\n    def done(self): pass\n"
+        "class Helper: pass\n"
+        "class _Base:\n    def reply(self, message): pass\n"
+    )
+    assert [type(addon).__name__ for addon in load_addons(path)] == ["First", "Second"]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("x = 1", "has no class with a method request, reply, settled, connected, gone or done"),
+        ("def (", "invalid syntax|line 1"),
+        ("import nothing_like_it", r"No module named 'nothing_like_it' \(mine.py line 1\)"),
+        ("1 / 0", r"division by zero \(mine.py line 1\)"),
+        ("import sys; sys.exit(5)", "SystemExit: 5"),
+        ("class A:\n  def __init__(self, x): pass\n  def done(self): pass", "missing 1 required positional"),
+    ],
+)
+def test_a_script_that_cannot_be_used_is_told(script: Callable[[str], str], text: str, reason: str) -> None:
+    with pytest.raises(ScriptError, match=reason):
+        load_addons(script(text))
+
+
+def test_a_script_that_is_not_there_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ScriptError, match="cannot be read: No such file"):
+        load_addons(str(tmp_path / "none.py"))
+    with pytest.raises(ScriptError, match="is no Python file"):
+        load_addons(str(tmp_path / "none.txt"))
+
+
+def test_a_hook_sees_what_there_is_to_know() -> None:
+    seen: list[PassingMessage] = []
+
+    class Looker:
+        def request(self, message: PassingMessage) -> None:
+            seen.append(message)
+
+    addons = Addons([Looker()])
+    addons.see(WHO, message())
+    addons.see(WHO, message(b"garbage"))
+    first, second = seen
+    assert (first.client, first.function, first.command) == (WHO, "Robot_Execute", "slvMove")
+    assert first.values == [1, "slvMove", (1.0, 2.0, 3.0)]
+    assert (second.frame, second.function, second.command, second.values) == (None, None, None, [])
+
+
+class Broken:
+    """Goes wrong in every way."""
+
+    def request(self, message: PassingMessage) -> None:
+        raise SystemExit
+
+    def connected(self, client: Client) -> None:
+        raise RuntimeError("[/red]\x1b[2J")
+
+    def done(self) -> None:
+        raise KeyError("x")
+
+
+class Careless:
+    """Puts something else in place of the bytes."""
+
+    def request(self, message: PassingMessage) -> None:
+        message.data = "text"  # type: ignore[assignment]  # as users do
+
+
+def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
+    told: list[str] = []
+    addons = Addons([Broken(), Careless()])
+    addons.tell = told.append
+    for _ in range(3):
+        assert addons.see(WHO, message()).data == request(7)
+    addons.connected(WHO)
+    addons.gone(WHO)
+    addons.done()
+    assert [text.split(" (test_addons")[0] for text in told] == [
+        "Broken.request: SystemExit",
+        "request: data is to be bytes; the message goes on as it came (told once)",
+        "Broken.connected: RuntimeError: [/red]\x1b[2J",
+        "Broken.done: KeyError: 'x'",
+    ]
+    assert addons.errors == 8
+
+
+def test_an_interrupt_is_no_error_of_the_addon() -> None:
+    class Interrupted:
+        def done(self) -> None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Addons([Interrupted()]).done()
+
+
+def test_a_slow_hook_is_told_once() -> None:
+    class Slow:
+        def request(self, message: PassingMessage) -> None:
+            pass
+
+    times = iter([0, SLOW + 500_000, 10 * SLOW, 12 * SLOW])
+    told: list[str] = []
+    addons = Addons([Slow()], clock=lambda: next(times))
+    addons.tell = told.append
+    addons.see(WHO, message())
+    addons.see(WHO, message())
+    assert told == ["Slow.request took 2.5 ms, and all that passes waits for it (told once)"]
+    assert addons.errors == 0

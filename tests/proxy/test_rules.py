@@ -1,0 +1,335 @@
+"""The relay's policy: what becomes of datagrams and of streams cut anyhow, held messages, guard, addons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.faults.notation import read_fault
+from bcapscope.faults.quantities import Condition
+from bcapscope.faults.shaper import Shaper
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.hresult import E_ACCESSDENIED, E_FAIL
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.proxy.addons import Addons, PassingMessage
+from bcapscope.proxy.guard import Guard, read_target
+from bcapscope.proxy.hook import Action, Close, Decision, Send
+from bcapscope.proxy.intercept import MOST_HELD, Intercept
+from bcapscope.proxy.rules import Rules
+from bcapscope.traffic.observation import Direction, Transport
+from tests.faults.traffic import MS, reply, request, talk
+from tests.strategies import cut
+
+UP, DOWN = Direction.REQUEST, Direction.RESPONSE
+HALT = encode(9, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+
+
+def rules(
+    *faults: str,
+    transport: Transport = Transport.UDP,
+    clients: int = 1,
+    guard: Guard | None = None,
+    intercept: Intercept | None = None,
+    addons: Addons | None = None,
+) -> Rules:
+    """Set up rules, and clients with the numbers 1, 2, …"""
+    shaper = Shaper(map(read_fault, faults), seed=1, now=0)
+    made = Rules(shaper, guard, intercept, addons)
+    for number in range(1, clients + 1):
+        made.opened(number, talk(transport).up.conversation, 0)
+    return made
+
+
+def holding(expression: str, patience: int = 60_000 * MS) -> Intercept:
+    """Make an intercept."""
+    return Intercept(Condition.read(expression), patience)
+
+
+def sent(actions: Sequence[Action], toward: Direction = UP) -> bytes:
+    """Give all bytes that are sent in one direction."""
+    return b"".join(each.data for each in actions if isinstance(each, Send) and each.toward is toward)
+
+
+def test_without_rules_all_passes_at_once() -> None:
+    raw = request(1)
+    decision = rules().receive(1, UP, raw, 0)
+    assert decision == Decision("", (Send(1, UP, raw),))
+    assert decision.actions[0].data is raw  # type: ignore[union-attr]  # it is a Send
+
+
+def test_a_fault_is_told_and_what_it_delays_comes_later() -> None:
+    made = rules("delay=3ms", "loss=0%")
+    assert made.receive(1, UP, request(1), 0) == Decision("delay: delayed by 3 ms", [])
+    assert made.holds(1, UP)
+    assert not made.holds(1, DOWN)
+    assert made.due() == 3 * MS
+    assert made.take(3 * MS) == [Send(1, UP, request(1), "delay: delayed by 3 ms")]
+    assert made.due() is None
+    assert list(made.report()) == ["fault delay: struck 1 times", "fault drop: struck 0 times"]
+
+
+def test_a_lost_datagram_leaves_no_action() -> None:
+    assert rules("drop").receive(1, UP, request(1), 0) == Decision("drop: dropped", [])
+
+
+def test_the_right_client_is_answered() -> None:
+    made = rules("answer=E_FAIL", clients=2)
+    (action,) = made.receive(2, UP, request(7), 0).actions
+    assert isinstance(action, Send)
+    assert (action.client, action.toward, action.note) == (2, DOWN, "answer: answered with E_FAIL")
+    assert (Frame(action.data).serial, Frame(action.data).code) == (7, E_FAIL)
+
+
+def test_a_connection_is_closed() -> None:
+    made = rules("close=fin", transport=Transport.TCP)
+    assert made.receive(1, UP, request(1), 0).actions == [Close(1, False, "close: connection closed")]
+
+
+def test_a_client_that_is_gone_is_forgotten() -> None:
+    made = rules("delay=3ms", intercept=holding("kind == response"), clients=2)
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, DOWN, reply(1), 0)
+    made.gone(1, 0)
+    assert made.take(10 * MS) == []
+    assert made.intercept.held == []
+
+
+# streams
+
+
+def play(made: Rules, pieces: Sequence[bytes]) -> list[bytes]:
+    """Give what each piece lets out."""
+    return [sent(made.receive(1, UP, piece, 0).actions) for piece in pieces]
+
+
+def test_no_frame_is_waited_for_where_nothing_must_see_it() -> None:
+    raw = request(1)
+    for faults in ((), ("delay=0ms",), ("partition after 1s",)):
+        made = rules(*faults, transport=Transport.TCP)
+        assert play(made, [raw[:20], raw[20:]]) == [raw[:20], raw[20:]]
+
+
+def test_a_frame_is_waited_for_where_a_rule_must_see_it() -> None:
+    raw = request(1)
+    made = rules("drop if serial == 2", transport=Transport.TCP)
+    assert play(made, [raw[:20], raw[20:] + raw[:20]]) == [b"", raw]
+    assert made.holds(1, UP)
+    assert sent(made.ended(1, UP, 0)) == raw[:20]
+    assert not made.holds(1, UP)
+
+
+@given(st.data(), st.lists(st.integers(1, 50), min_size=1, max_size=8))
+def test_a_frame_is_taken_out_of_a_stream_however_it_is_cut(data: st.DataObject, serials: list[int]) -> None:
+    made = rules("drop if serial > 25", transport=Transport.TCP)
+    pieces = data.draw(cut(b"".join(map(request, serials))))
+    assert b"".join(play(made, pieces)) == b"".join(request(serial) for serial in serials if serial <= 25)
+
+
+@given(st.data(), st.binary(max_size=300), st.booleans())
+def test_bytes_pass_unchanged_through_rules_that_strike_nothing(
+    data: st.DataObject, raw: bytes, guarded: bool
+) -> None:
+    intercept = holding("serial == 70000") if guarded else None
+    made = rules("drop if serial == 70000", "loss=0%", transport=Transport.TCP, intercept=intercept)
+    passed = b"".join(play(made, data.draw(cut(raw))))
+    assert passed + sent(made.ended(1, UP, 0)) == raw
+
+
+def test_frames_of_one_segment_stay_together() -> None:
+    made = rules("drop if serial == 9", transport=Transport.TCP)
+    both = request(1) + request(2)
+    assert made.receive(1, UP, both, 0) == Decision("", [Send(1, UP, both)])
+
+
+def test_a_fault_that_comes_in_the_middle_finds_the_next_frame() -> None:
+    made = rules(transport=Transport.TCP)
+    play(made, [request(1)[:30]])
+    made.shaper.add(read_fault("drop if serial == 2"), 0)
+    made.changed(0)
+    assert play(made, [request(1)[30:] + request(2) + request(3)]) == [request(1)[30:] + request(3)]
+
+
+def test_what_was_kept_for_a_fault_goes_on_when_it_is_switched_off() -> None:
+    made = rules("drop name x", transport=Transport.TCP)
+    assert play(made, [request(1)[:30]]) == [b""]
+    made.shaper.switch("x", False)
+    made.changed(0)
+    assert made.due() == 0
+    assert made.take(0) == [Send(1, UP, request(1)[:30])]
+    assert play(made, [request(1)[30:]]) == [request(1)[30:]]
+
+
+# guard
+
+
+def test_a_refused_request_is_answered_under_each_serial_of_its_tries() -> None:
+    made = rules(guard=Guard(read_only=True))
+    for serial, reserved in ((5, 0), (6, 5), (7, 5)):
+        decision = made.receive(1, UP, request(serial, reserved=reserved), 0)
+        assert decision.note == "guard: read-only: Robot_Execute 'slvMove', answered with E_ACCESSDENIED"
+        assert sent(decision.actions) == b""
+        answer = Frame(sent(decision.actions, DOWN))
+        assert (answer.serial, answer.code, answer.argc, answer.problems) == (serial, E_ACCESSDENIED, 0, ())
+    assert made.refused == 3
+    assert made.report() == ["guard: 3 requests refused"]
+
+
+def test_what_is_allowed_passes_beside_what_is_refused() -> None:
+    made = rules(guard=Guard(read_only=True))
+    decision = made.receive(1, UP, request(5) + HALT, 0)
+    assert sent(decision.actions) == HALT
+    assert Frame(sent(decision.actions, DOWN)).serial == 5
+
+
+def test_bytes_that_are_no_frame_do_not_pass_a_guard_that_lets_only_reading_pass() -> None:
+    assert rules(guard=Guard(read_only=True)).receive(1, UP, b"garbage", 0).actions == []
+    blocking = Guard(block=[read_target("slvMove")])
+    assert sent(rules(guard=blocking).receive(1, UP, b"garbage", 0).actions) == b"garbage"
+
+
+def test_the_guard_sees_frames_in_a_stream_and_leaves_replies_alone() -> None:
+    made = rules(guard=Guard(read_only=True), transport=Transport.TCP)
+    assert play(made, [request(1)[:20], request(1)[20:] + HALT]) == [b"", HALT]
+    assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
+
+
+# intercept
+
+
+def test_a_message_is_held_and_sent_on() -> None:
+    made = rules(intercept=holding("command == slvMove"))
+    assert made.receive(1, UP, request(1), 0) == Decision("intercept: held as 1", [])
+    assert sent(made.receive(1, UP, request(2, "CurJnt"), 0).actions) == request(2, "CurJnt")
+    (held,) = made.intercept.held
+    assert (held.number, held.client, held.data, held.since) == (1, 1, request(1), 0)
+    assert held.question is not None
+    assert held.question.command == "slvMove"
+    assert made.holds(1, UP)
+    made.send_on(1, 2000 * MS)
+    assert made.due() == 0
+    assert made.take(2000 * MS) == [Send(1, UP, request(1), "intercept: sent on after 2.0 s")]
+    assert not made.holds(1, UP)
+    with pytest.raises(KeyError):
+        made.send_on(1, 0)
+
+
+def test_a_held_message_is_edited_or_dropped() -> None:
+    made = rules(intercept=holding("kind == response"))
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, DOWN, reply(1), 0)
+    made.receive(1, DOWN, reply(2), 0)
+    made.send_on(1, MS, b"other")
+    made.drop(2)
+    assert made.take(MS) == [Send(1, DOWN, b"other", "intercept: edited after 0.0 s")]
+    assert made.intercept.held == []
+
+
+def test_what_waits_too_long_goes_on_unchanged_and_says_so() -> None:
+    told: list[str] = []
+    made = rules(intercept=holding("true", patience=5000 * MS))
+    made.tell = told.append
+    made.receive(1, UP, request(1), 0)
+    assert made.due() == 5000 * MS
+    assert made.take(4999 * MS) == []
+    (action,) = made.take(5000 * MS)
+    note = "intercept: nobody decided in 5 s, sent on unchanged"
+    assert action == Send(1, UP, request(1), note)
+    assert told == [f"message 1: {note}"]
+
+
+def test_what_stops_the_robot_is_never_held() -> None:
+    assert sent(rules(intercept=holding("true")).receive(1, UP, HALT, 0).actions) == HALT
+
+
+def test_an_edited_message_meets_the_guard_and_the_faults() -> None:
+    made = rules("delay=3ms", intercept=holding("command == CurJnt"), guard=Guard(read_only=True))
+    made.receive(1, UP, request(1, "CurJnt"), 0)
+    made.send_on(1, 0, request(1, "slvMove"))
+    assert Frame(sent(made.take(0), DOWN)).code == E_ACCESSDENIED
+    made.receive(1, UP, request(2, "CurJnt"), 0)
+    made.send_on(2, 0)
+    assert made.take(0) == []
+    assert sent(made.take(3 * MS)) == request(2, "CurJnt")
+
+
+def test_no_more_is_held_than_fits() -> None:
+    made = rules(intercept=holding("true"))
+    for serial in range(MOST_HELD):
+        made.receive(1, UP, request(serial), 0)
+    decision = made.receive(1, UP, request(7), 0)
+    assert sent(decision.actions) == request(7)
+    assert decision.note == f"intercept: not held, {MOST_HELD} are held already"
+
+
+# addons
+
+
+class Meddler:
+    """Changes, drops and answers by serial."""
+
+    def request(self, message: PassingMessage) -> None:
+        assert message.frame is not None
+        match message.frame.serial:
+            case 1:
+                message.drop()
+            case 2:
+                message.answer("E_FAIL")
+            case 3:
+                message.data = request(33)
+            case 4:
+                raise RuntimeError("oh")
+
+    def reply(self, message: PassingMessage) -> None:
+        if message.command == "CurJnt":
+            message.drop()
+
+
+def test_addons_change_drop_and_answer() -> None:
+    made = rules(addons=Addons([Meddler()]))
+    assert made.receive(1, UP, request(1), 0) == Decision("addon: dropped", [])
+    answered = made.receive(1, UP, request(2), 0)
+    assert (answered.note, sent(answered.actions)) == ("addon: answered", b"")
+    assert (Frame(sent(answered.actions, DOWN)).serial, Frame(sent(answered.actions, DOWN)).code) == (
+        2,
+        E_FAIL,
+    )
+    assert made.receive(1, UP, request(3), 0) == Decision("addon: changed", [Send(1, UP, request(33))])
+    assert sent(made.receive(1, UP, request(4), 0).actions) == request(4)
+    made.receive(1, UP, request(5, "CurJnt"), 0)
+    assert made.receive(1, DOWN, reply(5), 0).note == "addon: dropped"
+    assert made.report() == ["addons: 1 errors"]
+
+
+def test_the_guard_sees_what_an_addon_has_made() -> None:
+    made = rules(addons=Addons([Meddler()]), guard=Guard(block=[read_target("slvMove")]))
+    assert Frame(sent(made.receive(1, UP, request(3, "CurJnt"), 0).actions, DOWN)).code == E_ACCESSDENIED
+
+
+class Listener:
+    """Hears what has settled."""
+
+    def __init__(self) -> None:
+        self.heard: list[object] = []
+
+    def settled(self, call: object) -> None:
+        self.heard.append(call)
+
+
+def test_calls_settle_though_nothing_more_comes() -> None:
+    listener = Listener()
+    made = rules(addons=Addons([listener]))
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, DOWN, reply(1), MS)
+    now = 0
+    while not listener.heard:
+        due = made.due()
+        assert due is not None
+        now = max(now + MS, due)
+        made.take(now)
+    assert now < 10_000 * MS
+    made.receive(1, UP, request(2), now)
+    made.close()
+    assert len(listener.heard) == 2
