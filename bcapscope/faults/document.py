@@ -7,7 +7,7 @@ tuple[AnyFault, ...]``. An error names the line and the field.
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Iterator
 from enum import Enum
 from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
@@ -181,7 +181,7 @@ def _explained(error: msgspec.ValidationError, data: object, kind: Any) -> Docum
     text = str(error)
     match = _AT.search(text)
     reason = text[: match.start()] if match else text
-    steps = _STEP.findall(match[1]) if match else []
+    steps = _STEP.findall(match[1].partition("[...]")[0]) if match else []  # keys are not told
     path: tuple[str | int, ...] = tuple(int(index) if index else name for name, index in steps)
     if isinstance(error.__cause__, FieldError):
         return DocumentError((*path, *error.__cause__.path), 0, error.__cause__.reason)
@@ -203,7 +203,8 @@ def _in_words(reason: str, place: _Place, data: object) -> str:
         return f"there is no action {word!r}{nearest(word, _actions(place.kinds))}"
     if reason.startswith("Invalid enum value"):
         wrong = _value_at(place.path, data)
-        return f"{wrong!r} is none of {', '.join(_choices(place.kinds, str(last)))}"
+        name = next((step for step in reversed(place.path) if isinstance(step, str)), "")
+        return f"{wrong!r} is none of {', '.join(_choices(place.kinds, name))}"
     return reason.replace("`", "")
 
 
@@ -226,9 +227,14 @@ def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct], ...]:
     """List the structs in a type hint, such as those of a union or of the elements of a tuple."""
-    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
-        return (hint,)
-    return tuple(struct for part in get_args(hint) for struct in _structs(part))
+    return tuple(_types(hint, msgspec.Struct))
+
+
+def _types(hint: Any, base: type[T]) -> Iterator[type[T]]:
+    if isinstance(hint, type) and issubclass(hint, base):
+        yield hint
+    for part in get_args(hint):
+        yield from _types(part, base)
 
 
 def _fitting(structs: tuple[type[msgspec.Struct], ...], data: object) -> tuple[type[msgspec.Struct], ...]:
@@ -259,9 +265,9 @@ def _child(data: object, step: str | int) -> object:
 
 
 def _choices(kinds: Iterable[type[msgspec.Struct]], name: str) -> list[str]:
-    hints = [_hint(kind, name) for kind in kinds]
-    found = [each for hint in hints for each in (hint, *get_args(hint)) if isinstance(each, type)]
-    return [str(member.value) for each in found if issubclass(each, Enum) for member in each]
+    return [
+        str(member.value) for kind in kinds for each in _types(_hint(kind, name), Enum) for member in each
+    ]
 
 
 def _line(root: yaml.Node | None, error: DocumentError) -> int:
