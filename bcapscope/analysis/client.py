@@ -204,13 +204,16 @@ class Client:
         reply = call.reply
         if reply is None or reply.time - call.request.time > A_WHILE:
             self.unanswered = call
+        is_point = command_of(call.question) == "slvmove"
         if reply is None:
+            if is_point and self.mode:
+                self.points.append(call)
             return
         self.answered += 1
         code = reply.item.code
         if is_failure(code):
             self._learn_failure(call, code)
-        elif (call.question.command or "").casefold() == "slvmove":
+        elif is_point:
             self.points.append(call)
         else:
             self._learn_success(call)

@@ -35,6 +35,7 @@ from bcapscope.simulator.profile import PROFILES, Profile
 from bcapscope.simulator.refusals import BAD_INDEX
 from bcapscope.simulator.simulator import MOST_CLIENTS
 from bcapscope.simulator.values import boolean, bstr, r8, row
+from bcapscope.traffic.filter_tokens import nearest
 
 Text: TypeAlias = Annotated[str, Meta(min_length=1, max_length=2000)]
 Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
@@ -87,14 +88,14 @@ class Session(StrEnum):
     CALLS = "calls"
     """Connects, reads and writes a few variables, and says goodbye."""
     MOTION = "motion"
-    """Also takes the arm, switches the motor on and moves, without asking for S_EXECUTING."""
+    """Also takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
-    """Also moves to a first position with @E and sends set points in slave mode, each when the one before is
-    answered and its 8 ms are over."""
+    """Also moves to a first position with @E and sends set points in slave mode: in a waiting mode whenever
+    there is an answer, in another one each 8 ms."""
     PASSING = "passing"
     """The same, but with @P on the motion before slave mode."""
     GRIPPER = "gripper"
-    """The same as SLAVE, while a second client writes an output now and then."""
+    """The same as `SLAVE`, while a second client writes an output now and then."""
 
 
 class Client(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -109,7 +110,7 @@ class Client(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     session: Session = Session.SLAVE
     over: Over = Over.UDP
-    mode: Annotated[int, Meta(ge=1, le=0x203)] = 0x202
+    mode: Annotated[int, Meta(ge=1, le=0x203)] = 0x002
     options: Annotated[str, Meta(max_length=200)] = ",WDT=400"
 
 
@@ -217,6 +218,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         title: one sentence: what it shows.
         story: what happens, what the controller does about it, and who has met it.
         shows: the rule that `bcapscope diagnose` names as the first cause; None where that is left open.
+        then: other rules that it names, among those that the client's conduct decides on.
         client: that meets it.
         profile: kind of controller.
         defects: of DENSO's C server that it has; None for those of the profile.
@@ -232,6 +234,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     title: Text
     story: Text = ""
     shows: Name | None = None
+    then: Names = ()
     client: Client = Client()
     profile: Kind = Kind.RC8
     defects: tuple[Defective, ...] | None = None
@@ -336,7 +339,7 @@ def load_scenario(named: str) -> Scenario:
     if named in shipped():
         return read_scenario(shipped()[named])
     if not named.endswith((".yaml", ".yml")):
-        raise LookupError(f"there is no scenario {named!r}")
+        raise LookupError(f"there is no scenario {named!r}{nearest(named, shipped())}")
     try:
         return read_scenario(Path(named).read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:

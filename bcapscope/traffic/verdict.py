@@ -97,9 +97,9 @@ def _as_outcome(exchange: Exchange) -> Verdict:
 
 
 def _replies_differ(exchange: Exchange) -> bool:
-    """Compare result and arguments of all replies that the capture holds whole."""
+    """Compare result and arguments of all replies that are sound, and that the capture holds whole."""
     replies = (exchange.reply, *exchange.late_replies, *exchange.lost_replies)
-    frames = [reply.item for reply in replies if reply is not None]
+    frames = [reply.item for reply in replies if reply is not None and not reply.item.problems]
     contents = {frame.raw[9:] for frame in frames if frame.code != BUSY and frame.note is None}
     return len(contents) > 1
 

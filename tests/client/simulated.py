@@ -5,34 +5,46 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable
 
+from bcapscope.capture.recording import Address, Recording
 from bcapscope.simulator.server import Answerer
 from bcapscope.simulator.simulator import Output
 from bcapscope.transport.clock import Clock
 from bcapscope.transport.memory import MemoryLink
+from tests.samples.calls import CLIENT, SERVER, START
+
+_SERVER: Address = (SERVER.ip, SERVER.port)
 
 
 class Controller:
-    """Brings packets to a simulator, its answers back, and time to it. One peer a link."""
+    """Brings packets to a simulator, its answers back, and time to it. One peer a link.
 
-    def __init__(self, simulator: Answerer) -> None:
+    What passes can be recorded as a socket of the simulator would see it, each client with a port of its own.
+    """
+
+    def __init__(self, simulator: Answerer, recording: Recording | None = None) -> None:
         self._simulator = simulator
+        self._recording = recording
         self._clock = Clock(asyncio.get_running_loop())
         self._links: dict[str, MemoryLink] = {}
+        self._addresses: dict[str, Address] = {}
         self._timer: asyncio.TimerHandle | None = None
 
     def plug(self, name: str, link: MemoryLink) -> None:
         """Let the client behind `link` talk as `name`; whoever did so before is cut off."""
         if name in self._links:
             self._links[name].close()
+        self._addresses.setdefault(name, (CLIENT.ip, CLIENT.port + len(self._addresses)))
         self._links[name] = link
         link.receiver = _Socket(self, name)
-        if not link.datagrams:
-            self._simulator.connect(name, self._clock.now())
+        if not link.datagrams and not self._simulator.connect(name, self._clock.now()):
+            self._links.pop(name).close()
+        self._look()
 
     def take(self, name: str, data: bytes) -> None:
         """Take what came from a client."""
-        now = self._clock.now()
-        take = self._simulator.datagram if self._links[name].datagrams else self._simulator.segment
+        now, link = self._clock.now(), self._links[name]
+        self._record(self._addresses[name], _SERVER, link, data)
+        take = self._simulator.datagram if link.datagrams else self._simulator.segment
         self._give(take(name, data, now))
 
     def hang_up(self, name: str) -> None:
@@ -41,13 +53,28 @@ class Controller:
 
     def _give(self, outputs: Iterable[Output]) -> None:
         for peer, data in outputs:
-            self._links[str(peer)].send(data)
+            name = str(peer)
+            link = self._links.get(name)
+            if link is not None and data:
+                self._record(_SERVER, self._addresses[name], link, data)
+                link.send(data)
+            elif link is not None:
+                self._links.pop(name).close()
+        self._look()
+
+    def _look(self) -> None:
+        """Let the simulator be called when something is due next."""
         if self._timer is not None:
             self._timer.cancel()
         due = self._simulator.due(self._clock.now())
         self._timer = (
             None if due is None else self._clock.wake_at(max(due, self._clock.now() + 1), self._wake)
         )
+
+    def _record(self, source: Address, target: Address, link: MemoryLink, data: bytes) -> None:
+        if self._recording is not None:
+            write = self._recording.datagram if link.datagrams else self._recording.segment
+            write(source, target, data, START + self._clock.now())
 
     def _wake(self) -> None:
         self._give(self._simulator.advance(self._clock.now()))

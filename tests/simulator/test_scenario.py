@@ -1,0 +1,170 @@
+"""Scenario files: what they say, and what is wrong with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bcapscope.faults.document import DocumentError
+from bcapscope.faults.fault import Drop
+from bcapscope.protocol.responder import Defect
+from bcapscope.protocol.variant import VT
+from bcapscope.simulator.event import EmergencyStop
+from bcapscope.simulator.kinematics import LIMITS
+from bcapscope.simulator.machine import Machine
+from bcapscope.simulator.memory import Memory
+from bcapscope.simulator.scenario import Over, load_scenario, read_scenario, shipped
+
+WHOLE = """
+title: All of it
+story: Everything happens.
+shows: retried
+then: [underflow]
+client: {session: motion, over: tcp, mode: 0x202, options: ",WDT=100"}
+profile: cserver
+defects: [serial-zero]
+start:
+  joints: [1, 2, 93, 4, 5, 6]
+  mode: teach-check
+  token: false
+  motor: true
+  motor_time: 3s
+  speed: 50
+  type_name: VS-060
+  errors: [0x84201482, E_FAIL]
+  emergency: true
+  arm_taken: true
+  udp_clients: 3
+  tcp_clients: 20
+variables: {I1: 5, F2: 1.5, P3: [1, 2, 3, 4, 5, 6, 5], S4: text, IO128: true, iob136: 255}
+tasks: {loaded: [RobSlave, Pro7], running: [robslave]}
+limits:
+  J1: {low: 0, high: 10.5}
+  J6: {speed: 20, acceleration: 30}
+faults:
+  - {action: drop, if: command == slvMove, probability: 10%, times: 3}
+in_slave_mode:
+  - {action: emergency-stop, after: 500ms}
+seed: 42
+"""
+
+
+def test_everything_that_can_be_said() -> None:
+    scenario = read_scenario(WHOLE)
+    start = scenario.beginning(epoch=7)
+    assert (start.joints, start.epoch) == ((1, 2, 93, 4, 5, 6, 0, 0), 7)
+    assert (start.mode, start.token, start.motor, start.motor_time) == (2, False, True, 3_000_000_000)
+    assert (start.speed, start.type_name, start.errors) == (50, "VS-060", (0x84201482, 0x80004005))
+    assert (start.emergency, start.arm_taken, start.udp_clients, start.tcp_clients) == (True, True, 3, 20)
+    assert (start.tasks, start.running) == (("RobSlave", "Pro7"), ("robslave",))
+    assert start.limits[0] == LIMITS[0]._replace(low=0, high=10.5)
+    assert start.limits[1:5] == LIMITS[1:5]
+    assert start.limits[5] == LIMITS[5]._replace(speed=20, acceleration=30)
+    assert scenario.controller.defects is Defect.SERIAL_ZERO
+    assert scenario.client.over is Over.TCP
+    assert isinstance(scenario.faults[0], Drop)
+    assert isinstance(scenario.in_slave_mode[0], EmergencyStop)
+    assert scenario.seed == 42
+
+
+def test_variables_are_written() -> None:
+    memory = Memory(VT.R8)
+    read_scenario(WHOLE).fill(memory)
+    places = (("I", 1), ("F", 2), ("P", 3), ("S", 4), ("IO", 128), ("IOB", 136))
+    values = [memory.read(*place).value for place in places]
+    assert values == [5, 1.5, (1, 2, 3, 4, 5, 6, 5), "text", True, 255]
+
+
+def test_a_machine_begins_as_it_is_told() -> None:
+    scenario = read_scenario(WHOLE)
+    machine = Machine(scenario.controller, scenario.beginning())
+    assert [alarm.code for alarm in machine.alarms.active] == [0x80004005, 0x84201482]
+    assert machine.tasks == {"robslave": 3, "pro7": 2}
+    assert (machine.emergency, machine.owner, machine.speeds.external) == (True, 0, 50)
+
+
+def test_a_title_is_enough() -> None:
+    scenario = read_scenario("title: Nothing happens")
+    assert scenario.beginning().limits == LIMITS
+    assert scenario.controller.defects is Defect.NONE
+
+
+def _in(what: str) -> str:
+    return f"title: x\n{what}"
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("", "line 1: Expected object, got null"),
+        ("- 1", "line 1: Expected object, got array"),
+        ("title: [", "line 1: "),
+        ("shows: retried", "line 1: title is missing"),
+        ("title: ''", "line 1: title: Expected str of length >= 1"),
+        (_in("titel: y"), "line 2: there is no field 'titel', did you mean 'title'?"),
+        (_in("profile: rc6"), "line 2: profile: 'rc6' is none of rc7, rc8, rc9, cserver"),
+        (_in("defects: [all]"), "line 2: defects[0]: 'all' is none of forgets-first, serial-zero"),
+        (_in("client: {over: tpc}"), "line 2: client.over: 'tpc' is none of udp, tcp"),
+        (_in("start:\n  motr: true"), "line 3: start: there is no field 'motr', did you mean 'motor'?"),
+        (_in("start:\n  motor: 1"), "line 3: start.motor: Expected bool, got int"),
+        (_in("start: {mode: auto}"), "line 2: start.mode: 'auto' is none of manual, teach-check, automatic"),
+        (_in("start:\n  motor_time: 3"), "line 3: start.motor_time: 3 is no duration"),
+        (_in("start: {speed: 0}"), "line 2: start.speed: Expected float >= 0.1"),
+        (_in("start: {udp_clients: 21}"), "line 2: start.udp_clients: Expected int <= 20"),
+        (_in("start:\n  errors: [E_FAIL,\n   S_OK]"), "line 4: start.errors[1]: S_OK is no error"),
+        (_in("start: {errors: [E_FIAL]}"), "line 2: start.errors[0]: 'E_FIAL' is no HRESULT"),
+        (_in("start: {joints: [1, 2]}"), "line 2: start.joints: Expected array of length >= 6"),
+        (
+            _in("start:\n  joints: [0, 0, 0, 0, 130, 0]"),
+            "line 3: start.joints[4]: J5 is beyond its limits",
+        ),
+        (_in("variables:\n  Q1: 3"), "line 3: variables.Q1: there is no such variable"),
+        (_in("variables:\n  I100: 3"), "line 3: variables.I100: there is none of that number"),
+        (_in("variables:\n  I1: [1, 2]"), "line 3: variables.I1: the value does not fit"),
+        (_in("variables:\n  P1: [.nan]"), "line 2: variables: Expected float"),
+        (_in("tasks: {running: [Pro9]}"), "line 2: tasks.running[0]: Pro9 is not loaded"),
+        (_in("limits:\n  J7: {}"), "line 3: limits: there is no field 'J7'"),
+        (_in("limits:\n  J1: {low: 3, high: 2}"), "line 3: limits.J1.low: is above high"),
+        (_in("limits: {J2: {speed: 0}}"), "line 2: limits.J2.speed: Expected float > 0.0"),
+        (_in("faults: [{times: 3}]"), "line 2: faults[0]: action is missing, such as"),
+        (
+            _in("faults:\n- {action: emergency-stp}"),
+            "line 3: faults[0].action: there is no action 'emergency-stp', did you mean 'emergency-stop'?",
+        ),
+        (
+            _in("faults:\n- {action: drop, if: comand == a}"),
+            "line 3: faults[0].if: there is no field 'comand'",
+        ),
+        (_in("faults: [{action: error}]"), "line 2: faults[0]: code is missing"),
+        (_in("faults: [{action: error, code: S_OK}]"), "line 2: faults[0].code: S_OK is no error"),
+        (_in("faults: [{action: mode, to: auto}]"), "line 2: faults[0].to: 'auto' is none of manual,"),
+        (
+            _in("faults: [{action: move, joints: [0, 0, 0, 0, 0, 0], sped: 3}]"),
+            "line 2: faults[0]: there is no field 'sped', did you mean 'speed'?",
+        ),
+        (
+            _in("faults: [{action: drop, name: a}]\nin_slave_mode:\n- {action: drop, name: a}"),
+            "line 4: in_slave_mode[0].name: a is the name of another one",
+        ),
+        (_in("seed: x"), "line 2: seed: Expected int, got str"),
+    ],
+)
+def test_an_error_names_line_and_field(text: str, error: str) -> None:
+    with pytest.raises(DocumentError) as caught:
+        read_scenario(text)
+    assert str(caught.value).startswith(error)
+
+
+def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
+    assert load_scenario("emergency-stop") == read_scenario(shipped()["emergency-stop"])
+    path = tmp_path / "own.yaml"
+    path.write_text("title: Täglich", encoding="utf-8")
+    assert load_scenario(str(path)).title == "Täglich"
+    path.write_bytes(b"title: \xff")
+    with pytest.raises(DocumentError, match="no text in UTF-8"):
+        load_scenario(str(path))
+    with pytest.raises(LookupError, match="did you mean 'emergency-stop'"):
+        load_scenario("emergency-step")
+    with pytest.raises(FileNotFoundError):
+        load_scenario(str(tmp_path / "none.yaml"))
