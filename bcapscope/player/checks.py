@@ -8,8 +8,9 @@ import numpy as np
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.speech import counted
-from bcapscope.player.curve import FIG
+from bcapscope.player.curve import FIG, Array
 from bcapscope.player.finding import Case, Finding, numbered, span_text
+from bcapscope.player.timing import gaps
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
 
@@ -18,9 +19,6 @@ SAME_INTERVAL = 0.01
 
 LARGEST = 1e9
 """mm or degrees that count as a number at all."""
-
-GAP = 1.5
-"""Intervals beyond which something is missing."""
 
 _RADIANS, _METRES = 6.3, 2.0  # below which numbers look as if they counted these
 _UNIT = 0.01  # by which the length of a direction may differ from 1
@@ -117,7 +115,7 @@ def interval(case: Case) -> Iterator[Finding]:
         sentence = f"the file does not tell the interval, {span_text(case.period)} is assumed"
         yield Finding("interval", Severity.WARNING, sentence, "give the interval if it is another")
     elif len(trajectory) > 1:
-        yield from _times(case, np.diff(trajectory.times))
+        yield from _times(case, trajectory.times)
 
 
 def _period(found: float, wanted: float) -> Iterator[Finding]:
@@ -130,14 +128,15 @@ def _period(found: float, wanted: float) -> Iterator[Finding]:
     yield Finding("interval", Severity.ERROR, sentence, RESAMPLE)
 
 
-def _times(case: Case, steps: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Iterator[Finding]:
+def _times(case: Case, times: Array) -> Iterator[Finding]:
+    steps = np.diff(times)
     points, count = numbered(~(steps > 0), 2)
     if count:
         sentence = f"the time of {counted(count, 'set point')} is not later than that of the one before"
         yield Finding("time-order", Severity.ERROR, sentence, "put the file right", points, count)
         return
     usual = float(np.median(steps))
-    points, count = numbered(steps > GAP * usual, 2)
+    points, count = numbered(gaps(times), 2)
     if count:
         worst = float(steps.max())
         sentence = f"{counted(count, 'gap')} in the times, the longest of {span_text(worst)} where "

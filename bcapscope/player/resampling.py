@@ -7,14 +7,17 @@ So position, speed and acceleration stay continuous, and both ends are at rest.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import ceil, inf, isfinite
 
 import numpy as np
 
+from bcapscope.analysis.speech import counted
 from bcapscope.player.curve import Array, Curve
 from bcapscope.player.limits import UNKNOWN, Limits
 from bcapscope.player.motion import excess
+from bcapscope.player.timing import gaps
 from bcapscope.player.trajectory import MOST_POINTS, Trajectory, TrajectoryError
 from bcapscope.protocol.poses import Axis
 
@@ -57,9 +60,20 @@ def resample(trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp:
     with np.errstate(all="ignore"):
         points = Curve(trajectory.kind, knots, trajectory.points).at(way.places())
     points[0], points[-1] = trajectory.points[0], trajectory.points[-1]
-    told = (f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {ramp:.3g} s to start and stop",)
-    source = replace(trajectory.source, notes=trajectory.source.notes + told)
+    source = replace(
+        trajectory.source, notes=(*trajectory.source.notes, *_told(trajectory, period, speed, ramp))
+    )
     return Trajectory(trajectory.kind, points, source, period)
+
+
+def _told(trajectory: Trajectory, period: float, speed: float, ramp: float) -> Iterator[str]:
+    yield f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {ramp:.3g} s to start and stop"
+    if trajectory.period is None and trajectory.times is not None:
+        count = int(gaps(trajectory.times).sum())
+        if count:
+            longest = float(np.diff(trajectory.times).max()) * 1000
+            told = f"{counted(count, 'gap')} in the times, the longest of {longest:.6g} ms"
+            yield f"{told}, drawn smoothly across"
 
 
 def stop_after(

@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bcapscope.player.curve import Array
 
@@ -18,8 +19,10 @@ EVEN = 0.01
 MOST_PARTS = 64
 """Trajectories that records with gaps between them are taken apart to."""
 
+GAP = 1.5
+"""Usual intervals; something may be missing where there is more."""
+
 _NEAR_CYCLE = 0.05
-_GAP = 1.5
 
 
 class Timing(NamedTuple):
@@ -63,6 +66,12 @@ def of_sending(times: Array) -> Timing:
     return Timing(cycle, None, note)
 
 
+def gaps(times: Array) -> NDArray[np.bool_]:
+    """Tell for each step from one time to the next whether it is so long that something may be missing."""
+    steps = np.diff(times)
+    return np.asarray(steps > GAP * np.median(steps))
+
+
 class Run(NamedTuple):
     """Records that follow each other.
 
@@ -89,7 +98,7 @@ def runs(counter: Array) -> tuple[tuple[Run, ...], float | None]:
     usual = float(np.median(steps))
     if usual <= 0:
         return whole, None
-    breaks = np.flatnonzero((steps > _GAP * usual) | (steps <= 0)) + 1
+    breaks = np.flatnonzero((steps > GAP * usual) | (steps <= 0)) + 1
     if len(breaks) >= MOST_PARTS:
         return whole, None
     edges = [0, *breaks.tolist(), len(counter)]

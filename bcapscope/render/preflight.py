@@ -21,6 +21,7 @@ NARROWEST, WIDEST = 40, 120
 """Columns that text is wrapped to at least and at most."""
 
 _LONGEST_TITLE = 40
+_HEAD = ("axis", "unit", "from", "to", "step", "speed/s", "acceleration/s²", "fastest at")
 
 
 def trajectory_line(number: int, trajectory: Trajectory) -> str:
@@ -51,13 +52,7 @@ class PreflightRenderer:
     def lines(self, preflight: Preflight) -> Iterator[str]:
         """Yield a table of what each axis does, the findings, and one line that sums up."""
         if preflight.figures:
-            yield from columns(
-                [
-                    ("axis", "from", "to", "step", "speed", "acceleration", "fastest"),
-                    *map(_row, preflight.figures),
-                ],
-                "<>>>>>>",
-            )
+            yield from columns([_HEAD, *map(_row, preflight.figures)], "<<>>>>>>")
             yield ""
         for finding in preflight.findings:
             yield from self._finding(finding)
@@ -131,15 +126,15 @@ def _unit(column: Column) -> str:
 
 
 def _row(figures: Figures) -> Sequence[str]:
-    name, unit = figures.axis
     return (
-        name,
+        figures.axis.name,
+        figures.axis.unit,
         f"{figures.low:.3f}",
-        f"{figures.high:.3f} {unit}",
-        f"{figures.step:.4f} {unit}",
-        f"{_of(figures.speed, figures.limit.speed)} {unit}/s",
-        f"{_of(figures.acceleration, figures.limit.acceleration)} {unit}/s²",
-        f"at {figures.fastest}",
+        f"{figures.high:.3f}",
+        f"{figures.step:.4f}",
+        _of(figures.speed, figures.limit.speed),
+        _of(figures.acceleration, figures.limit.acceleration),
+        str(figures.fastest),
     )
 
 

@@ -92,6 +92,8 @@ def test_a_single_point_stays_one() -> None:
 def test_what_was_done_is_noted() -> None:
     found = resample(way(swing()), PERIOD, speed=0.5)
     assert found.source.notes == ("resampled to 8 ms at 0.5 of the speed, 0.25 s to start and stop",)
+    found = resample(way([[0]] * 5, period=None, times=[0, 0.01, 0.02, 0.5, 0.51]), PERIOD)
+    assert found.source.notes[-1] == "1 gap in the times, the longest of 480 ms, drawn smoothly across"
 
 
 @pytest.mark.parametrize(
