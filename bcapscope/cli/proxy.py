@@ -12,10 +12,13 @@ from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import check_free
 from bcapscope.cli.output import narrate
+from bcapscope.cli.proxyctl import command as ctl
+from bcapscope.cli.proxyrules import RuleWishes, rule_options
 from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxyview import Form, Look
 from bcapscope.cli.proxywatch import Wishes
 from bcapscope.cli.serving import reach
+from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.sockets import ListenError, NoWay
 from bcapscope.proxy.spec import SpecError, parse_listeners
 from bcapscope.render.moment import Clock
@@ -78,6 +81,7 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
 @options.clock
 @options.color
 @click.option("-q", "--quiet", is_flag=True, help="Show nothing of what passes.")
+@rule_options
 @click.pass_context
 def command(
     context: click.Context,
@@ -95,14 +99,19 @@ def command(
     clock: str,
     color: str,
     quiet: bool,
+    rules: RuleWishes,
 ) -> None:
     """Pass on what b-CAP clients and controllers say to each other, and see it.
 
     Bytes pass at once and unchanged; another process records and shows them. Ctrl-C ends the sessions that
     are open, closes the recording and sums up; a second Ctrl-C ends at once.
 
-    Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on; 6 the
-    capture cannot be written; 9 there is no controller of that name.
+    Rules look into what passes: faults, --read-only and the like, --intercept, --script. Each message meets
+    the scripts first, then the intercept, the guard, and the faults in their order. While it runs, they can be
+    changed by `bcapscope proxy ctl ADDRESS` if it was given `--control ADDRESS`.
+
+    Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
+    script not be used; 6 the capture cannot be written; 9 there is no controller of that name.
     """
     if context.invoked_subcommand is not None:
         return
@@ -119,21 +128,30 @@ def command(
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
         check_free(record, False)
-    proxy = Proxy(Wishes(record, ring, look, color))
+    policy = rules.make()
+    proxy, control = Proxy(Wishes(record, ring, look, color), policy), None
     try:
+        for line in rules.words():
+            narrate(line)
+        control = None if policy is None else rules.plug_in(policy, proxy.relay)
         for listener in listeners:
             address = proxy.listen(listener, round(forget * 1e9))
             words = " and ".join(each.upper() for each in listener.transports)
             narrate(f"{address} {words} > {listener.to}; {reach(address.host)}{_allowed(allow)}")
         proxy.run()
-    except ListenError as error:
+    except (ListenError, ControlError) as error:
         narrate(str(error))
         sys.exit(Exit.UNREADABLE)
     except NoWay as error:
         narrate(str(error))
         sys.exit(Exit.UNANSWERED)
     finally:
+        if control is not None:
+            control.close()
         proxy.close()
+
+
+command.add_command(ctl)
 
 
 def _allowed(allow: tuple[str, ...]) -> str:

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import functools
 import random
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
+from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import narrate
 from bcapscope.faults.document import DocumentError, RuleFile, read_document
 from bcapscope.faults.fault import AnyFault
 from bcapscope.faults.notation import read_fault
 from bcapscope.faults.quantities import Condition, Duration
 from bcapscope.faults.shaper import Shaper
-from bcapscope.proxy.addons import Addons, load_addons
+from bcapscope.proxy.addons import Addons, ScriptError, load_addons
+from bcapscope.proxy.control import Desk
+from bcapscope.proxy.control_socket import ControlServer
 from bcapscope.proxy.guard import Guard, Target, read_target
 from bcapscope.proxy.intercept import PATIENCE, Intercept
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.ring import Count
 from bcapscope.proxy.rules import Rules
 
 F = TypeVar("F", bound=Callable[..., Any])
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +54,19 @@ class RuleWishes:
     scripts: tuple[str, ...]
     control: str
 
-    @property
-    def wanted(self) -> bool:
-        """Whether anything has to look into what passes."""
-        return bool(self.faults or self.guard or self.intercept or self.scripts or self.control)
+    def make(self) -> Rules | None:
+        """Make the rules, with the monotonic clock's time of now; None where nothing has to look.
 
-    def make(self) -> Rules:
-        """Make the rules, with the monotonic clock's time of now.
-
-        Raises:
-            ScriptError: a script cannot be used.
+        A script that cannot be used ends the program.
         """
+        if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
+            return None
         now, since_1970 = time.monotonic_ns(), time.time_ns()
-        addons = [addon for path in self.scripts for addon in load_addons(path)]
+        try:
+            addons = [addon for path in self.scripts for addon in load_addons(path)]
+        except ScriptError as error:
+            narrate(str(error))
+            sys.exit(Exit.UNREADABLE)
         epoch = since_1970 - now
         return Rules(
             Shaper(self.faults, seed=self.seed, now=now, epoch=epoch),
@@ -68,6 +75,24 @@ class RuleWishes:
             Addons(addons),
             epoch=epoch,
         )
+
+    def plug_in(self, rules: Rules, relay: Relay) -> ControlServer | None:
+        """Let the rules speak through the relay, and give the control socket that listens beside it, if any.
+
+        Raises:
+            ControlError: there can be no such socket.
+        """
+        rules.tell = rules.addons.tell = relay.tell
+        if not self.control:
+            return None
+
+        def figures() -> dict[str, object]:
+            counts = {count.name.lower(): relay.counts[count] for count in Count}
+            return {"clients_now": len(relay.sessions), **counts}
+
+        server = ControlServer(self.control, Desk(rules, figures), relay)
+        narrate(f"control: bcapscope proxy ctl {server.address}")
+        return server
 
     def words(self) -> list[str]:
         """Tell what is set up, a line each."""
@@ -84,14 +109,15 @@ class RuleWishes:
 def rule_options(function: F) -> F:
     """Give a command the options; it gets one argument `rules`, a `RuleWishes`."""
 
+    @functools.wraps(function)
     def command(**arguments: Any) -> Any:
         own = {name: arguments.pop(name) for name in _NAMES}
         return function(rules=_wishes(**own), **arguments)
 
-    command.__doc__ = function.__doc__
+    decorated: Any = command
     for option in reversed(_OPTIONS):
-        command = option(command)
-    return command  # type: ignore[return-value]  # the decorated command takes the options in place of `rules`
+        decorated = option(decorated)
+    return cast(F, decorated)
 
 
 def _wishes(

@@ -90,8 +90,10 @@ class Proxy:
             self.relay.run(self._look_around)
             self.relay.close_ports()
             self._say_goodbye()
-            for line in self.relay.policy.report() if self.relay.policy is not None else ():
-                self.relay.tell(line)
+            if self.relay.policy is not None:
+                self.relay.policy.close()
+                for line in self.relay.policy.report():
+                    self.relay.tell(line)
             self.relay.close()
 
     def close(self) -> None:

@@ -80,5 +80,8 @@ class Policy(Protocol):
     def take(self, now: int) -> Sequence[Action]:
         """Return what is to be done by `now`."""
 
+    def close(self) -> None:
+        """Take notice that nothing more comes."""
+
     def report(self) -> Sequence[str]:
         """Sum up, in a few lines for people, what the rules did."""

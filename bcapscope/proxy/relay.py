@@ -131,6 +131,7 @@ class Relay:
             session.close(False, "the proxy ended")
         for port in self._ports:
             port.release()
+        self._handlers.clear()
         self._poller.close()
 
     def close_ports(self) -> None:
