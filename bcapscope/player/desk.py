@@ -161,5 +161,6 @@ class Desk:
         self.note(Order.STOP, GONE)
 
     def _signalled(self, number: int, frame: FrameType | None) -> None:
-        halt = number == signal.SIGUSR1 or self.order is not None
-        self.note(Order.HALT if halt else Order.STOP, f"{signal.Signals(number).name} came")
+        asked = number == signal.SIGUSR1
+        reason = f"{Order.HALT} was asked for" if asked else f"{signal.Signals(number).name} came"
+        self.note(Order.HALT if asked or self.order is not None else Order.STOP, reason)

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias, TypeVar
 from bcapscope.player.channel import Channel
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.hresult import S_EXECUTING
 from bcapscope.protocol.requester import Answered, Late, Pace, Refused, Requester, Settled, TimedOut
 from bcapscope.protocol.stream import Splitter
 from bcapscope.protocol.variant import Variant
@@ -95,25 +96,41 @@ class BlockingExchanger:
         Raises:
             OSError: the link is gone.
         """
-        requester, link = self._requester, self.link
+        requester = self._requester
         while True:
             settled = self._events()
             due = requester.due
             if settled is not None or due is None:
                 return settled
-            try:
-                data = link.receive(min(due, until))
-            except ConnectionRefusedError as error:
-                if not link.datagrams:
-                    raise
-                requester.trouble((error.strerror or str(error)).lower(), link.now())
-                continue
-            now = link.now()
+            data = self._received(min(due, until))
+            now = self.link.now()
             if data is not None:
                 self._take(data, now)
             elif now >= due:
                 requester.wake(now)
                 self.send()
+            elif now >= until:
+                return None
+
+    def overdue(self, serial: int, until: int) -> Late | None:
+        """Wait on for the reply to the last try of a call that is given up; nothing is sent any more.
+
+        Args:
+            serial: of that try.
+            until: when to stop waiting.
+
+        Raises:
+            OSError: the link is gone.
+        """
+        while True:
+            self._events()
+            found = next((late for late in self.late if late.reply.serial == serial), None)
+            if found is not None and found.reply.code != S_EXECUTING:
+                return found
+            data = self._received(until)
+            now = self.link.now()
+            if data is not None:
+                self._take(data, now)
             elif now >= until:
                 return None
 
@@ -124,6 +141,17 @@ class BlockingExchanger:
     def close(self) -> None:
         """Close the channel."""
         self.link.close()
+
+    def _received(self, until: int) -> bytes | None:
+        """Return what comes; on UDP word of a closed port is noted, and tries go on."""
+        link = self.link
+        try:
+            return link.receive(until)
+        except ConnectionRefusedError as error:
+            if not link.datagrams:
+                raise
+            self._requester.trouble((error.strerror or str(error)).lower(), link.now())
+            return None
 
     def _take(self, data: bytes, now: int) -> None:
         if self.link.datagrams:

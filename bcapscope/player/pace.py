@@ -9,8 +9,9 @@ in ShoheiKobata/orin_bcap_python_samples):
   that refuses ends the play. After `SILENCE` without any word the controller counts as gone.
 * **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due `_PREPARING`
   after the reply, so that it always goes out equally long after. While the reply does not come the call is
-  tried again, each `Pace.timeout`; a reply to an earlier try is discarded. When all tries are used up the
-  controller counts as gone.
+  tried again, each `Pace.timeout`; a reply to an earlier try is discarded. When all tries are used up nothing
+  more is sent, and the reply to the last of them is waited for: a controller with a full buffer is not in
+  need yet. After `SILENCE` it counts as gone.
 * **mode 0**: both. S_BUF_FULL asks for a period's pause; S_OK says that there is room, so the next follows at
   once; 83201483 says that there was none, and the same set point is sent again.
 
@@ -36,7 +37,7 @@ from bcapscope.protocol.slavemode import ModeKind, SlaveMode
 from bcapscope.protocol.variant import VT, Variant
 
 SILENCE = 100_000_000
-"""ns without any reply after which a controller that does not wait counts as gone: a dozen of its periods.
+"""ns without any reply after which a controller counts as gone: a dozen of its periods.
 
 On TCP it is the time-out of a call, since TCP itself takes longer than this to send again what was lost.
 """
@@ -196,17 +197,31 @@ class Pacer:
             ControllerError: a set point before this one was refused, as we hear only now.
         """
         self._retries += len(settled.attempts) - 1
-        self._hear_late()
-        if isinstance(settled, TimedOut):
-            by_clock = self._move.mode.kind in _BY_CLOCK
-            if not by_clock or self._is_silent():
+        reply: Frame | None = None
+        if not isinstance(settled, TimedOut):
+            self._answered += 1
+            reply = settled.reply
+        elif self._move.mode.kind in _BY_CLOCK:
+            if self._is_silent():
                 raise ExchangeTimeout(_NAME, settled.attempts)
+        else:
+            reply = self._overdue(settled)
+        self._hear_late()
+        if reply is None:
             return None
-        self._answered += 1
         self._unheard = None
-        self.reply = settled.reply
-        code: int = settled.reply.code
+        self.reply = reply
+        code: int = reply.code
         return code
+
+    def _overdue(self, settled: TimedOut) -> Frame:
+        """Wait on for the reply to the last try."""
+        last = settled.attempts[-1]
+        found = self._exchanger.overdue(last.serial, settled.attempts[0].sent + self._silence)
+        if found is None:
+            raise ExchangeTimeout(_NAME, settled.attempts)
+        self._answered += 1
+        return found.reply
 
     def _is_silent(self) -> bool:
         """Tell whether the controller is gone; times when we ourselves were held up do not count."""

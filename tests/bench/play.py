@@ -154,7 +154,7 @@ def _measure(target: Target, period: int, count: int) -> None:
 
 
 def _stolen() -> float:
-    """Return the seconds that a virtual machine's host gave to others: no priority in here helps against it."""
+    """Return the seconds that the host gave to other machines, against which no priority in here helps."""
     with open("/proc/stat", encoding="ascii") as file:
         return int(file.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
 

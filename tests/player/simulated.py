@@ -31,6 +31,7 @@ class SimulatedChannel:
 
     Attributes:
         sent: frames that the player sent, with the time.
+        delay: ns that a packet takes.
         silent_from: time from which on nothing arrives any more; None for never.
     """
 
@@ -43,7 +44,7 @@ class SimulatedChannel:
         self.sent: list[tuple[int, Frame]] = []
         self.silent_from: int | None = None
         self._time = 0
-        self._delay = delay
+        self.delay = delay
         self._loss = loss
         self._chance = Random(3).random
         self._up: list[tuple[int, int, bytes]] = []
@@ -76,7 +77,7 @@ class SimulatedChannel:
         dead = self.silent_from is not None and self._time >= self.silent_from
         if not dead and self._chance() >= self._loss:
             self._count += 1
-            heapq.heappush(queue, (self._time + self._delay, self._count, data))
+            heapq.heappush(queue, (self._time + self.delay, self._count, data))
 
     def _step(self, until: int) -> bool:
         """Let time pass until something happens; return False once it is `until`."""

@@ -128,8 +128,12 @@ def position_wave(kind: str) -> list[tuple[float, ...]]:
     return [(350.0 - (value[0]), *rest) for value in wave(400, 2.0)]
 
 
-def check_retries(stage: Stage) -> None:
-    """Compare the tries with the slides: 2 ms apart, 7 after the first, the first serial in reserved."""
+def check_retries(stage: Stage) -> Counter[int]:
+    """Compare the tries with the slides: 2 ms apart, 7 after the first, the first serial in reserved.
+
+    Returns:
+        Retries of each set point by its first serial.
+    """
     tries: Counter[int] = Counter()
     first = (0, 0)
     for time, frame in set_points(stage):
@@ -141,6 +145,7 @@ def check_retries(stage: Stage) -> None:
         assert frame.serial == first[0] + number
         assert time - first[1] == number * 2 * MS
     assert max(tries.values()) <= 7
+    return tries
 
 
 def test_set_points_go_out_on_the_millisecond() -> None:
@@ -343,3 +348,18 @@ def test_the_log_of_the_controller_runs_during_the_motion() -> None:
         *("slvChangeMode 0", "StopLog"),
     ]
     assert len(stage.simulator.machine.log.records) > 120
+
+
+def test_a_reply_that_is_longer_than_all_tries_is_waited_for() -> None:
+    stage = Stage("rc8")
+
+    def hold_up(_: int) -> None:
+        firsts = sum(frame.reserved == 0 for _, frame in set_points(stage))
+        stage.channel.delay = 7 * MS // 2 if firsts == 50 else MS // 10
+
+    stage.desk.at_poll = hold_up
+    ended = stage.play(plan(0x202, points=wave(200, 2.0)))
+    assert (ended.outcome, ended.reason) == (Outcome.DONE, "")
+    tries = check_retries(stage)
+    assert tries.most_common(1)[0][1] == 7
+    assert stage.simulator.machine.slave.taken == ended.counts.sent
