@@ -125,6 +125,11 @@ class Tester(Place):
         self._stack = ExitStack()
         self._connected = False
 
+    @property
+    def halt_state(self) -> HaltState:
+        """What pressing HALT would do, or has done."""
+        return self._halt_news.state
+
     def content(self) -> ComposeResult:
         """Lay it out as b-CAP Tester is laid out."""
         start = self._start

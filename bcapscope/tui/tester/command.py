@@ -46,9 +46,7 @@ class CommandForm(Vertical):
             yield Caption("tester.parameter")
             yield TypedValue()
             yield Button(say("tester.execute"), compact=True, variant="primary", classes="execute")
-        with Horizontal(classes="row result"):
-            yield Caption("tester.result")
-            yield ResultView()
+        yield ResultView()
 
     def put(self, name: str, parameter: Variant, text: str) -> None:
         """Show a command with its parameter."""
@@ -71,8 +69,8 @@ class CommandForm(Vertical):
     @on(TypedValue.Changed)
     def _check(self, message: TypedValue.Changed) -> None:
         message.stop()
-        if message.checked.problem:
-            self.query_one(ResultView).problem(message.checked.problem)
+        if message.problem:
+            self.query_one(ResultView).problem(message.problem)
             return
         found = suggestion(self.function.id, self.query_one(".command", Input).value)
         vt = message.value.vt

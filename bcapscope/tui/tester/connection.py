@@ -30,7 +30,7 @@ class ConnectionPanel(Vertical):
         self._problem = ""
 
     def compose(self) -> ComposeResult:
-        """Put the fields into one row, and the steps below."""
+        """Put the fields above the buttons and the steps, and below what was found."""
         host, port, tcp, option = self._given
         with Horizontal(classes="row"):
             yield Caption("tester.ip")
@@ -39,9 +39,11 @@ class ConnectionPanel(Vertical):
             yield Input(str(port), id="port", type="integer", max_length=5)
             yield Caption("tester.option")
             yield Input(option, placeholder="Timeout=300", id="option")
+        with Horizontal(classes="row"):
             yield Button(say("tester.connect"), compact=True, variant="primary", id="connect")
             yield Button(say("tester.disconnect"), compact=True, id="disconnect", disabled=True)
-        yield Static(id="steps", markup=False)
+            yield Static(id="steps", markup=False)
+        yield Static(id="found", markup=False)
 
     def on_mount(self) -> None:
         """Say what to do first."""
@@ -115,9 +117,9 @@ class ConnectionPanel(Vertical):
             text = f"{color}{printable(last.text)}{INK.reset}"
         if not text:
             text = f"{INK.dim}{say('tester.connect.hint')}{INK.reset}"
-        steps = self.query_one("#steps", Static)
-        steps.set_class(bool(self._problem) or (last is not None and last.done is False), "-bad")
-        steps.update(inked(f"{' '.join(parts)}  {text}", scope_of(self).inks))
+        inks = scope_of(self).inks
+        self.query_one("#steps", Static).update(inked(" ".join(parts), inks))
+        self.query_one("#found", Static).update(inked(text, inks))
 
     def _part(self, step: Step) -> str:
         name, news = say(f"tester.step.{step}"), self._steps.get(step)

@@ -48,9 +48,7 @@ class FunctionForm(Vertical):
         if not self.params:
             with Horizontal(classes="row"):
                 yield self._button()
-        with Horizontal(classes="row result"):
-            yield Caption("tester.result")
-            yield ResultView()
+        yield ResultView()
 
     def _button(self) -> Button:
         return Button(say("tester.execute"), compact=True, variant="primary", classes="execute")
@@ -99,8 +97,8 @@ class FunctionForm(Vertical):
     def _check(self, message: TypedValue.Changed) -> None:
         message.stop()
         result = self.query_one(ResultView)
-        if message.checked.problem:
-            result.problem(message.checked.problem)
+        if message.problem:
+            result.problem(message.problem)
         else:
             vt = message.value.vt
             result.hint("" if vt in (VT.EMPTY, VT.NULL) else expected(vt))

@@ -48,9 +48,9 @@ class PacketBox(Vertical):
         self._show()
 
     @property
-    def packets(self) -> tuple[Observation, ...]:
-        """What it has."""
-        return tuple(seen for seen, _ in self._packets)
+    def shown(self) -> Observation | None:
+        """The packet that is in sight."""
+        return self._packets[self._at][0] if self._packets else None
 
     def clear(self) -> None:
         """Forget all."""
@@ -58,19 +58,22 @@ class PacketBox(Vertical):
         self._at = 0
         self._show()
 
-    def add(self, packets: tuple[Observation, ...], question: Question | None, overwrite: bool) -> None:
-        """Take packets and show the last of them.
+    def add(
+        self, packets: tuple[Observation, ...], question: Question | None, overwrite: bool, show_first: bool
+    ) -> None:
+        """Take packets and show one of them.
 
         Args:
             packets: in the order of their times.
             question: what they ask or answer.
             overwrite: forget those before.
+            show_first: show the first of them, else the last.
         """
         if overwrite:
             self._packets = []
         self._packets += [(seen, question) for seen in packets]
         del self._packets[:-MOST]
-        self._at = max(0, len(self._packets) - 1)
+        self._at = max(0, len(self._packets) - (len(packets) if show_first else 1))
         self._show()
 
     def action_step(self, by: int) -> None:

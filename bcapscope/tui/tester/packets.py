@@ -63,8 +63,8 @@ class PacketPane(Vertical):
         """Show the packets of a call, and under them its tries."""
         text = next((each.value for each in record.arguments if isinstance(each.value, str)), None)
         question = Question(record.function_id, text)
-        self.query_one("#sent", PacketBox).add(record.sent, None, overwrite)
-        self.query_one("#received", PacketBox).add(record.received, question, overwrite)
+        self.query_one("#sent", PacketBox).add(record.sent, None, overwrite, show_first=True)
+        self.query_one("#received", PacketBox).add(record.received, question, overwrite, show_first=False)
         self._tries(record)
 
     def turn_to(self, view: str) -> None:

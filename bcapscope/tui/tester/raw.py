@@ -31,9 +31,7 @@ class RawForm(Vertical):
         with Horizontal(classes="row"):
             yield Checkbox(say("tester.raw.length"), value=True, compact=True)
             yield Button(say("tester.send"), compact=True, variant="primary", classes="execute")
-        with Horizontal(classes="row result"):
-            yield Caption("tester.result")
-            yield ResultView()
+        yield ResultView()
 
     def put(self, raw: bytes) -> None:
         """Show bytes."""

@@ -25,7 +25,7 @@ class ResultView(Static, can_focus=True):
     ]
 
     def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id, markup=False)
+        super().__init__(id=id, markup=False, classes="-empty")
         self._record: Record | None = None
         self._full = False
         self._line = ""
@@ -53,7 +53,7 @@ class ResultView(Static, can_focus=True):
     def hint(self, text: str) -> None:
         """Show what is expected."""
         self._record = None
-        self._write(f"{INK.dim}{printable(text)}{INK.reset}")
+        self._write(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
 
     def problem(self, text: str) -> None:
         """Show what is wrong with what was typed."""
@@ -70,11 +70,15 @@ class ResultView(Static, can_focus=True):
         """Draw in the colours of a new theme."""
         super().notify_style_update()
         if self._line:
-            self._write(self._line)
+            self._write(self._line, anew=True)
 
-    def _write(self, line: str) -> None:
+    def _write(self, line: str, anew: bool = False) -> None:
+        if line == self._line and not anew:
+            return
         self._line = line
-        self.update(inked(line, scope_of(self).inks))
+        self.set_class(not line, "-empty")
+        head = f"{INK.name}{say('tester.result')}{INK.reset}  " if self._record is not None else ""
+        self.update(inked(head + line, scope_of(self).inks))
 
 
 def _record_text(record: Record, full: bool) -> str:

@@ -21,12 +21,12 @@ class TypedValue(Horizontal):
         """Type or text is another.
 
         Attributes:
-            checked: what it comes to.
+            problem: what is wrong with the text, and what is expected; empty where nothing stands there yet.
         """
 
-        def __init__(self, value: TypedValue, checked: Checked) -> None:
+        def __init__(self, value: TypedValue, problem: str) -> None:
             super().__init__()
-            self.value, self.checked = value, checked
+            self.value, self.problem = value, problem
 
         @property
         def control(self) -> TypedValue:
@@ -78,9 +78,9 @@ class TypedValue(Horizontal):
     @on(Select.Changed)
     def _look(self, message: Message) -> None:
         message.stop()
-        checked = self.checked
-        self.query_one(Input).set_class(bool(checked.problem), "-invalid")
-        self.post_message(self.Changed(self, checked))
+        problem = self.checked.problem if self.query_one(Input).value else ""
+        self.query_one(Input).set_class(bool(problem), "-invalid")
+        self.post_message(self.Changed(self, problem))
 
     @on(Input.Submitted)
     def _submit(self, message: Input.Submitted) -> None:

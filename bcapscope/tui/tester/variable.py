@@ -67,8 +67,8 @@ class VariablePanel(Vertical):
     def _check(self, message: TypedValue.Changed) -> None:
         message.stop()
         result = self.query_one(ResultView)
-        if message.checked.problem:
-            result.problem(message.checked.problem)
+        if message.problem:
+            result.problem(message.problem)
         else:
             result.hint(expected(message.value.vt))
 

@@ -1,0 +1,81 @@
+"""Driving the Tester's screen in tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from textual.pilot import Pilot
+from textual.widgets import Input
+
+from bcapscope.tui.app import Scope, Spot
+from bcapscope.tui.desk.halt import HaltState
+from bcapscope.tui.ink import plain
+from bcapscope.tui.screens.tester import Start, Tester
+from bcapscope.tui.tester.result import ResultView
+from bcapscope.tui.words import Language
+from tests.tui.pilot import make, until
+
+
+def make_tester(
+    folder: Path,
+    host: str = "",
+    port: int = 5007,
+    tcp: bool = False,
+    option: str = "",
+    japanese: bool = False,
+) -> Scope:
+    """Make the application with the Tester alone; everything it writes goes to `folder`."""
+    start = Start(folder / "requests", folder / "audit", host, port, False, option)
+    language = Language.JAPANESE if japanese else Language.ENGLISH
+    spot = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
+    return make(spot, language=language, settings=folder / "screen.yaml")
+
+
+def screen(pilot: Pilot[None]) -> Tester:
+    """Return the Tester, whatever lies above it."""
+    return next(each for each in pilot.app.screen_stack if isinstance(each, Tester))
+
+
+async def write(pilot: Pilot[None], text: str) -> None:
+    """Type a text over what stands in the field that has the focus."""
+    focused = pilot.app.focused
+    assert isinstance(focused, Input), focused
+    await pilot.press("end", "ctrl+u")
+    await pilot.press(*text)
+    assert focused.value == text
+
+
+async def go(pilot: Pilot[None], selector: str, key: str = "tab") -> None:
+    """Press a key until a widget has the focus."""
+    wanted = screen(pilot).query_one(selector)
+    for _ in range(80):
+        if pilot.app.focused is wanted:
+            return
+        await pilot.press(key)
+    raise AssertionError(f"{selector} cannot be reached by {key}; the focus is on {pilot.app.focused}")
+
+
+async def connected(pilot: Pilot[None]) -> Tester:
+    """Connect as one does: Enter on the button that has the focus."""
+    here = screen(pilot)
+    await until(pilot, lambda: here.query_one("#host", Input).value)
+    await pilot.press("enter")
+    await until(pilot, lambda: here.desk.status.robot is not None)
+    await until(pilot, lambda: here.halt_state is HaltState.READY)
+    return here
+
+
+def result(pilot: Pilot[None], selector: str) -> str:
+    """Return what a result shows."""
+    return plain(screen(pilot).query_one(selector, ResultView).text)
+
+
+async def answered(pilot: Pilot[None], selector: str, begins: str) -> str:
+    """Wait for a result and return it."""
+    await until(pilot, lambda: result(pilot, selector).startswith(begins))
+    return result(pilot, selector)
+
+
+async def finish(pilot: Pilot[None]) -> None:
+    """Quit as the user does, so that everything is let go."""
+    await pilot.press("ctrl+q")
+    await until(pilot, lambda: not screen(pilot).desk.status.is_connected)
