@@ -41,10 +41,10 @@ class Layout:
     def __init__(self, prototype: tuple[Argument, ...]) -> None:
         self.prototype = prototype
         self.notes: dict[object, object] = {}
-        self._plan: list[tuple[Argument, int, int, bool]] = []
+        self._plan: list[tuple[Argument, int, int, Callable[[Variant, Numbers], Variant]]] = []
         begin = 0
         for argument, taken in zip(prototype, taken_by_each(prototype), strict=True):
-            self._plan.append((argument, begin, begin + taken, _is_row(argument.variant)))
+            self._plan.append((argument, begin, begin + taken, _filler(argument.variant)))
             begin += taken
 
     def arguments(self, numbers: Numbers) -> tuple[Argument, ...]:
@@ -52,16 +52,12 @@ class Layout:
         if not numbers:
             return self.prototype
         arguments = []
-        for argument, begin, end, is_row in self._plan:
+        for argument, begin, end, fill in self._plan:
             if begin == end:
                 arguments.append(argument)
-                continue
-            variant, start, stop = argument
-            if is_row:
-                variant = Variant(variant.vt, numbers[begin:end], variant.elements)
             else:
-                variant = _filled(variant, iter(numbers[begin:end]))
-            arguments.append(Argument(variant, start, stop))
+                variant, start, stop = argument
+                arguments.append(Argument(fill(variant, numbers[begin:end]), start, stop))
         return tuple(arguments)
 
 
@@ -197,9 +193,23 @@ def numbers_of(variant: Variant) -> Iterator[int | float | bytes]:
         yield from value  # type: ignore[misc]  # the same
 
 
-def _is_row(variant: Variant) -> bool:
-    """Tell whether a value is a plain array, whose numbers are taken as they are."""
-    return isinstance(variant.value, tuple) and variant.vt != ARRAY | VT.VARIANT
+def _filler(variant: Variant) -> Callable[[Variant, Numbers], Variant]:
+    """Return what puts just its own numbers into such a value."""
+    if not isinstance(variant.value, tuple):
+        return _filled_scalar
+    return _filled_nest if variant.vt == ARRAY | VT.VARIANT else _filled_row
+
+
+def _filled_scalar(variant: Variant, numbers: Numbers) -> Variant:
+    return Variant(variant.vt, numbers[0], variant.elements)
+
+
+def _filled_row(variant: Variant, numbers: Numbers) -> Variant:
+    return Variant(variant.vt, numbers, variant.elements)
+
+
+def _filled_nest(variant: Variant, numbers: Numbers) -> Variant:
+    return _filled(variant, iter(numbers))
 
 
 def _filled(variant: Variant, numbers: Iterator[int | float | bytes]) -> Variant:

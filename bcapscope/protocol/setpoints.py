@@ -159,9 +159,10 @@ def split_feedback(
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
     """Return the pose of the common case, an array of just the right length, without further looking."""
-    if pose_type is None or variant.vt not in FLOAT_ARRAYS or len(_row(variant)) != len(AXES[pose_type]):
+    if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
-    return Pose(pose_type, _row(variant))
+    row = _row(variant)
+    return Pose(pose_type, row) if len(row) == len(AXES[pose_type]) else None
 
 
 def _parts(variant: Variant) -> tuple[Variant, ...]:
