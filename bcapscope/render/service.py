@@ -55,6 +55,9 @@ def _text(variant: Variant) -> str:
         return f"[{value[:LONGEST_VALUE].hex(' ')}]"
     if not isinstance(value, tuple):
         return value_text(value, variant.vt, LONGEST_VALUE)
+    base = variant.vt & ~ARRAY
     shown = value[:LONGEST_VALUE]
-    elements = (each if isinstance(each, Variant) else Variant(variant.vt & ~ARRAY, each) for each in shown)
-    return f"[{', '.join(map(_text, elements))}]"
+    texts = [
+        _text(each) if isinstance(each, Variant) else value_text(each, base, LONGEST_VALUE) for each in shown
+    ]
+    return f"[{', '.join(texts)}]"
