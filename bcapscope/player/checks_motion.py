@@ -51,6 +51,8 @@ class Figures(NamedTuple):
 
 def figures(case: Case) -> tuple[Figures, ...]:
     """Return what each axis does, the joints behind the others where they can be computed."""
+    if case.step is None:
+        return ()
     return tuple(
         _figures(case, motion, place)
         for motion in _motions(case)
@@ -79,7 +81,7 @@ def rest(case: Case) -> Iterator[Finding]:
     """Look for a start or an end at speed."""
     motion = _own(case)
     speeds = np.abs(motion.speeds)
-    if not len(speeds):
+    if not len(speeds) or case.step is None:
         return
     floor = np.maximum(_SLOW * speeds.max(axis=0), _CRAWL)
     ends = (("begins", 0, 1), ("ends", -1, len(case.trajectory)))
@@ -122,7 +124,7 @@ def distance(case: Case) -> tuple[float, ...] | None:
 
 def join(case: Case) -> Iterator[Finding]:
     """Compare the last point with the first where it starts again."""
-    if not case.loop or len(case.trajectory) < 2:
+    if not case.loop or len(case.trajectory) < 2 or case.step is None:
         return
     motion = _own(case)
     last, first = next(_of(case, case.trajectory.points[[-1, 0]])).rows
@@ -156,7 +158,7 @@ def _motions(case: Case) -> Iterator[Motion]:
 
 
 def _of(case: Case, points: Array) -> Iterator[Motion]:
-    return motions(case.trajectory.kind, points, case.period, case.limits)
+    return motions(case.trajectory.kind, points, case.step or case.period, case.limits)
 
 
 def _figures(case: Case, motion: Motion, place: int) -> Figures:
@@ -187,6 +189,8 @@ def _bounds(case: Case, motion: Motion, place: int) -> Iterator[Finding]:
         f"its limits are {limit.low:g} and {limit.high:g}",
         "check the positions",
     )
+    if case.step is None:
+        return
     speeds = np.abs(motion.speeds[:, place])
     whose = f"its limit is {limit.speed:g}" if limit.speed != FASTEST.get(unit) else "more than any arm does"
     yield from _beyond(

@@ -60,6 +60,13 @@ class Case:
     axis_count: int | None
     loop: bool
 
+    @property
+    def step(self) -> float | None:
+        """Seconds between two set points as the file means them; None where they are not even."""
+        if self.trajectory.period is None and self.trajectory.times is not None:
+            return None
+        return self.trajectory.period or self.period
+
 
 def numbered(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
     """Return the numbers of the set points for which an array is true, and how many there are.

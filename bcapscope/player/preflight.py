@@ -40,7 +40,8 @@ class Preflight:
         period: seconds between two slvMove.
         whose: limits these are.
         findings: the gravest first.
-        figures: what each axis does; () where the numbers do not allow to tell.
+        figures: what each axis does with the times that the file has; () where they are not even, or the
+            numbers do not allow to tell.
         distance: how far the first point is from where the robot is, an element an axis of the trajectory;
             None where that is not known.
     """
@@ -64,8 +65,11 @@ class Preflight:
 
     @property
     def seconds(self) -> float:
-        """How long it takes when a set point goes each `period`."""
-        return (len(self.trajectory) - 1) * self.period
+        """How long it takes as the file has it, `period` apart where the file does not say."""
+        trajectory = self.trajectory
+        if trajectory.period is None and trajectory.times is not None:
+            return float(trajectory.times[-1])
+        return (len(trajectory) - 1) * (trajectory.period or self.period)
 
 
 def check(

@@ -129,8 +129,8 @@ def _row(figures: Figures) -> Sequence[str]:
     return (
         figures.axis.name,
         figures.axis.unit,
-        f"{figures.low:.3f}",
-        f"{figures.high:.3f}",
+        f"{round(figures.low, 3) + 0.0:.3f}",
+        f"{round(figures.high, 3) + 0.0:.3f}",
         f"{figures.step:.4f}",
         _of(figures.speed, figures.limit.speed),
         _of(figures.acceleration, figures.limit.acceleration),

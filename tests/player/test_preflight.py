@@ -353,6 +353,21 @@ def test_figures() -> None:
     assert figures[1:6] == pytest.approx((0, 4, 2, 20, 100))
 
 
+def test_speeds_are_those_of_the_file_whatever_slv_move_does() -> None:
+    preflight = check(way(swing(), period=0.016), PERIOD)
+    assert preflight.figures[0].speed == pytest.approx(check(way(swing()), PERIOD).figures[0].speed / 2)
+    assert preflight.seconds == 4.0
+
+
+def test_way_points_have_no_speed_yet() -> None:
+    preflight = check(way([[0], [90], [0]], period=None, times=[0, 1, 3]), PERIOD, loop=True)
+    assert found(preflight) == {"axes", "interval", "limits"}
+    assert preflight.figures == ()
+    assert preflight.seconds == 3
+    far = check(way([[0], [190]], period=None, times=[0, 1]), PERIOD, SIMULATOR)
+    assert "range" in found(far)
+
+
 def test_one_point_is_enough() -> None:
     preflight = check(way([[1, 2, 3]]), PERIOD, SIMULATOR, present=HOME, loop=True)
     assert found(preflight) == {"first-point", "still", "axes"}

@@ -72,7 +72,7 @@ def test_a_pre_flight_that_is_not() -> None:
         "note limits: no limits of this arm are known, so that speeds are told but",
         "  compared with nothing",
         "  what to do: give limits, such as J1=-170..170 or J1.speed=300",
-        "not fit to play: 251 set points, 2.000 s, limits of an unknown arm",
+        "not fit to play: 251 set points, 2.500 s, limits of an unknown arm",
     ]
     assert all(display_width(line) <= 80 for line in shown)
 
