@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -13,6 +14,10 @@ from bcapscope.tui.screens.tester import Start, Tester
 from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.words import Language
 from tests.tui.pilot import make, until
+
+
+LONG = 20
+"""Characters that nobody types."""
 
 
 def make_tester(
@@ -36,11 +41,15 @@ def screen(pilot: Pilot[None]) -> Tester:
 
 
 async def write(pilot: Pilot[None], text: str) -> None:
-    """Type a text over what stands in the field that has the focus."""
+    """Type a text over what stands in the field that has the focus; paste a long one."""
     focused = pilot.app.focused
     assert isinstance(focused, Input), focused
     await pilot.press("end", "ctrl+u")
-    await pilot.press(*text)
+    if len(text) > LONG:
+        pilot.app.post_message(Paste(text))
+        await until(pilot, lambda: focused.value == text)
+    else:
+        await pilot.press(*text)
     assert focused.value == text
 
 

@@ -23,7 +23,16 @@ from bcapscope.simulator.simulator import Simulator
 PROFILE = "rc7"
 """The controller that the screen of b-CAP Tester shows (DENSO Wave 2009, How to use the Slave mode)."""
 
-JOINTS: Joints = (12.422607, 60.360718, 17.631958, 35.814331, 20.427979, 23.947922, 0.0, 0.0)
+JOINTS: Joints = (
+    12.422607421875,
+    60.3607177734375,
+    17.6319580078125,
+    35.8143310546875,
+    20.427978515625,
+    23.947917938232422,
+    0.0,
+    0.0,
+)
 """Where the robot stands at first: where that of the same pages stands after its slvMove, as R4 tells it."""
 
 ENDING = 2.0
