@@ -132,10 +132,9 @@ def _intercept(ctl: _Ctl, expression: str | None, hold: str | None) -> None:
 @command.command("held", short_help="List the messages that wait.")
 @click.pass_obj
 def _held(ctl: _Ctl) -> None:
-    """List the messages that wait: how long already, how long still, their numbers, and what they say."""
+    """List the messages that wait: their numbers, how many seconds they have waited, and what they say."""
     answer = ctl.ask(do="held")
     for held in answer["held"] if answer else ():
-        click.echo(f"waits {held['waited_s']:.1f} s, {held['left_s']:.1f} s left")
         for line in _lines(held):
             click.echo(line)
 
@@ -147,8 +146,10 @@ def _lines(held: Mapping[str, Any]) -> list[str]:
     question = None if held["function_id"] is None else Question(held["function_id"], held["command"])
     renderer = LineRenderer()
     renderer.begin(0)
+    waited = round(held["waited_s"] * 1e9)
+    left = (f"goes on unchanged in {held['left_s']:.1f} s",)
     return [
-        renderer.line(Observation(held["number"], 0, 0, flow, item, 0), question)
+        renderer.line(Observation(held["number"], waited, waited, flow, item, 0), question, left)
         for item in parse_datagram(bytes.fromhex(held["hex"]))
     ]
 

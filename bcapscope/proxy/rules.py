@@ -199,12 +199,12 @@ class Rules:
         """Take notice that faults or the intercept have changed; what was kept for them only goes on."""
         if self._looks or self.shaper.needs_frames(now):
             return
-        for ways in self._ways.values():
-            for way in ways.values():
-                work = _Work()
-                for rest in self._pieces(way, b"", cut=False):
-                    self._process(way, rest, now, work)
-                self._outbox += work.actions
+        kept = [way for ways in self._ways.values() for way in ways.values() if way.splitter is not None]
+        for way in kept:
+            work = _Work()
+            for rest in self._pieces(way, b"", cut=False):
+                self._process(way, rest, now, work)
+            self._outbox += work.actions
 
     def send_on(self, number: int, now: int, data: bytes | None = None) -> None:
         """Send on a message that is held, as it came or edited. The guard and the faults see it still.

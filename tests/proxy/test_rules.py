@@ -162,6 +162,13 @@ def test_what_was_kept_for_a_fault_goes_on_when_it_is_switched_off() -> None:
     assert play(made, [request(1)[30:]]) == [request(1)[30:]]
 
 
+def test_changing_rules_makes_up_no_datagrams() -> None:
+    made = rules("loss=0%")
+    made.receive(1, UP, request(1), 0)
+    made.changed(0)
+    assert made.due() is None
+
+
 # guard
 
 
