@@ -264,7 +264,7 @@ class Shaper:
     def _schedule(self, work: Work, touched: tuple[str, ...]) -> None:
         message = work.message
         flow, now = message.flow, message.now
-        back = _other(flow) if work.back else flow
+        back = _to_client(flow) if work.back else flow
         for late, raw in work.back:
             self._put(back, Send(back, raw, touched), now + late)
         if work.ending is not None:
@@ -320,8 +320,8 @@ def _way(flow: Flow) -> _Way:
     return flow.conversation, flow.direction
 
 
-def _other(flow: Flow) -> Flow:
-    return Flow(flow.conversation, _RESPONSE if flow.direction is Direction.REQUEST else Direction.REQUEST)
+def _to_client(flow: Flow) -> Flow:
+    return flow if flow.direction is _RESPONSE else Flow(flow.conversation, _RESPONSE)
 
 
 def _belongs(output: Output | None, conversation: Conversation) -> bool:

@@ -203,6 +203,17 @@ def test_notices_come_before_the_reply() -> None:
     assert found[-1][1] == reply(5)
 
 
+@pytest.mark.parametrize("direction", ["request", "response"])
+def test_notices_go_to_the_client(direction: str) -> None:
+    flows, machine = talk(), shaper(f"executing=100ms {direction}")
+    flow, raw = (flows.up, request(5)) if direction == "request" else (flows.down, reply(5))
+    (output,) = machine.take(flow, raw, 0).outputs
+    assert isinstance(output, Send)
+    assert output.flow.direction == "response"
+    (later,) = machine.advance(100 * MS)
+    assert later == Send(flow, raw, output.touched)
+
+
 def test_a_connection_is_closed_and_udp_is_left_alone() -> None:
     flows = talk(Transport.TCP)
     (closing,) = closed(shaper("close=fin").take(flows.up, request(1), 0).outputs)
