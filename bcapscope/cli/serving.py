@@ -120,6 +120,11 @@ class Log:
         if self._wanted:
             self._lines.append(report_line(peer, report))
 
+    def note(self, text: str) -> None:
+        """Note something that is no call."""
+        if self._wanted:
+            self._lines.append(f"# {text}")
+
     def idle(self) -> None:
         """Write if the last time is long ago."""
         if self._lines and time.monotonic_ns() - self._written > self._PATIENCE:

@@ -8,14 +8,17 @@ import time
 from collections.abc import Callable
 
 import click
+import msgspec
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
+from bcapscope.cli.scenarios import choose_scenario, introduction, list_scenarios
 from bcapscope.cli.serving import Log, Tap, reach, serve_in_order
-from bcapscope.simulator.machine import Start
 from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.scenario import Defective, Kind, Scenario
 from bcapscope.simulator.server import ListenError, Server
 from bcapscope.simulator.simulator import Simulator
+from bcapscope.simulator.stage import Stage
 
 _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit; the first letter will do"
 
@@ -24,9 +27,29 @@ _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),
-    default="rc8",
-    show_default=True,
-    help="What kind of controller it is.",
+    help="What kind of controller it is; rc8, or that of the scenario, unless given.",
+)
+@click.option(
+    "--scenario",
+    callback=choose_scenario,
+    metavar="NAME|FILE.yaml",
+    help="Begin in a certain state, and let things go wrong.",
+)
+@click.option(
+    "--scenarios",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=list_scenarios,
+    help="List the scenarios and end.",
+)
+@click.option("--seed", type=int, help="Of what a scenario draws by lot, instead of its own.")
+@click.option(
+    "--defect",
+    "defects",
+    multiple=True,
+    type=click.Choice([each.value for each in Defective]),
+    help="Have this defect of DENSO's C server; cserver has all of them unless told.",
 )
 @click.option(
     "--listen", metavar="HOST", default="127.0.0.1", show_default=True, help="Address of this machine."
@@ -46,27 +69,55 @@ _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit
     help="Write what passes to a new capture.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Do not write a line a call.")
-def command(*, profile: str, listen: str, port: int, record: str | None, quiet: bool) -> None:
+def command(
+    *,
+    profile: str | None,
+    scenario: Scenario | None,
+    seed: int | None,
+    defects: tuple[str, ...],
+    listen: str,
+    port: int,
+    record: str | None,
+    quiet: bool,
+) -> None:
     """Answer b-CAP clients over UDP and TCP as a DENSO controller does, until Ctrl-C.
 
     A line a call goes to stdout. Commands can be typed meanwhile: reset forgets all clients, as the button
     on the pendant does; stop presses the emergency stop and go lets it go; quit ends.
 
-    Exit codes: 0 it was ended; 4 the address cannot be listened on; 6 the capture cannot be written.
+    With --scenario it is one of the controllers that give their users trouble, each with the reason that
+    diagnose finds in a capture of it; what a scenario does is a line that begins with #.
+
+    Exit codes: 0 it was ended; 2 there is no such scenario, or it makes no sense; 4 the address cannot be
+    listened on; 6 the capture cannot be written.
     """
     log = Log(not quiet)
-    start = Start(epoch=time.time_ns() - time.monotonic_ns())
-    simulator = Simulator(PROFILES[profile], start, time.monotonic_ns(), log.take)
+    played = _chosen(scenario, profile, defects)
+    now = time.monotonic_ns()
+    start = played.beginning(epoch=time.time_ns() - now)
+    simulator = Simulator(played.controller, start, now, log.take)
+    stage = None if scenario is None else Stage(played, simulator, now, seed=seed, news=log.note)
     tap = Tap(record) if record else None
     try:
-        server = Server(simulator, listen, port, tap)
+        server = Server(stage or simulator, listen, port, tap)
     except ListenError as error:
         narrate(f"{error}")
         sys.exit(Exit.UNREADABLE)
     narrate(_greeting(simulator, server))
+    if scenario is not None:
+        narrate(introduction(scenario))
     _run(simulator, server, log)
     log.flush()
     narrate(f"{log.calls} calls; {simulator.dropped} datagrams were no sound requests and were dropped")
+
+
+def _chosen(scenario: Scenario | None, profile: str | None, defects: tuple[str, ...]) -> Scenario:
+    """Return what is to be played: a scenario in which nothing happens where none was asked for."""
+    if scenario is not None and profile not in (None, scenario.profile):
+        raise click.UsageError(f"the scenario has the profile {scenario.profile}; leave --profile out")
+    chosen = scenario or Scenario(title="", profile=Kind(profile or Kind.RC8))
+    own = tuple(map(Defective, defects)) or chosen.defects
+    return msgspec.structs.replace(chosen, defects=own)
 
 
 def _run(simulator: Simulator, server: Server, log: Log) -> None:

@@ -339,7 +339,7 @@ def load_scenario(named: str) -> Scenario:
     if named in shipped():
         return read_scenario(shipped()[named])
     if not named.endswith((".yaml", ".yml")):
-        raise LookupError(f"there is no scenario {named!r}{nearest(named, shipped())}")
+        raise LookupError(f"there is no scenario {named!r}{nearest(named, shipped()) or '.'}")
     try:
         return read_scenario(Path(named).read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:

@@ -109,3 +109,62 @@ def test_who_reaches_it_is_said() -> None:
     done = subprocess.run(argv, input="quit\n", capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0
     assert "everyone on every network of this machine reaches it" in done.stderr
+
+
+def test_scenarios_are_listed_with_a_sentence_each() -> None:
+    ran = run("sim", "--scenarios")
+    assert (ran.code, ran.err) == (0, "")
+    names = [line.split()[0] for line in ran.lines[1:]]
+    assert names == sorted(names)
+    assert "emergency-stop" in names
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (("--scenario", "emergency-step"), "did you mean 'emergency-stop'?"),
+        (("--scenario", "none.yaml"), "none.yaml cannot be read: No such file or directory"),
+        (("--scenario", "no-robslave", "--profile", "rc8"), "has the profile rc7"),
+        (("--defect", "all"), "'all' is not one of 'forgets-first', 'serial-zero'"),
+    ],
+)
+def test_a_scenario_that_is_none(words: tuple[str, ...], error: str) -> None:
+    ran = run("sim", "--port", "0", *words)
+    assert (ran.code, ran.out) == (2, "")
+    assert error in ran.err
+
+
+def test_a_scenario_file_that_makes_no_sense(tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text("title: x\nfaults:\n- {action: drop, tims: 3}\n")
+    ran = run("sim", "--port", "0", "--scenario", path)
+    assert ran.code == 2
+    assert f"{path}: line 3: faults[0]: there is no field 'tims', did you mean 'times'?" in ran.err
+
+
+@pytest.mark.parametrize("transport", ["--udp", "--tcp"])
+def test_a_scenario_is_played_recorded_and_diagnosed(tmp_path: Path, transport: str) -> None:
+    path, own = tmp_path / "a.pcapng", tmp_path / "own.yaml"
+    title = "\u202ex"
+    own.write_text(f"title: {title}\nstart: {{arm_taken: true}}\nfaults: [{{action: delay, time: 1ms}}]\n")
+    with simulator("--scenario", str(own), "--seed", "3", "--record", str(path)) as (process, port):
+        ran = run("call", "127.0.0.1", "-p", str(port), transport, "Robot_Execute", "TakeArm")
+        assert ran.code == 8, ran.err
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+    assert "# delay: delayed by 1 ms\n" in out
+    assert "scenario: \\u202ex\n" in err
+    findings = run("diagnose", path, "--port", str(port), "--json").lines
+    assert '"rule":"arm-taken-by-other"' in findings[0].replace(" ", "")
+
+
+def test_defects_can_be_chosen() -> None:
+    for words, code in (((), 0x80000902), (("--defect", "serial-zero"), 0)):
+        with (
+            simulator("--profile", "rc8", *words) as (_, port),
+            socket.socket(type=socket.SOCK_DGRAM) as sock,
+        ):
+            sock.settimeout(20)
+            sock.connect(("127.0.0.1", port))
+            sock.send(encode(0, 0, 64))
+            assert Frame(sock.recv(4096)).code == code

@@ -10,7 +10,10 @@ from bcapscope.protocol.hresult import S_EXECUTING
 from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
 from bcapscope.simulator.machine import Machine, Start
 from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.scenario import read_scenario
+from bcapscope.simulator.server import Answerer
 from bcapscope.simulator.simulator import Output, Simulator
+from bcapscope.simulator.stage import Stage
 from bcapscope.simulator.values import bstr, i4, row
 
 MS = 1_000_000
@@ -32,7 +35,23 @@ class Desk:
 
     def __init__(self, profile: str = "rc8", start: Start | None = None) -> None:
         self.simulator = Simulator(PROFILES[profile], start)
+        self.stage: Stage | None = None
+        self.news: list[str] = []
         self.now = 0
+
+    @classmethod
+    def of(cls, scenario: str) -> Desk:
+        """Make a desk at which a scenario is played."""
+        played = read_scenario(scenario)
+        desk = cls()
+        desk.simulator = Simulator(played.controller, played.beginning())
+        desk.stage = Stage(played, desk.simulator, 0, news=desk.news.append)
+        return desk
+
+    @property
+    def answerer(self) -> Answerer:
+        """What clients talk to."""
+        return self.stage or self.simulator
 
     @property
     def machine(self) -> Machine:
@@ -42,11 +61,11 @@ class Desk:
     def wait(self, ms: float) -> list[Output]:
         """Let time pass as a server would: stop whenever something is due."""
         end, outputs = self.now + round(ms * MS), []
-        while (due := self.simulator.due(self.now)) is not None and due <= end:
+        while (due := self.answerer.due(self.now)) is not None and due <= end:
             self.now = max(due, self.now + 1)
-            outputs += self.simulator.advance(self.now)
+            outputs += self.answerer.advance(self.now)
         self.now = max(end, self.now)
-        return outputs + self.simulator.advance(self.now)
+        return outputs + self.answerer.advance(self.now)
 
 
 class Person:
@@ -58,7 +77,7 @@ class Person:
         self.serial = 0
         self.tcp = tcp
         if tcp:
-            assert desk.simulator.connect(name, desk.now)
+            assert desk.answerer.connect(name, desk.now)
 
     def send(self, function: str, *arguments: Variant) -> list[Output]:
         """Send a request and return what comes at once."""
@@ -66,7 +85,7 @@ class Person:
         found = function_by_name(function)
         assert found is not None
         raw = encode(self.serial, 0, found.id, arguments)
-        simulator, now = self.desk.simulator, self.desk.now
+        simulator, now = self.desk.answerer, self.desk.now
         return simulator.segment(self.name, raw, now) if self.tcp else simulator.datagram(self.name, raw, now)
 
     def call(self, function: str, *arguments: Variant, patience: float = 20_000) -> Reply:
@@ -81,11 +100,11 @@ class Person:
                 if frame.code != S_EXECUTING:
                     return self._reply(frame, began, notices)
                 notices += 1
-            due = self.desk.simulator.due(self.desk.now)
+            due = self.desk.answerer.due(self.desk.now)
             assert due is not None, "no answer, and nothing is under way"
             assert due - began <= patience * MS, "no answer in time"
             self.desk.now = max(due, self.desk.now + 1)
-            outputs = self.desk.simulator.advance(self.desk.now)
+            outputs = self.desk.answerer.advance(self.desk.now)
 
     def _reply(self, frame: Frame, began: int, notices: int) -> Reply:
         values = [argument.variant for argument in frame.arguments]
