@@ -16,6 +16,9 @@ from bcapscope.protocol.notation import parse_as
 from bcapscope.protocol.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 
+MOST_REMEMBERED = 4096
+"""Values that steps are counted from; a session has some dozens. When there are more, all are forgotten."""
+
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None], int]
 
 Change: TypeAlias = Callable[[Variant], Variant]
@@ -102,6 +105,8 @@ class Rewriter:
         last = self._before.get(key)
         if last is not None:
             value = _near(value, last, step)
+        if len(self._before) >= MOST_REMEMBERED:
+            self._before.clear()
         self._before[key] = value
         return value
 

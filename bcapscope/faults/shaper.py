@@ -28,6 +28,11 @@ from bcapscope.faults.striker import Striker
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 from bcapscope.traffic.question import Questions
 
+MOST_WAITING = 16 << 20
+"""Bytes that faults hold, each message counted with `_PARCEL_SIZE` more: a second of the traffic that fills a
+100 Mbit/s line. Datagrams that would be held beyond it are lost, as in a queue of tc-netem(8)."""
+
+_PARCEL_SIZE = 300
 _RESPONSE = Direction.RESPONSE
 
 _Way: TypeAlias = tuple[Conversation, Direction]
@@ -52,14 +57,17 @@ class _Parcel:
     """Something that waits for its time.
 
     Attributes:
+        output: None once it has gone with another.
         behind: how many messages of its flow it still waits for; 0 if it waits for its time only.
+        size: bytes that it takes.
     """
 
-    __slots__ = ("behind", "output")
+    __slots__ = ("behind", "output", "size")
 
     def __init__(self, output: Output | None, behind: int = 0) -> None:
         self.output = output
         self.behind = behind
+        self.size = _PARCEL_SIZE + (len(output.data) if isinstance(output, Send) else 0)
 
 
 class Shaper:
@@ -89,6 +97,7 @@ class Shaper:
         self._questions, self._attempts, self._manners = Questions(), Attempts(), Manners()
         self._waiting: list[tuple[int, int, _Parcel]] = []
         self._counted = 0
+        self._waiting_bytes = 0
         self._stream_until: dict[_Way, int] = {}
         self._overtaken: dict[_Way, list[_Parcel]] = {}
         self._dead: dict[Conversation, str] = {}
@@ -191,6 +200,9 @@ class Shaper:
         touched = tuple(self._applied(work, struck))
         if work.half_open:
             self._dead[flow.conversation] = touched[-1].partition(":")[0]
+        if self.is_full and message.datagram and not work.gone and (work.delay or work.overtaken):
+            work.lose()
+            touched = (*touched, "dropped, too much is held already")
         self._schedule(work, touched)
         return Taken(outputs + self.advance(now), touched, not work.gone)
 
@@ -198,11 +210,17 @@ class Shaper:
         """Tell when something held is to go on, ns; None if nothing is held."""
         return self._waiting[0][0] if self._waiting else None
 
+    @property
+    def is_full(self) -> bool:
+        """Whether so much is held that no stream should be read before `advance` has let some go."""
+        return self._waiting_bytes > MOST_WAITING
+
     def advance(self, now: int) -> list[Output]:
         """Give out all that is due by now, in order."""
         outputs: list[Output] = []
         while self._waiting and self._waiting[0][0] <= now:
             parcel = heapq.heappop(self._waiting)[2]
+            self._waiting_bytes -= parcel.size
             if parcel.output is not None:
                 outputs.append(parcel.output)
                 if parcel.behind:
@@ -231,6 +249,7 @@ class Shaper:
             self._overtaken.pop((conversation, direction), None)
         self._waiting = [entry for entry in self._waiting if not _belongs(entry[2].output, conversation)]
         heapq.heapify(self._waiting)
+        self._waiting_bytes = sum(parcel.size for _, _, parcel in self._waiting)
 
     def _struck(self, message: Message) -> list[tuple[Rule, Any]]:
         struck = []
@@ -297,6 +316,7 @@ class Shaper:
 
     def _push(self, when: int, parcel: _Parcel) -> None:
         self._counted += 1
+        self._waiting_bytes += parcel.size
         heapq.heappush(self._waiting, (when, self._counted, parcel))
 
     def _overtake(self, parcel: _Parcel) -> None:

@@ -68,6 +68,9 @@ class Policy(Protocol):
     def holds(self, client: int, direction: Direction) -> bool:
         """Tell whether something of this direction is still to be sent; its end is passed on after that."""
 
+    def is_full(self) -> bool:
+        """Tell whether so much is held that no stream is to be read before `take` has given out some."""
+
     def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
         """Take notice that a stream has ended in one direction; return what is to be done about its rest."""
 

@@ -137,6 +137,10 @@ class Rules:
             or any(isinstance(action, Send) and action.client == client for action in self._outbox)
         )
 
+    def is_full(self) -> bool:
+        """Tell whether so much is held that no stream is to be read."""
+        return self.shaper.is_full
+
     def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
         """Let go of a frame that breaks off where a stream has ended."""
         way, work = self._ways[client][direction], _Work()

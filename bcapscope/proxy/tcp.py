@@ -191,9 +191,11 @@ class TcpSession:
         self._relay.part(self, why, reset_both)
 
     def sweep(self, now: int) -> None:
-        """Give up a connection that is not made."""
+        """Give up a connection that is not made; read on where rules held too much."""
         if not self._connected and now - self.heard > CONNECT_WITHIN:
             self.fail(errno.ETIMEDOUT)
+        elif self._relay.policy is not None:
+            self._want()
 
     def _client_happened(self, happened: int) -> None:
         self._handle(happened, self._client, self._up, self._down)
@@ -221,6 +223,8 @@ class TcpSession:
                 self._read(incoming)
             elif happened & HANG_UP:  # or it would be told again and again
                 self._set(sock, None)
+            else:
+                self._want()
 
     def _read(self, half: _Half) -> None:
         relay = self._relay
@@ -241,6 +245,8 @@ class TcpSession:
             self._want()
         elif relay.policy is not None:
             relay.rule(self, half.up, bytes(relay.buffer[:size]), came)
+            if relay.policy.is_full():
+                self._want()
         else:
             self._pass_on(half, memoryview(relay.buffer)[:size], came)
 
@@ -305,7 +311,10 @@ class TcpSession:
 
     def _reads(self, half: _Half) -> bool:
         """Tell whether more may be read: never while a peer does not take what there is."""
-        most = 0 if self._relay.policy is None else MOST_PENDING
+        policy = self._relay.policy
+        if policy is not None and policy.is_full():
+            return False
+        most = 0 if policy is None else MOST_PENDING
         return self._connected and not half.ended and len(half.pending) <= most
 
     def _want(self) -> None:

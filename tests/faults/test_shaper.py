@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Send, Taken
 from bcapscope.faults.notation import read_fault
-from bcapscope.faults.shaper import Shaper
+from bcapscope.faults.shaper import MOST_WAITING, Shaper
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_FAIL, S_EXECUTING
 from bcapscope.traffic.observation import Endpoint, Transport
@@ -298,6 +298,24 @@ def test_what_is_held_of_a_conversation_that_is_over_is_lost() -> None:
     assert [machine.holds(each) for each in (*flows, *other)] == [True, False, True, False]
     machine.forget(flows.up.conversation)
     assert [data for _, data in run_dry(machine, 0)] == [request(2)]
+
+
+def test_no_more_is_held_than_fits() -> None:
+    raw = bytes(60_000)
+    flows, stream = talk(), talk(Transport.TCP)
+    machine = shaper("delay=10s")
+    while not machine.is_full:
+        assert machine.take(flows.up, raw, 0).passed
+    taken = machine.take(flows.up, raw, 0)
+    assert taken.touched == ("delay: delayed by 10000 ms", "dropped, too much is held already")
+    assert not taken.passed
+    assert machine.take(stream.up, raw, 0).passed
+    count = len(run_dry(machine, 0))
+    assert MOST_WAITING <= count * (len(raw) + 400) < MOST_WAITING + 300_000
+    assert not machine.is_full
+    machine.take(flows.up, raw, 20_000 * MS)
+    machine.forget(flows.up.conversation)
+    assert not machine.is_full
 
 
 STEPS = st.lists(
