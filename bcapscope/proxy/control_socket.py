@@ -61,8 +61,8 @@ class ControlServer:
         self._path = "" if is_port(address) else address
         try:
             self._socket = _listen_at_path(address) if self._path else _listen_at_port(address)
-        except OSError as error:
-            why = error.strerror or str(error)
+        except (OSError, OverflowError) as error:
+            why = getattr(error, "strerror", None) or str(error)
             raise ControlError(f"cannot listen for control on {address}: {why}") from error
         self.address = self._path or "%s:%d" % self._socket.getsockname()[:2]
         watcher.watch(self._socket.fileno(), self._acceptable)
@@ -168,12 +168,20 @@ def reach_control(address: str, timeout: float = 5.0) -> socket.socket:
     try:
         if is_port(address):
             return socket.create_connection(_host_port(address), timeout)
-        sock = _unix_socket(address)
-        sock.settimeout(timeout)
-        sock.connect(address)
-    except OSError as error:
-        why = (error.strerror or str(error)).lower()
+        return _connect(address, timeout)
+    except (OSError, OverflowError) as error:
+        why = (getattr(error, "strerror", None) or str(error)).lower()
         raise ControlError(f"no proxy listens for control on {address}: {why}") from error
+
+
+def _connect(path: str, timeout: float) -> socket.socket:
+    sock = _unix_socket(path)
+    try:
+        sock.settimeout(timeout)
+        sock.connect(path)
+    except OSError:
+        sock.close()
+        raise
     return sock
 
 
@@ -213,7 +221,7 @@ def _listen_at_path(path: str) -> socket.socket:
         finally:
             os.umask(before)
         return _listening(sock)
-    except OSError:
+    except (OSError, ControlError):
         sock.close()
         raise
 
@@ -242,6 +250,6 @@ def _unix_socket(path: str) -> socket.socket:
 
 
 def _listening(sock: socket.socket) -> socket.socket:
-    sock.listen(4)
+    sock.listen(MOST_CONNECTIONS)
     sock.setblocking(False)
     return sock

@@ -1,0 +1,220 @@
+"""The control socket: who can open it, what comes back, and what is no client of ours."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import stat
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from bcapscope.proxy.control import LONGEST_LINE, Desk
+from bcapscope.proxy.control_socket import (
+    MOST_CONNECTIONS,
+    ControlError,
+    ControlServer,
+    is_port,
+    reach_control,
+)
+from bcapscope.proxy.poller import READ, make_poller
+from tests.proxy.test_rules import rules
+
+unix_only = pytest.mark.skipif(
+    sys.platform == "win32", reason="there are no Unix sockets in Python on Windows"
+)
+
+
+class Watcher:
+    """Waits for descriptors, as the relay does, in a thread."""
+
+    def __init__(self) -> None:
+        self._poller = make_poller()
+        self._handlers: dict[int, Callable[[int], None]] = {}
+        self._ends = False
+        self._thread = threading.Thread(target=self._run)
+
+    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
+        self._handlers[descriptor] = handler
+        self._poller.register(descriptor, mask)
+
+    def change(self, descriptor: int, mask: int) -> None:
+        self._poller.modify(descriptor, mask)
+
+    def unwatch(self, descriptor: int) -> None:
+        del self._handlers[descriptor]
+        self._poller.unregister(descriptor)
+
+    def __enter__(self) -> Watcher:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ends = True
+        self._thread.join()
+
+    def close(self) -> None:
+        self._poller.close()
+
+    def _run(self) -> None:
+        while not self._ends:
+            for descriptor, happened in self._poller.poll(0.01):
+                if descriptor in self._handlers:
+                    self._handlers[descriptor](happened)
+
+
+@contextmanager
+def server(address: str) -> Iterator[ControlServer]:
+    """Run a control socket for the length of a block."""
+    watcher = Watcher()
+    try:
+        made = ControlServer(address, Desk(rules("loss=5%")), watcher)
+        with watcher:
+            yield made
+        made.close()
+    finally:
+        watcher.close()
+
+
+def refused(address: str, reason: str) -> None:
+    """Check that there can be no control socket."""
+    with pytest.raises(ControlError, match=reason), server(address):
+        pass
+
+
+@pytest.fixture(params=["path", "port"])
+def address(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """Give an address of either kind."""
+    if request.param == "port":
+        return "127.0.0.1:0"
+    if sys.platform == "win32":
+        pytest.skip("there are no Unix sockets in Python on Windows")
+    return str(tmp_path / "ctl.sock")
+
+
+def ask(sock: socket.socket, *lines: bytes) -> list[dict[str, object]]:
+    """Send lines, read as many answers."""
+    sock.sendall(b"".join(lines))
+    with sock.makefile("rb") as answers:
+        return [json.loads(answers.readline()) for _ in lines]
+
+
+def test_lines_are_answered_one_by_one(address: str) -> None:
+    with server(address) as made, reach_control(made.address) as one, reach_control(made.address) as other:
+        first, second = ask(one, b'{"do": "rules"}\n', b'{"do": "off", "name": "drop"}\n')
+        assert first["ok"]
+        assert second == {"ok": True, "name": "drop"}
+        one.sendall(b'{"do": ')
+        assert (
+            ask(other, b'\n{"do": "on", "name": "x"}\n'.lstrip())[0]["error"] == "there is no fault 'x': drop"
+        )
+        assert ask(one, b'"stats"}\n')[0]["struck"] == {"drop": 0}
+
+
+def test_a_long_answer_comes_whole(address: str) -> None:
+    with server(address) as made, reach_control(made.address) as sock:
+        asked = 3000
+        thread = threading.Thread(target=sock.sendall, args=(b'{"do": "rules"}\n' * asked,))
+        thread.start()
+        with sock.makefile("rb") as answers:
+            assert {answers.readline() for _ in range(asked)} != {b""}
+        thread.join()
+
+
+def test_who_does_not_speak_json_is_sent_away(address: str) -> None:
+    with server(address) as made, reach_control(made.address) as sock:
+        sock.sendall(b'POST / HTTP/1.1\r\nHost: x\r\n\r\n{"do": "remove", "name": "drop"}\n')
+        with sock.makefile("rb") as answers:
+            assert b"no JSON" in answers.readline()
+            assert answers.read() == b""
+        with reach_control(made.address) as again:
+            assert ask(again, b'{"do": "rules"}\n')[0]["rules"] != []
+
+
+def test_a_line_without_end_is_not_read_for_ever(address: str) -> None:
+    with server(address) as made, reach_control(made.address) as sock:
+        with suppress(ConnectionError):
+            sock.sendall(b" " * (LONGEST_LINE + 200_000))
+            assert sock.recv(1) == b""
+        with reach_control(made.address) as again:
+            assert ask(again, b'{"do": "rules"}\n')[0]["ok"]
+
+
+def test_there_are_only_so_many_connections(address: str) -> None:
+    with server(address) as made:
+        open_ones = [reach_control(made.address) for _ in range(MOST_CONNECTIONS)]
+        assert all(ask(sock, b'{"do": "rules"}\n')[0]["ok"] for sock in open_ones)
+        with reach_control(made.address) as sock, sock.makefile("rb") as answers:
+            assert answers.read() == b""
+        for sock in open_ones:
+            sock.close()
+
+
+@unix_only
+def test_only_its_user_opens_the_file_and_it_is_gone_at_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "ctl.sock"
+    with server(str(path)):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        refused(str(path), "another proxy listens for control on")
+    assert not path.exists()
+
+
+@unix_only
+def test_the_file_of_a_proxy_that_was_killed_is_taken_over(tmp_path: Path) -> None:
+    path = str(tmp_path / "ctl.sock")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left:
+        left.bind(path)
+    with server(path) as made, reach_control(made.address) as sock:
+        assert ask(sock, b'{"do": "rules"}\n')[0]["ok"]
+
+
+@pytest.mark.parametrize(
+    ("address", "reason"),
+    [
+        ("0.0.0.0:5999", "0.0.0.0 is not loopback"),
+        ("192.168.0.1:5999", "192.168.0.1 is not loopback"),
+        ("localhost:5999", "localhost is no IP address"),
+        ("127.0.0.1:99999", "cannot listen for control on 127.0.0.1:99999: "),
+        ("/no/such/folder/ctl.sock", "no such file|No such file"),
+        ("x" * 200, "cannot listen for control"),
+    ],
+)
+def test_an_address_that_will_not_do_is_refused(address: str, reason: str) -> None:
+    refused(address, reason)
+
+
+def test_another_file_is_not_taken_away(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("mine")
+    refused(str(path), "is there already, and no socket")
+    assert path.read_text() == "mine"
+
+
+def test_nobody_there_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ControlError, match="no such file"):
+        reach_control(str(tmp_path / "none"))
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        with pytest.raises(ControlError, match="connection refused"):
+            reach_control("127.0.0.1:%d" % sock.getsockname()[1])
+
+
+@pytest.mark.parametrize(
+    ("address", "port"),
+    [("127.0.0.1:5999", True), ("[::1]:5999", True), ("./a:5", False), ("ctl.sock", False), ("a:b", False)],
+)
+def test_ports_and_paths_are_told_apart(address: str, port: bool) -> None:
+    assert is_port(address) is port
+
+
+def test_nothing_is_left_open(tmp_path: Path) -> None:
+    before = len(os.listdir("/proc/self/fd")) if sys.platform == "linux" else 0
+    for _ in range(3):
+        with server("127.0.0.1:0") as made, reach_control(made.address):
+            pass
+    assert (len(os.listdir("/proc/self/fd")) if sys.platform == "linux" else 0) == before
