@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from typing import Any
 
 _ESCAPE = "\x1b"
+_SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # arrows, function keys and the like
 
 
 class Keys:
@@ -51,11 +53,10 @@ class Keys:
         if not data:
             self.stop()
             self._possible = False
-        text = data.decode(errors="replace").lower()
-        self._escapes = self._escapes + len(text) if text and not text.strip(_ESCAPE) else 0
-        if self._escapes:
-            return _ESCAPE * 2 if self._escapes > 1 else ""
-        return "" if text.startswith(_ESCAPE) else text
+        text = _SEQUENCE.sub("", data.decode(errors="replace")).lower()
+        others = text.replace(_ESCAPE, "")
+        self._escapes = 0 if others else self._escapes + len(text)
+        return _ESCAPE * 2 if self._escapes > 1 else others
 
 
 def _has_terminal() -> bool:

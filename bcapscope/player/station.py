@@ -280,8 +280,12 @@ class Station:
 
 
 def distance(kind: PoseType, here: Point, there: Point) -> float:
-    """Return the largest difference of an axis, deg or mm; direction cosines count as angles, Fig not."""
-    before, after = unwound(kind, np.vstack((here, there)))
+    """Return the largest difference of an axis, deg or mm; direction cosines count as angles, Fig not.
+
+    Axes that only one of them has do not count: RC7 may tell six joints.
+    """
+    width = min(len(here), len(there))
+    before, after = unwound(kind, np.vstack((here[:width], there[:width])))
     ways = zip(AXES[kind], np.abs(after - before).tolist(), strict=False)
     return max(way if axis.unit else degrees(way) for axis, way in ways if axis.name != "Fig")
 

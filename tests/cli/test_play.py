@@ -1,0 +1,229 @@
+"""``bcapscope play`` as a user runs it: over TCP, since that forgives a simulator on a busy machine."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from bcapscope.protocol.variant import VT, Variant
+from tests.cli.run import CAPTURES, Ran, run
+from tests.cli.test_sim import simulator
+from tests.client.peer import Peer
+from tests.client.server import udp_server
+from tests.player.simulated import wave
+
+SWING = CAPTURES / "swing-joints.csv"
+POSITIONS = CAPTURES / "half-circle-positions.csv"
+PATIENCE = 30.0
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    with simulator("-q") as (_, port):
+        yield port
+
+
+@pytest.fixture
+def gentle(tmp_path: Path) -> Path:
+    """Write a way so slow that a set point more or less is no excess."""
+    rows = [",".join(map(str, point)) for point in wave(150, 1.0)]
+    path = tmp_path / "gentle.csv"
+    path.write_text("\n".join(["J1_deg,J2_deg,J3_deg,J4_deg,J5_deg,J6_deg", *rows, ""]))
+    return path
+
+
+def play(port: int, file: Path, *words: str | Path) -> Ran:
+    """Run it without a terminal."""
+    return run("play", file, "127.0.0.1", "-p", str(port), "--tcp", *words)
+
+
+def test_it_plays_and_records(port: int, gentle: Path, tmp_path: Path) -> None:
+    record, log = tmp_path / "all.pcapng", tmp_path / "log.csv"
+    words = ("--mode", "async", "--speed", "0.9", "--move-to-start", "--record", record, "--log", log)
+    ran = play(port, gentle, *words)
+    assert ran.code == 0, ran.err + ran.out
+    assert "J1  from  column 1, J1_deg  in deg" in ran.out
+    assert "fit to play" in ran.out
+    assert "played to the end" in ran.out
+    assert "bcapscope's simulator, no robot moves, RC8" in ran.err
+    calls = run("calls", record, "--json", "--port", str(port), "-f", 'command == "slvMove"')
+    outcomes = Counter(json.loads(line)["outcome"] for line in calls.lines)
+    assert outcomes["answered"] > 150  # the simulator of a busy machine may owe some
+    back = run("play", log, "127.0.0.1", "-p", str(port), "--tcp", "--dry-run")
+    assert back.code == 0, back.err + back.out
+    assert "control log" in back.out
+
+
+def test_a_dry_run_moves_nothing(port: int) -> None:
+    ran = play(port, POSITIONS, "--dry-run", "--json")
+    assert ran.code == 0, ran.err
+    (found,) = map(json.loads, ran.lines)
+    assert (found["type"], found["fit"], found["needs_move"]) == ("P", True, True)
+    assert "slave mode 0x201" in ran.err
+
+
+def test_the_summary_as_json(port: int, tmp_path: Path) -> None:
+    file = tmp_path / "still.csv"
+    file.write_text("0,0,90,0,90,0\n" * 20)
+    ran = play(port, file, "--mode", "0x102", "--json", "--move-to-start")
+    assert ran.code == 0, ran.err
+    found = json.loads(ran.lines[-1])
+    assert (found["outcome"], found["set_points"], found["left_in_order"]) == ("done", 20, True)
+    assert set(found["lateness_ms"]) == {"p50", "p99", "p999", "most"}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--interval", "4"), "which would move the robot at 2 times the speed"),
+        (("--loop", "2", "--index", "1", "--speed", "9", "--limit", "J6=0..10"), "J6"),
+    ],
+)
+def test_what_is_not_fit_is_not_played(port: int, words: tuple[str, ...], reason: str) -> None:
+    ran = play(port, SWING, *words)
+    assert ran.code == 11
+    assert reason in ran.out
+    assert "not fit to play" in ran.out
+
+
+def test_limits_of_the_simulated_arm_hold_for_it(port: int, tmp_path: Path) -> None:
+    file = tmp_path / "fast.csv"
+    file.write_text("".join(f"{number % 2 * 5},0,90,0,90,0\n" for number in range(20)))
+    ran = play(port, file)
+    assert ran.code == 11, ran.out + ran.err
+    assert "limits of the simulated arm" in ran.out
+    assert "Robot" not in ran.err
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("--mode", "0x999"), "neither sync, async nor a number"),
+        (("--limit", "J1=fast"), "is no range"),
+        (("--index", "2"), "holds 1"),
+    ],
+)
+def test_a_command_line_without_sense(words: tuple[str, ...], reason: str) -> None:
+    ran = play(1, SWING, *words)
+    assert (ran.code, ran.out) == (2, "")
+    assert reason in ran.err
+
+
+def test_a_file_that_holds_no_trajectory() -> None:
+    ran = play(1, CAPTURES / "README.md")
+    assert (ran.code, ran.out) == (4, "")
+    assert ran.err.count("\n") == 1
+
+
+def test_nobody_there(tmp_path: Path) -> None:
+    ran = play(1, SWING)
+    assert ran.code == 9
+    assert "given up: no answer: 127.0.0.1:1 over TCP: connection refused" in ran.out
+
+
+def test_files_are_not_written_over(tmp_path: Path) -> None:
+    taken = tmp_path / "a.pcapng"
+    taken.write_bytes(b"mine")
+    ran = play(1, SWING, "--record", taken)
+    assert (ran.code, ran.out) == (6, "")
+    assert taken.read_bytes() == b"mine"
+
+
+def test_whoever_is_no_simulator_needs_arming() -> None:
+    def prepare(peer: Peer) -> None:
+        peer.answers["Variable_GetValue"] = 0, [Variant.array(VT.R8, (0.0, 0.0, 90.0, 0.0, 90.0, 0.0))]
+
+    with udp_server(prepare) as server:
+        ran = run("play", SWING, "127.0.0.1", "-p", str(server.port))
+        (peer,) = server.peers.values()
+    assert ran.code == 10, ran.out + ran.err
+    assert "A robot will move: " in ran.err
+    assert "not played: this is not the simulator, and nobody said that a robot may move" in ran.out
+    assert "Robot_Execute" not in peer.functions
+    assert peer.functions[-1] == "Service_Stop"
+
+
+def test_ctrl_c_brings_the_robot_to_rest(port: int, gentle: Path) -> None:
+    argv = [sys.executable, "-m", "bcapscope", "play", str(gentle), "127.0.0.1", "-p", str(port)]
+    argv += ["--tcp", "--mode", "async", "--move-to-start", "--loop", "500"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stderr is not None
+        while process.stderr.readline() != "Ctrl-C: come to rest, twice: halt\n":
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert "stopped on the way, at rest: stop was asked for" in out
+
+
+def _own_terminal() -> None:
+    """Make standard input the terminal that a new session belongs to, as a login does."""
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+class Terminal:
+    """A terminal that a program is run in."""
+
+    def __init__(self, *words: str) -> None:
+        self._ours, theirs = pty.openpty()
+        argv = [sys.executable, "-m", "bcapscope", *words]
+        self.process = subprocess.Popen(  # noqa: PLW1509 - no other thread is running here
+            argv, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, preexec_fn=_own_terminal
+        )
+        os.close(theirs)
+        self.shown = ""
+
+    def until(self, text: str) -> None:
+        """Read until some text has come."""
+        give_up = time.monotonic() + PATIENCE
+        while text not in self.shown:
+            assert time.monotonic() < give_up, self.shown[-2000:]
+            if select.select((self._ours,), (), (), 1.0)[0]:
+                self.shown += os.read(self._ours, 4096).decode(errors="replace")
+
+    def press(self, keys: str) -> None:
+        """Type something."""
+        os.write(self._ours, keys.encode())
+
+    def close(self) -> int:
+        """Wait for the end and return the exit code."""
+        give_up = time.monotonic() + PATIENCE
+        while self.process.poll() is None:  # read on, or it would wait for us
+            assert time.monotonic() < give_up
+            if select.select((self._ours,), (), (), 0.1)[0]:
+                with suppress(OSError):  # its end of the terminal is closed
+                    os.read(self._ours, 4096)
+        code = self.process.wait()
+        os.close(self._ours)
+        return code
+
+
+def test_questions_and_keys_on_a_terminal(port: int, gentle: Path) -> None:
+    away = ("Robot_Execute TakeArm", "Robot_Execute Motor i4[]:1,0", 'Robot_Move 1 "@E J(5,0,90,0,90,0)"')
+    calls = [word for call in away for word in ("--exec", call)]
+    moved = run("call", "127.0.0.1", "-p", str(port), *calls)
+    assert moved.code == 0, moved.out + moved.err
+    words = ("play", str(gentle), "127.0.0.1", "-p", str(port), "--tcp", "--mode", "async", "--loop", "0")
+    terminal = Terminal(*words)
+    terminal.until("Answer (no, yes) [no]: ")
+    terminal.press("yes\n")
+    terminal.until("playing 1")
+    terminal.press("\x1b[A")
+    terminal.press("s")
+    terminal.until("stopped on the way, at rest")
+    assert terminal.close() == 0
