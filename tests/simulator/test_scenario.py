@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from bcapscope.faults.document import DocumentError
-from bcapscope.faults.fault import Drop
+from bcapscope.faults.fault import AnyFault, Drop
 from bcapscope.protocol.responder import Defect
 from bcapscope.protocol.variant import VT
-from bcapscope.simulator.event import EmergencyStop
+from bcapscope.simulator.event import AnyEvent, EmergencyStop
 from bcapscope.simulator.kinematics import LIMITS
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.memory import Memory
@@ -168,3 +170,12 @@ def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
         load_scenario("emergency-step")
     with pytest.raises(FileNotFoundError):
         load_scenario(str(tmp_path / "none.yaml"))
+
+
+def test_the_readmes_example_can_be_read() -> None:
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```yaml\n(title:.*?)^```", readme, re.DOTALL | re.MULTILINE)
+    scenario = read_scenario(example)
+    actions = {kind.__struct_config__.tag for part in (AnyFault, AnyEvent) for kind in get_args(part)}
+    assert {each.action for each in scenario.faults} <= actions
+    assert actions - {"pass"} <= set(re.findall(r"`([a-z-]+)`", readme))
