@@ -104,13 +104,14 @@ class Tap:
 
 
 class Log:
-    """Lines for stdout, written when there is time, at the latest after `_PATIENCE`."""
+    """Lines for stdout, made when the client has its answer, written at the latest after `_PATIENCE`."""
 
     _PATIENCE = 20_000_000
 
     def __init__(self, wanted: bool) -> None:
         self.calls = 0
         self._wanted = wanted
+        self._told: list[tuple[Peer, Report] | str] = []
         self._lines: list[str] = []
         self._written = 0
 
@@ -118,22 +119,28 @@ class Log:
         """Note a call."""
         self.calls += 1
         if self._wanted:
-            self._lines.append(report_line(peer, report))
+            self._told.append((peer, report))
 
     def note(self, text: str) -> None:
         """Note something that is no call."""
         if self._wanted:
-            self._lines.append(f"# {text}")
+            self._told.append(f"# {text}")
 
     def idle(self) -> None:
-        """Write if the last time is long ago."""
+        """Make the lines of what was told; write if the last time is long ago."""
+        self._make()
         if self._lines and time.monotonic_ns() - self._written > self._PATIENCE:
             self.flush()
 
     def flush(self) -> None:
         """Write what there is."""
+        self._make()
         self._written = time.monotonic_ns()
         if self._lines:
             lines, self._lines = self._lines, []
             sys.stdout.write("\n".join(lines) + "\n")
             sys.stdout.flush()
+
+    def _make(self) -> None:
+        told, self._told = self._told, []
+        self._lines += [each if isinstance(each, str) else report_line(*each) for each in told]
