@@ -16,7 +16,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192, "render": 1024, "text": 4096}
+MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192, "render": 1024, "text": 4096, "simulator": 4096}
+ELSEWHERE = {"render": "tests.fuzz.rendering", "simulator": "tests.fuzz.simulating"}
+"""Modules of the targets that are not in `tests.fuzz.targets`."""
 
 
 def main(argv: list[str]) -> int:
@@ -44,8 +46,8 @@ def main(argv: list[str]) -> int:
 
 def target_of(name: str) -> Callable[[bytes], None]:
     """Import a target, and with it what it tries."""
-    module = "tests.fuzz.rendering" if name == "render" else "tests.fuzz.targets"
-    target: Callable[[bytes], None] = getattr(importlib.import_module(module), name)
+    module = importlib.import_module(ELSEWHERE.get(name, "tests.fuzz.targets"))
+    target: Callable[[bytes], None] = getattr(module, name)
     return target
 
 

@@ -6,10 +6,13 @@ import gzip
 from pathlib import Path
 
 from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.functions import function_by_name
+from bcapscope.protocol.variant import EMPTY, VT, Variant, encode_argument
+from bcapscope.simulator.profile import PROFILES
 from tests.capture import packets as p
 from tests.dumps import FORMS, window
 from tests.frames import ARGUMENTS, DAMAGED, FRAMES, HANDLE, nested
+from tests.fuzz.simulating import BUTTON, CALL, HANG_UP, RAW, RETRY, WAIT, Step
 
 CAPTURES = Path(__file__).parents[2] / "captures"
 LARGEST_SEED = 8192
@@ -98,10 +101,87 @@ def text_seeds() -> list[bytes]:
     return [text.encode() for text in texts + samples]
 
 
+def _call(function: str, *arguments: Variant, tcp: bool = False) -> bytes:
+    found = function_by_name(function)
+    assert found is not None
+    packed = b"".join(map(encode_argument, arguments))
+    return Step(CALL, 0, tcp, bytes((found.id, len(arguments))) + packed).packed()
+
+
+def _robot(command: str, parameter: Variant = EMPTY, tcp: bool = False) -> bytes:
+    return _call("Robot_Execute", Variant(VT.I4, 2), Variant(VT.BSTR, command), parameter, tcp=tcp)
+
+
+def _wait(ms: int) -> bytes:
+    return Step(WAIT, 0, False, ms.to_bytes(2, "little")).packed()
+
+
+def _opening(provider: str, tcp: bool) -> list[bytes]:
+    texts = [Variant(VT.BSTR, text) for text in ("", provider, "localhost", "")]
+    controller, arm, program = Variant(VT.I4, 1), Variant(VT.BSTR, "Arm"), Variant(VT.BSTR, "RobSlave")
+    empty = texts[0]
+    return [
+        _call("Service_Start", Variant(VT.BSTR, ",WDT=80,InvokeTimeout=200"), tcp=tcp),
+        _call("Controller_Connect", *texts, tcp=tcp),
+        _call("Controller_GetRobot", controller, arm, empty, tcp=tcp),
+        _call("Controller_GetTask", controller, program, empty, tcp=tcp),
+        _call("Task_Start", Variant(VT.I4, 3), Variant(VT.I4, 1), empty, tcp=tcp),
+        _robot("TakeArm", Variant.array(VT.I4, (0, 0)), tcp),
+        _robot("Motor", Variant.array(VT.I4, (1, 0)), tcp),
+        _wait(500),
+    ]
+
+
+def simulator_seeds() -> list[bytes]:
+    """Sessions, as `tests.fuzz.simulating` takes them: slave mode, motions, variables, retries, bad bytes."""
+    point = Variant.array(VT.R8, (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0))
+    pose = Variant(VT.BSTR, "@E J(10,0,90,0,90,0)")
+    formats = [_robot(name, Variant(VT.I4, value)) for name, value in _FORMATS]
+    slaves = [
+        [
+            *formats,
+            _robot("slvChangeMode", Variant(VT.I4, mode)),
+            _robot("slvMove", point),
+            Step(RETRY, 0, False, b"\x01\x00").packed(),
+            *[_wait(8), _robot("slvMove", point)] * 3,
+            _robot("slvChangeMode", Variant(VT.I4, 0)),
+            _wait(100),
+        ]
+        for mode in (0x002, 0x102, 0x202)
+    ]
+    controller, empty = Variant(VT.I4, 1), Variant(VT.BSTR, "")
+    variables = [
+        _call("Controller_GetVariable", controller, Variant(VT.BSTR, "P1"), empty),
+        _call("Variable_PutValue", Variant(VT.I4, 4), Variant.array(VT.R8, (300.0,) * 7)),
+        _call("Variable_GetValue", Variant(VT.I4, 4)),
+        _call("Controller_GetVariableNames", controller, empty),
+        _call("Variable_Release", Variant(VT.I4, 4)),
+    ]
+    moves = [
+        _call("Robot_Move", Variant(VT.I4, 2), Variant(VT.I4, 1), pose, empty, tcp=tcp)
+        + _robot("CurJnt", tcp=tcp)
+        + _wait(90) * 4
+        for tcp in (False, True)
+    ]
+    logs = [_robot("StartLog"), _wait(40), _robot("GetLogRecord", Variant(VT.I4, 0)), _robot("J2P", point)]
+    raw = [Step(RAW, 1, tcp, pair.data[:255]).packed() for pair in FRAMES for tcp in (False, True)]
+    ends = [Step(BUTTON, 0, False, b"s").packed(), Step(HANG_UP, 0, True, b"").packed()]
+    made = []
+    for profile, name in enumerate(PROFILES):
+        provider = "CaoProv.DENSO.VRC9" if name == "rc9" else "CaoProv.DENSO.VRC"
+        over_udp, over_tcp = _opening(provider, False), _opening(provider, True)
+        for script in (*slaves, variables, logs, raw, [moves[0], *ends], [*over_tcp, moves[1], *ends]):
+            made.append(bytes((profile,)) + b"".join([*over_udp, *script]))
+    return made
+
+
+_FORMATS = (("slvSendFormat", 0), ("slvRecvFormat", 0x14), ("slvGetMode", 0))
+
 SEEDS = {
     "frame": frame_seeds,
     "stream": stream_seeds,
     "capture": capture_seeds,
     "render": render_seeds,
     "text": text_seeds,
+    "simulator": simulator_seeds,
 }
