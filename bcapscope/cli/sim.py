@@ -108,7 +108,8 @@ def command(
         narrate(introduction(scenario))
     _run(simulator, server, log)
     log.flush()
-    narrate(f"{log.calls} calls; {simulator.dropped} datagrams were no sound requests and were dropped")
+    dropped = f"{simulator.dropped} datagrams dropped, no sound requests or of clients too many"
+    narrate(f"{log.calls} calls; {dropped}")
 
 
 def _chosen(scenario: Scenario | None, profile: str | None, defects: tuple[str, ...]) -> Scenario:
