@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 import select
+import struct
+import sys
+import time
 from typing import Protocol
 
 READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
@@ -21,8 +26,8 @@ class Poller(Protocol):
     def unregister(self, descriptor: int, /) -> object:
         """Wait no more."""
 
-    def poll(self, seconds: float, /) -> list[tuple[int, int]]:
-        """Return what happened, at the latest after so many seconds."""
+    def poll(self, seconds: float | None, /) -> list[tuple[int, int]]:
+        """Return what happened, at the latest after so many seconds, if there is a limit."""
 
     def close(self) -> object:
         """Let go."""
@@ -44,7 +49,7 @@ class SelectPoller:
         """Wait no more."""
         self._masks.pop(descriptor, None)
 
-    def poll(self, seconds: float) -> list[tuple[int, int]]:
+    def poll(self, seconds: float | None) -> list[tuple[int, int]]:
         """Return what happened; what went wrong on a socket shows when it is read or written."""
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
@@ -71,3 +76,19 @@ def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
     assert isinstance(poller, select.epoll)
     select.select([poller.fileno()], (), (), seconds)
     return poller.poll(0)
+
+
+def open_ticker(seconds: float) -> int | None:
+    """Open a file descriptor that can be read every so many seconds; None where there is no such thing.
+
+    Waiting with a limit sets a timer each time, which costs microseconds; this one is set once.
+    """
+    if sys.platform != "linux":
+        return None
+    libc = ctypes.CDLL(None, use_errno=True)
+    descriptor = int(libc.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
+    if descriptor < 0:
+        return None
+    each = divmod(round(seconds * 1e9), 1_000_000_000)
+    libc.timerfd_settime(descriptor, 0, struct.pack("@llll", *each, *each), None)
+    return descriptor

@@ -6,12 +6,13 @@ What passed goes into a ring that another process watches. Only where there are 
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeAlias
 
 from bcapscope.proxy.hook import Action, Policy, Send
-from bcapscope.proxy.poller import READ, make_poller, wait_precisely
+from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisely
 from bcapscope.proxy.ring import Count, Kind, RingWriter
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 
@@ -19,11 +20,11 @@ Address: TypeAlias = tuple[str, int]
 Handler: TypeAlias = Callable[[int], None]
 """Is called with what happened to a file descriptor."""
 
-PATIENCE = 0.25
-"""Seconds that it waits at most, so that it notices soon that it is to end."""
+PATIENCE = 0.05
+"""Seconds that it waits at most: what passed is told after that, and an order to end is noticed."""
 
-_TICK = 1_000_000_000
-"""ns between looks at what does not come by itself: silent clients, full buffers."""
+_SWEEP_EVERY = 20
+"""So many times that makes one look at what does not come by itself: silent clients, full buffers."""
 
 MOST_CLIENTS = 256
 """Clients of all listeners. The official server takes 20 (orin_bcap C/src/bcap_server.c)."""
@@ -92,7 +93,12 @@ class Relay:
         self._poller = make_poller()
         self._handlers: dict[int, Handler] = {}
         self._ports: list[Port] = []
-        self._next_tick = 0
+        self._idle: Callable[[], None] = lambda: None
+        self._beats = 0
+        self._next_beat = 0.0
+        self._ticker = open_ticker(PATIENCE)
+        if self._ticker is not None:
+            self.watch(self._ticker, self._ticked)
         self._stopped = self._closed = False
 
     def listen(self, ports: Iterable[Port]) -> None:
@@ -111,18 +117,19 @@ class Relay:
         Args:
             idle: called about once a second; it must not wait.
         """
-        self._stopped = False
-        handlers, poll, policy, clock = self._handlers, self._poller.poll, self.policy, time.monotonic_ns
+        self._stopped, self._idle = False, idle
+        handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
+        patience = PATIENCE if self._ticker is None else None
         while not self._stopped:
-            for descriptor, happened in poll(PATIENCE) if policy is None else self._wait(policy):
-                handler = handlers.get(descriptor)
+            for descriptor, happened in poll(patience) if policy is None else self._wait(policy):
+                handler = handler_of(descriptor)
                 if handler is not None:
                     handler(happened)
             if policy is not None:
                 self._take_due(policy)
-            if clock() >= self._next_tick:
-                self._tick()
-                idle()
+            if patience is not None and time.monotonic() >= self._next_beat:
+                self._next_beat = time.monotonic() + PATIENCE
+                self._beat()
 
     def close(self) -> None:
         """Let go of all clients and ports."""
@@ -246,13 +253,22 @@ class Relay:
                     if session is not None and not policy.holds(number, direction_of(up)):
                         session.passed_on(up)
 
-    def _tick(self) -> None:
-        self._next_tick = time.monotonic_ns() + _TICK
-        now = time.time_ns()
-        for port in self._ports:
-            port.sweep(now)
-        for session in list(self.sessions.values()):
-            session.sweep(now)
+    def _ticked(self, _: int) -> None:
+        assert self._ticker is not None
+        os.read(self._ticker, 8)
+        self._beat()
+
+    def _beat(self) -> None:
+        """Write what is noted; from time to time do what does not come by itself."""
+        self.ring.flush()
+        self._beats += 1
+        if self._beats % _SWEEP_EVERY == 0:
+            now = time.time_ns()
+            for port in self._ports:
+                port.sweep(now)
+            for session in list(self.sessions.values()):
+                session.sweep(now)
+            self._idle()
 
 
 def direction_of(up: bool) -> Direction:

@@ -10,14 +10,20 @@ from __future__ import annotations
 import struct
 from collections import deque
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.proxy.sockets import Control, kernel_time
 
 HEADER = 4096
 """Bytes before the records: where writer and reader are, and the counts."""
 
+BATCH = 16
+"""Datagrams that are noted before they are written together: writing costs time in which others may wait."""
+
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
 _WRITTEN, _READ, _COUNTS = 0, 1, 8  # places in the header, in 8 bytes
+_PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 
 class Kind(IntEnum):
@@ -63,6 +69,10 @@ class Count(IntEnum):
     """Datagrams and pieces of streams that a rule touched."""
 
 
+_CAME, _LEFT = (int(Count.CAME_DOWN), int(Count.CAME_UP)), (int(Count.LEFT_DOWN), int(Count.LEFT_UP))
+_DATA = int(Kind.DATA)
+
+
 class Record(NamedTuple):
     """One thing that the relay did.
 
@@ -100,11 +110,16 @@ class _Ring:
         self._space.release()
 
 
+Noted: TypeAlias = tuple[bool, int, Control, int, bytes]
+"""A datagram: up, client, what the system said of it, when it had been sent (0 if it was not), bytes."""
+
+
 class RingWriter(_Ring):
     """The relay's end.
 
     Attributes:
         counts: by `Count`; the relay's own, to be added to in place.
+        notes: datagrams that are not written yet; whoever notes one looks whether they are `BATCH`.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -112,6 +127,33 @@ class RingWriter(_Ring):
         self._written = 0
         self._owed: deque[tuple[Kind, bool, int, int, bytes]] = deque()
         self._abandoned = False
+        self.notes: list[Noted] = []
+
+    def flush(self) -> None:
+        """Write and count what is noted."""
+        notes = self.notes
+        if not notes:
+            return
+        counts, size = self.counts, 0
+        parts: list[bytes] = []
+        for up, client, control, left, data in notes:
+            length = len(data)
+            need = 39 + length & ~7
+            size += need
+            came = kernel_time(control, left)
+            parts += (_HEAD.pack(need, _DATA, up, 0, client, length, came, left), data, _PADDING[length & 7])
+            counts[_CAME[up]] += 1
+            if left:
+                counts[_LEFT[up]] += 1
+        written = self._written
+        place = written % self._size
+        if self._owed or place + size > self._size or written + size - self._marks[_READ] > self._size:
+            for up, client, control, left, data in notes:
+                self._put(up, client, kernel_time(control, left), left, data, b"", Kind.DATA)
+        else:
+            self._space[place : place + size] = b"".join(parts)
+            self._marks[_WRITTEN] = self._written = written + size
+        notes.clear()
 
     def abandon(self) -> None:
         """Go on without a reader."""
@@ -130,6 +172,19 @@ class RingWriter(_Ring):
         kind: Kind = Kind.DATA,
     ) -> bool:
         """Write a record, or count it as unwatched; tell whether there was room."""
+        self.flush()
+        return self._put(up, client, came, left, data, note, kind)
+
+    def _put(  # noqa: PLR0917 - the inner one of `put`
+        self,
+        up: bool,
+        client: int,
+        came: int,
+        left: int,
+        data: bytes | memoryview,
+        note: bytes,
+        kind: Kind,
+    ) -> bool:
         if self._owed and not self._settle():
             self.counts[Count.UNWATCHED] += 1
             return False
@@ -158,6 +213,7 @@ class RingWriter(_Ring):
 
     def must(self, kind: Kind, client: int, data: bytes, now: int, *, up: bool = False) -> None:
         """Write what has to be known, now or as soon as there is room; everything else waits for it."""
+        self.flush()
         if not self._abandoned:
             self._owed.append((kind, up, client, now, data))
             self._settle()
@@ -167,7 +223,7 @@ class RingWriter(_Ring):
         unwatched = self.counts[Count.UNWATCHED]
         while owed:
             kind, up, client, now, data = owed[0]
-            if not self.put(up, client, now, 0, data, kind=kind):
+            if not self._put(up, client, now, 0, data, b"", kind):
                 self.counts[Count.UNWATCHED] = unwatched  # it is not given up
                 break
             owed.popleft()

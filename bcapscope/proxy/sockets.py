@@ -6,6 +6,7 @@ import os
 import socket
 import struct
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -17,8 +18,14 @@ from bcapscope.traffic.observation import Endpoint, Transport
 SocketAddress: TypeAlias = tuple[Any, ...]
 """As the socket module has it: host, port, and for IPv6 flow and scope."""
 
-Receive: TypeAlias = Callable[[list[bytearray], int], tuple[int, list[tuple[int, int, bytes]], int, Any]]
-"""Like `socket.recvmsg_into`."""
+Control: TypeAlias = list[tuple[int, int, bytes]]
+"""What the system says of a datagram: when it came, as far as we asked."""
+
+Receive: TypeAlias = Callable[[int, int], tuple[bytes, Control, int, Any]]
+"""Like `socket.recvmsg`."""
+
+LARGEST = 65535
+"""Bytes of a datagram."""
 
 CONTROL = 64
 """Bytes for what the system says of a datagram: when it came."""
@@ -114,21 +121,19 @@ def prepare_datagrams(sock: socket.socket) -> None:
 
 
 def receiver(sock: socket.socket) -> Receive:
-    """Return `recvmsg_into`, or what does the same where there is none."""
-    return getattr(sock, "recvmsg_into", None) or partial(_receive_plainly, sock)
+    """Return `recvmsg`, or what does the same where there is none."""
+    return getattr(sock, "recvmsg", None) or partial(_receive_plainly, sock)
 
 
-def _receive_plainly(
-    sock: socket.socket, buffers: list[bytearray], _: int
-) -> tuple[int, list[tuple[int, int, bytes]], int, Any]:
-    size, address = sock.recvfrom_into(buffers[0])
-    return size, [], 0, address
+def _receive_plainly(sock: socket.socket, most: int, _: int) -> tuple[bytes, Control, int, Any]:
+    data, address = sock.recvfrom(most)
+    return data, [], 0, address
 
 
-def kernel_time(control: list[tuple[int, int, bytes]], now: int) -> int:
-    """Return when a datagram came, ns since 1970; `now` where the system does not say."""
+def kernel_time(control: Control, now: int) -> int:
+    """Return when a datagram came, ns since 1970; `now`, or what the clock says, where nobody else does."""
     if not control or len(control[0][2]) != _TIMESPEC.size:
-        return now
+        return now or time.time_ns()
     seconds, nanoseconds = _TIMESPEC.unpack(control[0][2])
     return int(seconds * 1_000_000_000 + nanoseconds)
 

@@ -8,11 +8,11 @@ import time
 from collections.abc import Sequence
 
 from bcapscope.protocol.hresult import S_EXECUTING
-from bcapscope.proxy.poller import READ
-from bcapscope.proxy.relay import Relay, conversation
-from bcapscope.proxy.ring import Count
+from bcapscope.proxy.relay import Handler, Relay, conversation
+from bcapscope.proxy.ring import BATCH, Count
 from bcapscope.proxy.sockets import (
     CONTROL,
+    LARGEST,
     SocketAddress,
     connect_datagrams,
     drops,
@@ -73,14 +73,13 @@ class UdpPort:
         self._forget_after = forget_after
         self._sessions: dict[SocketAddress, UdpSession] = {}
         self._strangers: set[str] = set()
-        self._receive = receiver(self.sender)
-        self._buffers = [relay.buffer]
-        self._view = memoryview(relay.buffer)
         self._dropped = 0
 
     def open(self) -> None:
         """Begin to take clients."""
-        self.relay.watch(self.sender.fileno(), self._readable)
+        self.relay.watch(
+            self.sender.fileno(), self._passing() if self.relay.policy is None else self._ruled()
+        )
 
     def close(self) -> None:
         """Take nothing more; what comes for clients is still sent to them."""
@@ -102,30 +101,47 @@ class UdpPort:
         """Forget a client."""
         self._sessions.pop(address, None)
 
-    def _readable(self, _: int) -> None:
-        try:
-            size, control, _, address = self._receive(self._buffers, CONTROL)
-        except OSError:  # nothing there after all; on Windows an earlier client's closed port
-            return
-        relay = self.relay
-        session = self._sessions.get(address)
-        if session is None:
-            session = self._meet(address)
+    def _passing(self) -> Handler:
+        """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
+        receive, known, meet = receiver(self.sender), self._sessions.get, self._meet
+        ring, now = self.relay.ring, time.time_ns
+        notes, note, flush = ring.notes, ring.notes.append, ring.flush
+
+        def take(_: int) -> None:
+            try:
+                data, control, _flags, address = receive(LARGEST, CONTROL)
+            except OSError:  # nothing there after all; on Windows an earlier client's closed port
+                return
+            session = known(address) or meet(address)
             if session is None:
                 return
-        data = self._view[:size]
-        relay.counts[Count.CAME_UP] += 1
-        if relay.policy is None:
             try:
-                session.upstream.send(data)
-                left = session.heard = time.time_ns()
-                relay.counts[Count.LEFT_UP] += 1
+                session.send_up(data)
+                session.heard = left = now()
             except OSError as error:
                 left = session.send_again(data, error)
-            relay.ring.put(True, session.number, kernel_time(control, left or session.heard), left, data)
-        else:
-            session.heard = time.time_ns()
-            relay.rule(session, True, bytes(data), kernel_time(control, session.heard))
+            note((True, session.number, control, left, data))
+            if len(notes) >= BATCH:
+                flush()
+
+        return take
+
+    def _ruled(self) -> Handler:
+        """Make what asks the rules first."""
+        receive, relay = receiver(self.sender), self.relay
+
+        def take(_: int) -> None:
+            try:
+                data, control, _flags, address = receive(LARGEST, CONTROL)
+            except OSError:
+                return
+            session = self._sessions.get(address) or self._meet(address)
+            if session is not None:
+                session.heard = time.time_ns()
+                relay.counts[Count.CAME_UP] += 1
+                relay.rule(session, True, data, kernel_time(control, session.heard))
+
+        return take
 
     def _meet(self, address: SocketAddress) -> UdpSession | None:
         """Open a way to the controller for a new client, if it may have one."""
@@ -167,8 +183,21 @@ class UdpSession:
         number: of the client.
         conversation: between the client and the controller.
         heard: when the client was last heard, ns since 1970.
-        upstream: the socket, connected to the controller.
+        send_up: sends to the controller.
     """
+
+    __slots__ = (
+        "_address",
+        "_dropped",
+        "_port",
+        "_relay",
+        "_send_down",
+        "_upstream",
+        "conversation",
+        "heard",
+        "number",
+        "send_up",
+    )
 
     def __init__(self, port: UdpPort, address: SocketAddress, upstream: socket.socket) -> None:
         """Take in a client that was heard for the first time."""
@@ -177,41 +206,39 @@ class UdpSession:
         self.number = relay.next_number()
         self.conversation = conversation(client, port.to, Transport.UDP)
         self.heard = time.time_ns()
-        self.upstream = upstream
+        self.send_up = upstream.send
+        self._upstream = upstream
         self._port = port
         self._relay = relay
         self._address = address
-        self._receive = receiver(upstream)
-        self._buffers = [relay.buffer]
-        self._view = memoryview(relay.buffer)
         self._send_down = port.sender.sendto
         self._dropped = 0
-        relay.watch(upstream.fileno(), self._readable, READ)
+        relay.watch(upstream.fileno(), self._passing() if relay.policy is None else self._ruled())
         relay.meet(self, (client, facing(port.sender, address), endpoint_of(upstream.getsockname()), port.to))
 
     def send(self, up: bool, data: bytes) -> int:
         """Send a datagram; return when, 0 if the system would not."""
-        counts = self._relay.counts
         try:
             if up:
-                self.upstream.send(data)
+                self.send_up(data)
             else:
                 self._send_down(data, self._address)
+            left = time.time_ns()
         except OSError as error:
-            return self.send_again(data, error) if up else self._refuse(data, error)
-        counts[Count.LEFT_UP if up else Count.LEFT_DOWN] += 1
-        return time.time_ns()
+            left = self.send_again(data, error) if up else self._refuse(data, error)
+        if left:
+            self._relay.counts[Count.LEFT_UP if up else Count.LEFT_DOWN] += 1
+        return left
 
-    def send_again(self, data: bytes | memoryview, error: OSError) -> int:
+    def send_again(self, data: bytes, error: OSError) -> int:
         """Send up what the system did not take, if it only had to tell of an earlier datagram first."""
         if not isinstance(error, ConnectionRefusedError):
             return self._refuse(data, error)
         self._tell_refused()
         try:
-            self.upstream.send(data)
+            self.send_up(data)
         except OSError as again:
             return self._refuse(data, again)
-        self._relay.counts[Count.LEFT_UP] += 1
         return time.time_ns()
 
     def leave(self, requests: Sequence[bytes]) -> int:
@@ -229,12 +256,11 @@ class UdpSession:
         left = self.send(True, request)
         relay.ring.put(True, self.number, 0, left, request, note=b"the proxy ends the session")
         until = time.monotonic() + _PATIENCE
-        while (rest := until - time.monotonic()) > 0 and select.select([self.upstream], (), (), rest)[0]:
+        while (rest := until - time.monotonic()) > 0 and select.select([self._upstream], (), (), rest)[0]:
             try:
-                size, control, _, _ = self._receive(self._buffers, CONTROL)
+                data, control, _, _ = receiver(self._upstream)(LARGEST, CONTROL)
             except OSError:
                 return False
-            data = bytes(self._view[:size])
             relay.ring.put(False, self.number, kernel_time(control, time.time_ns()), 0, data)
             if data[5:7] == request[5:7] and data[9:13] != _STILL_EXECUTING:
                 return True
@@ -246,8 +272,8 @@ class UdpSession:
     def close(self, reset: bool, why: str) -> None:
         """Close the socket."""
         self._count_drops()
-        self._relay.unwatch(self.upstream.fileno())
-        self.upstream.close()
+        self._relay.unwatch(self._upstream.fileno())
+        self._upstream.close()
         self._port.forget(self._address)
         self._relay.part(self, why)
 
@@ -255,28 +281,51 @@ class UdpSession:
         """Count what the system dropped; who is silent is the port's business."""
         self._count_drops()
 
-    def _readable(self, _: int) -> None:
-        try:
-            size, control, _, _ = self._receive(self._buffers, CONTROL)
-        except ConnectionRefusedError:
-            self._tell_refused()
-            return
-        except OSError:
-            return
-        data = self._view[:size]
-        relay = self._relay
-        relay.counts[Count.CAME_DOWN] += 1
-        self._port.refused = False
-        if relay.policy is None:
+    def _passing(self) -> Handler:
+        """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
+        receive, send, address, number = receiver(self._upstream), self._send_down, self._address, self.number
+        ring, port, now = self._relay.ring, self._port, time.time_ns
+        notes, note, flush = ring.notes, ring.notes.append, ring.flush
+
+        def take(_: int) -> None:
             try:
-                self._send_down(data, self._address)
-                left = time.time_ns()
-                relay.counts[Count.LEFT_DOWN] += 1
+                data, control, _flags, _from = receive(LARGEST, CONTROL)
+            except OSError as error:
+                self._trouble(error)
+                return
+            try:
+                send(data, address)
+                left = now()
             except OSError as error:
                 left = self._refuse(data, error)
-            relay.ring.put(False, self.number, kernel_time(control, left or time.time_ns()), left, data)
-        else:
-            relay.rule(self, False, bytes(data), kernel_time(control, time.time_ns()))
+            note((False, number, control, left, data))
+            if len(notes) >= BATCH:
+                flush()
+            if port.refused:
+                port.refused = False
+
+        return take
+
+    def _ruled(self) -> Handler:
+        """Make what asks the rules first."""
+        receive, relay, port = receiver(self._upstream), self._relay, self._port
+
+        def take(_: int) -> None:
+            try:
+                data, control, _flags, _from = receive(LARGEST, CONTROL)
+            except OSError as error:
+                self._trouble(error)
+                return
+            port.refused = False
+            relay.counts[Count.CAME_DOWN] += 1
+            relay.rule(self, False, data, kernel_time(control, 0))
+
+        return take
+
+    def _trouble(self, error: OSError) -> None:
+        """Tell of a refusal by ICMP; anything else is no datagram, and that is all."""
+        if isinstance(error, ConnectionRefusedError):
+            self._tell_refused()
 
     def _tell_refused(self) -> None:
         """Tell once, until something comes from the controller again."""
@@ -284,7 +333,7 @@ class UdpSession:
             self._port.refused = True
             self._relay.tell(f"{self._port.to} refuses datagrams: nobody listens on UDP there (ICMP)")
 
-    def _refuse(self, data: bytes | memoryview, error: OSError) -> int:
+    def _refuse(self, data: bytes, error: OSError) -> int:
         """Count what cannot be sent."""
         relay = self._relay
         relay.counts[Count.FULL] += 1
@@ -293,6 +342,6 @@ class UdpSession:
         return 0
 
     def _count_drops(self) -> None:
-        dropped = drops(self.upstream)
+        dropped = drops(self._upstream)
         self._relay.counts[Count.LOST] += dropped - self._dropped
         self._dropped = dropped
