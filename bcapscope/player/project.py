@@ -22,8 +22,11 @@ Reader: TypeAlias = Callable[[Path], tuple[Trajectory, ...]]
 MOST_FILES = 5000
 """Files of a folder that are looked at."""
 
+MOST_FOUND = 64
+"""Trajectories of a folder that are read; nobody chooses from more."""
+
 _DEEPEST = 8
-_READ = frozenset((".csv", ".tsv", ".txt", ".log", ".json", ".yaml", ".yml", ".pcap", ".pcapng"))
+_READ = frozenset((".csv", ".tsv", ".txt", ".log", ".json", ".yaml", ".yml"))
 _MOST_TOLD, _MOST_REASONS = 8, 3
 
 
@@ -43,7 +46,8 @@ def search(path: Path, read: Reader) -> tuple[Trajectory, ...]:
         read: reads one file.
 
     Returns:
-        All that was found, by file; a table without titles is none, since anything may stand in one.
+        What was found, by file, up to `MOST_FOUND` and what the last file has beyond. A table without titles
+        is no log, since anything may stand in one; nor is a capture, which is nobody's export.
 
     Raises:
         TrajectoryError: there is none; tells what there is and what to export.
@@ -55,7 +59,7 @@ def search(path: Path, read: Reader) -> tuple[Trajectory, ...]:
     refused: list[str] = []
     for file in _files(folder):
         seen.append(file)
-        if file.suffix.casefold() in _READ:
+        if len(found) < MOST_FOUND and file.suffix.casefold() in _READ:
             try:
                 found += _named(read(file), str(file.relative_to(folder)))
             except (BcapError, OSError) as error:

@@ -33,11 +33,13 @@ def test_logs_anywhere_in_a_project_are_found(tmp_path: Path, name: str) -> None
 def test_several_files_are_several_trajectories(tmp_path: Path) -> None:
     make(tmp_path, a_csv=LOG, b_csv=b"J1,J2\n1,2\n", c_pcap=(CAPTURES / "exchanges.pcap").read_bytes())
     found = read(tmp_path)
-    assert [each.source.part.split(",")[0] for each in found] == [
-        "a.csv",
-        "b.csv",
-        *(f"c.pcap stay {n}" for n in (1, 2, 3)),
-    ]
+    assert [each.source.part for each in found] == ["a.csv", "b.csv"]
+
+
+def test_no_more_are_read_than_one_chooses_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(project, "MOST_FOUND", 2)
+    make(tmp_path, a_csv=LOG, b_csv=LOG, c_csv=LOG)
+    assert len(read(tmp_path)) == 2
 
 
 def test_what_was_seen_is_told(tmp_path: Path) -> None:
