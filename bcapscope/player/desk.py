@@ -63,14 +63,16 @@ class Desk:
             msgspec.ValidationError: it is none.
         """
         parts = []
-        newline = b""
+        newline = rest = b""
         while not newline:
             data = os.read(self._commands, 1 << 20)
             if not data:
                 raise EOFError("no plan came")
-            part, newline, self._read = data.partition(b"\n")
+            part, newline, rest = data.partition(b"\n")
             parts.append(part)
         os.set_blocking(self._commands, False)
+        if rest:
+            self._take(rest)
         return decode_plan(b"".join(parts))
 
     def listen_to_signals(self) -> None:

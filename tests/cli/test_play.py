@@ -182,8 +182,13 @@ class Terminal:
     def __init__(self, *words: str) -> None:
         self._ours, theirs = pty.openpty()
         argv = [sys.executable, "-m", "bcapscope", *words]
-        self.process = subprocess.Popen(  # noqa: PLW1509 - no other thread is running here
-            argv, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True, preexec_fn=_own_terminal
+        self.process = subprocess.Popen(
+            argv,
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs,
+            start_new_session=True,
+            preexec_fn=_own_terminal,  # noqa: PLW1509 - no other thread is running here
         )
         os.close(theirs)
         self.shown = ""

@@ -1,0 +1,32 @@
+"""The controller's log as CSV, which the player reads again."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+from bcapscope.player.controllog import TITLES, write_log
+from bcapscope.player.reading import read
+from bcapscope.protocol.variant import Value
+
+
+def test_a_log_is_written_so_that_it_can_be_played(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    records: list[Value] = [
+        (*(float(number + column) for column in range(32)), 0, 0, 'a "b", c', 0, 8 * number, 0, 0)
+        for number in range(5)
+    ]
+    with path.open("w", encoding="utf-8") as file:
+        write_log(file, records)
+    (trajectory,) = read(path)
+    assert trajectory.points.tolist() == [
+        [float(number + column) for column in range(0, 32, 4)] for number in range(5)
+    ]
+    assert trajectory.period == 0.008
+
+
+def test_a_record_that_is_none_is_written_as_it_is() -> None:
+    file = io.StringIO()
+    write_log(file, ["odd", None])
+    assert file.getvalue().splitlines()[1:] == ["odd", '""']
+    assert len(TITLES) == 39

@@ -1,0 +1,177 @@
+"""Deadlines, and who sets them, by a clock that jumps; `test_visit` has the rest of it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from bcapscope.player.course import Course
+from bcapscope.player.exchanger import BlockingExchanger
+from bcapscope.player.limits import UNKNOWN
+from bcapscope.player.messages import Point
+from bcapscope.player.pace import FASTEST, Move, Pacer
+from bcapscope.player.trajectory import Source, Trajectory
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, S_OK
+from bcapscope.protocol.requester import Pace
+from bcapscope.protocol.slavemode import Generation, PoseType, SlaveMode, slave_mode
+from bcapscope.protocol.variant import VT
+
+MS = 1_000_000
+POINTS = 40
+
+
+class Controller:
+    """A channel to a controller that answers as a script says.
+
+    Attributes:
+        sent: when each set point was sent.
+        codes: result of each, S_OK after the last.
+        takes: ns until each is answered; None for those that are not.
+        oversleeps: ns that the wait for each takes too long.
+    """
+
+    datagrams = True
+    local = ("127.0.0.1", 1)
+    peer = ("127.0.0.1", 5007)
+
+    def __init__(self) -> None:
+        self.sent: list[int] = []
+        self.points: list[float] = []
+        self.codes: dict[int, int] = {}
+        self.takes: dict[int, int | None] = {}
+        self.oversleeps: dict[int, int] = {}
+        self._now = 0
+        self._replies: list[tuple[int, bytes]] = []
+
+    def now(self) -> int:
+        return self._now
+
+    def wait(self, until: int) -> None:
+        self._now = max(self._now, until + self.oversleeps.get(len(self.sent), 0))
+
+    def send(self, data: bytes) -> None:
+        number, frame = len(self.sent), Frame(data)
+        self.sent.append(self._now)
+        row = frame.arguments[2].variant.value
+        assert isinstance(row, tuple)
+        assert isinstance(row[0], float)
+        self.points.append(row[0])
+        reply = encode(frame.serial, 0, self.codes.get(number, S_OK), ())
+        takes = self.takes.get(number, MS // 10)
+        if takes is not None:
+            self._replies.append((self._now + takes, reply))
+
+    def receive(self, until: int) -> bytes | None:
+        due = self._replies[0][0] if self._replies else until + 1
+        self._now = max(self._now, min(due, until))
+        return self._replies.pop(0)[1] if due <= self._now else None
+
+    def close(self) -> None:
+        raise AssertionError
+
+
+def mode(value: int, generation: Generation = Generation.RC8) -> SlaveMode:
+    """Return a mode."""
+    found = slave_mode(value, generation)
+    assert found is not None
+    return found
+
+
+def play(controller: Controller, chosen: SlaveMode, hold: int = 0) -> Pacer:
+    """Play points that are numbered from 0."""
+    rows = np.zeros((POINTS, 8))
+    rows[:, 0] = np.arange(POINTS)
+    course = Course(Trajectory(PoseType.J, rows, Source("", "")), 0.008, UNKNOWN, 1, hold)
+    pace = Pace(2 * MS, 0 if chosen.overwrites else 7)
+    exchanger = BlockingExchanger(controller, Convention.SEED)
+    pacer = Pacer(exchanger, Move(1, VT.R8, chosen, pace, 8 * MS), course, lambda _: None, 100)
+    pacer.play()
+    return pacer
+
+
+def gaps(controller: Controller) -> list[float]:
+    """Return ms between set points."""
+    return [(b - a) / MS for a, b in pairwise(controller.sent)]
+
+
+def test_a_little_late_keeps_the_grid() -> None:
+    controller = Controller()
+    controller.oversleeps = {10: 3 * MS}
+    pacer = play(controller, mode(0x102))
+    assert gaps(controller)[8:12] == [8, 11, 5, 8]
+    assert (pacer.lateness.exact().most, pacer.counts.shifted) == (3 * MS, 0)
+
+
+def test_much_too_late_moves_the_grid_and_leaves_no_point_out() -> None:
+    controller = Controller()
+    controller.oversleeps = {10: 30 * MS}
+    pacer = play(controller, mode(0x102))
+    assert gaps(controller)[8:12] == [8, 38, 8, 8]
+    assert pacer.counts.shifted == 1
+    assert controller.points == list(range(POINTS))
+
+
+def test_being_held_up_is_no_silence_of_the_controller() -> None:
+    controller = Controller()
+    controller.oversleeps = {10: 500 * MS}
+    assert play(controller, mode(0x102)).counts.unanswered == 0
+
+
+def test_a_late_reply_delays_nothing_in_async() -> None:
+    controller = Controller()
+    controller.takes = {10: 9 * MS}
+    pacer = play(controller, mode(0x102))
+    assert set(gaps(controller)) == {8}
+    assert (pacer.counts.late, pacer.counts.unanswered, pacer.counts.retries) == (1, 0, 0)
+
+
+def test_mode_0_fills_the_buffer_and_then_keeps_the_period() -> None:
+    controller = Controller()
+    controller.codes = dict.fromkeys(range(2, 100), S_BUF_FULL)
+    play(controller, mode(0x002))
+    assert gaps(controller)[0] < 1
+    assert gaps(controller)[1] < 1
+    assert set(gaps(controller)[2:]) == {8}
+
+
+def test_mode_0_sends_again_what_found_the_buffer_full() -> None:
+    controller = Controller()
+    controller.codes = {**dict.fromkeys(range(100), S_BUF_FULL), 10: E_SLAVE_OVERFLOW, 11: E_SLAVE_OVERFLOW}
+    pacer = play(controller, mode(0x002))
+    assert controller.points[9:14] == [9, 10, 10, 10, 11]
+    assert pacer.counts.repeated == 2
+    assert gaps(controller)[10:13] == [1, 1, 8]
+
+
+def test_who_should_set_the_pace_and_does_not_sets_none() -> None:
+    controller = Controller()
+    pacer = play(controller, mode(0x202))
+    assert max(gaps(controller)[:4]) < 1
+    assert min(gaps(controller)[6:]) >= FASTEST * 8
+    assert pacer.counts.held > 30
+
+
+def test_the_reply_is_the_deadline_where_the_controller_waits() -> None:
+    controller = Controller()
+    controller.takes = {number: 1_700_000 if number % 4 == 3 else None for number in range(4 * POINTS)}
+    pacer = play(controller, mode(0x002, Generation.RC7))
+    assert set(gaps(controller)) == {2}  # a try each 2 ms until the reply comes, and 0.3 ms to get ready
+    assert pacer.lateness.exact().most == 0
+    assert pacer.counts.retries == 3 * POINTS
+
+
+def first_and_last(controller: Controller) -> tuple[int, int]:
+    """Count how often the first and the last point were sent."""
+    return controller.points.count(0), controller.points.count(POINTS - 1)
+
+
+def test_the_first_and_the_last_point_are_held() -> None:
+    controller = Controller()
+    pacer = play(controller, mode(0x102), hold=4)
+    assert first_and_last(controller) == (5, 5)
+    assert pacer.counts.sent == POINTS + 8
+    point: Point = pacer.commanded
+    assert point[0] == POINTS - 1
