@@ -102,10 +102,10 @@ class Arm:
             before = step
         return before[1]
 
-    def move(self, goal: Joints, now: int, speed: float) -> Motion:
-        """Begin an ordinary motion from where the command is."""
+    def move(self, goal: Joints, now: int, speed: float, least: int = 0) -> Motion:
+        """Begin an ordinary motion from where the command is, that takes `least` ns or more."""
         start = self.commanded(now)
-        self._motion = Motion(start, goal, now, now + duration(start, goal, speed))
+        self._motion = Motion(start, goal, now, now + max(least, duration(start, goal, speed)))
         self._steps.clear()
         return self._motion
 

@@ -7,6 +7,8 @@ and that the refusal ends it: issues 13, 21, 42 and 48 of DENSORobot/denso_robot
 
 from __future__ import annotations
 
+from functools import partial
+
 from bcapscope.protocol.commands import command
 from bcapscope.protocol.effects import Effect, function_effect
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
@@ -71,6 +73,7 @@ class Client:
         self.started = False
         self.wdt = None
         self.objects.clear()
+        self.machine.open.pop(self.number, None)
         if self.machine.owner == self.number:
             self.machine.owner = None
 
@@ -102,18 +105,23 @@ class Client:
         self.wdt = None if wdt is None else wdt * MS
         self.invoke_timeout = (DEFAULT_INVOKE_TIMEOUT if limit is None else limit) * MS
         self.started = True
+        self.machine.open[self.number] = self.objects
         return DONE
 
     def _connect(self, arguments: tuple[Variant, ...]) -> Outcome:
-        """Open the controller; RC7 ignores all four strings, the others need their provider."""
+        """Open the controller; RC7 ignores all four strings, the others need their provider.
+
+        A name is in use as long as any client has it, and one that has crashed has it until it is forgotten.
+        """
         name, provider, _, option = (text_of(nth(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
         if providers and provider.strip().casefold() not in providers:
             raise RefusedError(E_INVALIDARG)
         open_already = self.objects.named(ObjectClass.CONTROLLER, name, None) if name else None
-        if open_already and "@ifnotmember" in option.casefold():
-            return Answer(value=i4(open_already.handle))
-        if open_already and providers:
+        if "@ifnotmember" in option.casefold():
+            if open_already:
+                return Answer(value=i4(open_already.handle))
+        elif name and providers and any(map(partial(_has_controller, name), self.machine.open.values())):
             raise RefusedError(E_CAO_COLLECTION_REGISTERED)
         return Answer(value=i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle))
 
@@ -126,6 +134,10 @@ class Client:
         if not is_allowed_in_slave_mode(function_id, arguments):
             self.machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
             raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
+
+
+def _has_controller(name: str, objects: Objects) -> bool:
+    return objects.named(ObjectClass.CONTROLLER, name, None) is not None
 
 
 def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...]) -> bool:

@@ -16,6 +16,7 @@ from bcapscope.simulator.controllog import ControlLog, Record
 from bcapscope.simulator.drive import SlaveDrive
 from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, Joints, beyond_limit
 from bcapscope.simulator.memory import Memory
+from bcapscope.simulator.objects import Objects
 from bcapscope.simulator.outcome import RefusedError
 from bcapscope.simulator.profile import Profile
 from bcapscope.simulator.refusals import (
@@ -93,10 +94,14 @@ class Speeds:
     acceleration: float = 100.0
     deceleration: float = 100.0
 
-    @property
-    def share(self) -> float:
-        """Share of the highest speed that motions have, above 0 up to 1."""
-        return max(0.001, min(1.0, self.external * self.internal / 10_000))
+    def share_at(self, speed: float | None) -> float:
+        """Return the share of the highest speed that a motion has, above 0 up to 1.
+
+        Args:
+            speed: internal one in percent; None for the usual one.
+        """
+        internal = self.internal if speed is None else speed
+        return max(0.001, min(1.0, self.external * internal / 10_000))
 
 
 class Machine:
@@ -104,6 +109,7 @@ class Machine:
 
     Attributes:
         owner: number of the client that has the arm; None while nobody has it.
+        open: what each client has opened, by its number.
         stops: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
         stopped_by: result of the last of them.
     """
@@ -125,6 +131,7 @@ class Machine:
         self.tasks = dict.fromkeys((name.casefold() for name in self.start.tasks), READY)
         self.tasks |= dict.fromkeys((name.casefold() for name in self.start.running), RUNNING)
         self.files = {f"{name}.pac".casefold(): f"{name}.pac" for name in self.start.tasks}
+        self.open: dict[int, Objects] = {}
         self.tool = 0
         self.work = 0
         self.stops = 0

@@ -7,22 +7,28 @@ meanwhile is 80010004, after the ANSI-C client's b-Cap.h; that client repeats it
 
 from __future__ import annotations
 
+import re
 from types import MappingProxyType
+from typing import NamedTuple
 
 from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL, E_ROBOTISBUSY
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.arm import LAG, Motion
+from bcapscope.simulator.arm import LAG, MS, Motion
 from bcapscope.simulator.context import Commands, Context
 from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
 from bcapscope.simulator.outcome import Answer, Outcome, RefusedError, Running
-from bcapscope.simulator.posenotation import END_OF_ENCODERS, PASSING, Target, parse_target
-from bcapscope.simulator.values import integer_of, items_of, nth, number_of, text_of
+from bcapscope.simulator.posenotation import END_OF_ENCODERS, LONGEST, PASSING, Target, parse_target
+from bcapscope.simulator.values import bstr, integer_of, items_of, nth, number_of, text_of
 
 IS_STOPPING = 0x83201404
 PASS_SHARE = 0.7
 """Share of a motion's time after which @P lets the next one begin; ours."""
 
+LONGEST_TIME = 3_600_000
+"""ms; ours."""
+
 _PTP, _LINE = 1, 2
+_GIVEN = re.compile(r"\b(SPEED|TIME)\s*=\s*([^\s,]+)")
 
 
 def move(context: Context, interpolation: Variant, pose: Variant, option: Variant) -> Outcome:
@@ -64,12 +70,36 @@ def run_motion(context: Context, target: Target, option: str = "") -> Outcome:
     if now < machine.free_at:
         raise RefusedError(E_ROBOTISBUSY)
     machine.check_reach(target.joints)
-    motion = machine.arm.move(target.joints, now, machine.speeds.share)
+    manner = _manner(option)
+    motion = machine.arm.move(target.joints, now, machine.speeds.share_at(manner.speed), manner.time)
     done = _done(motion, target.passing)
     machine.free_at = done
-    if "NEXT" in option.upper().replace(",", " ").split():
-        return Answer()
-    return _running(context, done)
+    return Answer() if manner.next else _running(context, done)
+
+
+class _Manner(NamedTuple):
+    """How a motion is to be made.
+
+    Attributes:
+        speed: internal speed in percent; None for that of the robot.
+        time: ns that it is to take at least.
+        next: the call does not wait for its end.
+    """
+
+    speed: float | None
+    time: int
+    next: bool
+
+
+def _manner(option: str) -> _Manner:
+    """Read an option such as `SPEED=50, TIME=2000, NEXT`; that the time is in ms is assumed."""
+    text = option[:LONGEST].upper()
+    given = dict(_GIVEN.findall(text))
+    speed = number_of(bstr(given["SPEED"])) if "SPEED" in given else None
+    time = number_of(bstr(given.get("TIME", "0")))
+    if not 0 <= time <= LONGEST_TIME or (speed is not None and not 0 < speed <= 100):
+        raise RefusedError(E_INVALIDARG)
+    return _Manner(speed, round(time * MS), "NEXT" in text.replace(",", " ").split())
 
 
 def _running(context: Context, done: int) -> Running:

@@ -150,6 +150,7 @@ _CONTROLLER: dict[str, Read] = {
     "@BUSY_STATUS": lambda context: boolean(RUNNING in context.machine.tasks.values()),
     "@NORMAL_STATUS": lambda context: boolean(not context.machine.alarms.active),
     "@AUTO_ENABLE": _fixed(boolean(True)),
+    "@IO_ALLOC_MODE": _fixed(i4(0)),
     **{f"@VAR_{letter}_LEN": _fixed(i4(COUNT)) for letter in LETTERS},
 }
 

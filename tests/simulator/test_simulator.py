@@ -67,6 +67,47 @@ def test_a_controller_connected_twice_under_one_name() -> None:
     assert again.value == first.value
 
 
+def test_a_name_is_in_use_as_long_as_any_client_has_it() -> None:
+    desk = Desk("rc8")
+    first, second = Person(desk, "first"), Person(desk, "second")
+    names = [bstr(text) for text in ("Cell", "CaoProv.DENSO.VRC", "localhost", "")]
+    first.call("Service_Start", bstr(""))
+    second.call("Service_Start", bstr(""))
+    assert first.call("Controller_Connect", *names).hresult == 0
+    assert second.call("Controller_Connect", bstr("CELL"), *names[1:]).hresult == 0x80000205
+    assert second.call("Controller_Connect", *names[:3], bstr("@IfNotMember")).hresult == 0
+    assert second.call("Service_Stop").hresult == 0
+    desk.simulator.disconnect("first", desk.now)
+    second.call("Service_Start", bstr(""))
+    assert second.call("Controller_Connect", *names).hresult == 0
+
+
+@pytest.mark.parametrize(
+    ("option", "ms"),
+    [
+        ("", 274),
+        ("SPEED=50", 524),
+        ("speed = 50 NEXT", 0),
+        ("TIME=3000", 3024),
+        ("TIME=1", 274),
+        ("NEXT", 0),
+    ],
+)
+def test_a_motion_is_made_as_its_option_says(option: str, ms: float) -> None:
+    operator = Operator(Desk())
+    operator.ready()
+    reply = operator.move("@E J(40,0,90,0,90,0)", option)
+    assert (reply.hresult, reply.ms) == (0, ms)
+
+
+@pytest.mark.parametrize("option", ["SPEED=0", "SPEED=101", "SPEED=x", "TIME=-1", "TIME=1e300", "TIME=nan"])
+def test_a_motion_with_an_odd_option_is_refused(option: str) -> None:
+    operator = Operator(Desk())
+    operator.ready()
+    assert operator.move("@E J(40,0,90,0,90,0)", option).hresult >> 16 in (0x8007, 0x8002)
+    assert operator.robot("CurJnt").value == joints(0, 0, 90, 0, 90, 0)
+
+
 def test_handles_are_of_one_class_and_end_with_their_release(operator: Operator) -> None:
     variable = operator.get("Controller_GetVariable", operator.controller, "I1")
     assert operator.call("Robot_GetName", variable).hresult == E_HANDLE
