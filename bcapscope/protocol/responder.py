@@ -22,6 +22,7 @@ REMEMBERED = 32
 """Answers kept for each client. One is enough for a network that keeps packets in order, as one call is asked
 at a time; the others are for packets that arrive late. A UDP answer has 503 bytes at most."""
 
+_SERVICE_START = 1
 _RING = 0xFFFF
 """Serials count 1..65535 and begin again at 1."""
 
@@ -144,7 +145,7 @@ class Responder:
             largest: bytes that an answer may have.
             defects: of DENSO's C server that are to be imitated.
         """
-        self.convention = convention
+        self.convention = self._told = convention
         self._retries = retries
         self._echo = replies is ReplyReserved.ECHOED
         self._largest = largest
@@ -221,6 +222,8 @@ class Responder:
         serial, named = frame.serial, frame.reserved or frame.serial
         if self._forgets_first:
             return next((call for call in calls if call.first == named), None)
+        if frame.code == _SERVICE_START and frame.reserved in (0, serial):
+            self.convention = self._told  # a program begins, and not always the one that was on this port
         if frame.reserved and self.convention is Convention.UNKNOWN:
             self._learn(frame)
         # Every request of every client passes here: one look at each call, and none that is not needed.
