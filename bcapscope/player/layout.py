@@ -251,4 +251,4 @@ def _kind_notes(kind: PoseType, others: Sequence[PoseType]) -> Iterator[str]:
 def titles_text(titles: Sequence[str]) -> str:
     """List titles, the first few."""
     more = f" and {len(titles) - _MOST_NAMED} more" if len(titles) > _MOST_NAMED else ""
-    return ", ".join(title[:40] for title in titles[:_MOST_NAMED]) + more
+    return ", ".join(" ".join(title[:40].split()) for title in titles[:_MOST_NAMED]) + more

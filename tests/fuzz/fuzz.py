@@ -16,8 +16,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-MAX_LENGTH = {"frame": 4096, "stream": 4096, "capture": 8192, "render": 1024, "text": 4096, "simulator": 4096}
-ELSEWHERE = {"render": "tests.fuzz.rendering", "simulator": "tests.fuzz.simulating"}
+MAX_LENGTH = {
+    "frame": 4096,
+    "stream": 4096,
+    "capture": 8192,
+    "render": 1024,
+    "text": 4096,
+    "simulator": 4096,
+    "trajectory": 4096,
+}
+ELSEWHERE = {
+    "render": "tests.fuzz.rendering",
+    "simulator": "tests.fuzz.simulating",
+    "trajectory": "tests.fuzz.playing",
+}
 """Modules of the targets that are not in `tests.fuzz.targets`."""
 
 

@@ -175,6 +175,25 @@ def simulator_seeds() -> list[bytes]:
     return made
 
 
+def trajectory_seeds() -> list[bytes]:
+    """The first lines of the samples, and of other kinds of files, behind the byte that tells the name."""
+    tables = [b"".join(path.read_bytes().splitlines(True)[:6]) for path in sorted(CAPTURES.glob("*.csv"))]
+    tables += [
+        b"1 2 3 4 5 6\n" * 4,
+        b"t;J1;J2\n0,0;1,5;2\n0,1;1,6;3\n",
+        "[J1 - 指令値]\t[No.]\n1\t1\n2\t2\n3\t9\n".encode("utf-16"),
+        b"X,Y,Z,Ox,Oy,Oz,Ax,Ay,Az,Fig\n" + b"400,0,500,0,1,0,0,0,1,1\n" * 3,
+    ]
+    message = b'{"joint_names":["j2","j1"],"points":[{"positions":[0,1],"time_from_start":{"sec":0}}]}'
+    own = b'{"format":"bcapscope trajectory 1","columns":["J1_deg"],"rows":[[1],["NaN"]],"interval_ms":8}'
+    texts = [path.read_bytes() for path in sorted(CAPTURES.glob("*.yaml"))]
+    return [
+        *(b"\0" + data for data in (*tables, *capture_seeds()[:8])),
+        *(b"\1" + data for data in (message, own)),
+        *(b"\2" + data for data in (*texts, b"a: &a [*a]\nb: {joint_names: [x], points: *a}\n")),
+    ]
+
+
 _FORMATS = (("slvSendFormat", 0), ("slvRecvFormat", 0x14), ("slvGetMode", 0))
 
 SEEDS = {
@@ -184,4 +203,5 @@ SEEDS = {
     "render": render_seeds,
     "text": text_seeds,
     "simulator": simulator_seeds,
+    "trajectory": trajectory_seeds,
 }

@@ -150,6 +150,7 @@ def test_columns_that_the_user_told() -> None:
             'J1,J2\n1,"2\n' + "3,4\n" * 50_000,
             "line 32770: this is no table: field larger than field limit (131072)",
         ),
+        ('"a\nb",c\n', "line 2: no columns for J1 on, or X to Rz among these: a b, c"),
         ("\0,\0\n", "line 1: no columns for J1 on, or X to Rz among these: \0, \0"),
     ],
 )
