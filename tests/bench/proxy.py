@@ -23,8 +23,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
-import psutil
-
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import ARRAY, VT, Variant
 
@@ -218,7 +216,8 @@ def robots(folder: Path, seconds: float) -> None:
         running(sys.executable, "-m", "tests.bench.proxy", "echo", str(server), settle=1.0),
         running(sys.executable, "-m", "bcapscope", "proxy", *spec, settle=4.0) as proxy,
     ):
-        processes = [psutil.Process(proxy.pid), *psutil.Process(proxy.pid).children(recursive=True)]
+        children = Path(f"/proc/{proxy.pid}/task/{proxy.pid}/children").read_text().split()
+        processes = [proxy.pid, *map(int, children)]
         sent, heard, took = _drive(port, seconds, lambda: _memory(processes))
         print(f"  at the end    {_memory(processes)}")
     print(f"{ROBOTS} robots, {seconds:.0f} s: {sent} set points, {sent - heard} without an answer")
@@ -252,11 +251,13 @@ def _drive(port: int, seconds: float, memory: Callable[[], str]) -> tuple[int, i
     return sent, heard, took
 
 
-def _memory(processes: list[psutil.Process]) -> str:
+def _memory(processes: list[int]) -> str:
+    """Tell how much memory each process has for itself (smaps_rollup of proc(5))."""
     parts = []
-    for process in processes:
-        info = process.memory_full_info()
-        parts.append(f"{process.pid}: {info.uss / 1e6:.1f} MB of its own")
+    for pid in processes:
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+        sizes = [int(line.split()[1]) for line in lines if line.startswith("Private")]
+        parts.append(f"{Path(f'/proc/{pid}/comm').read_text().strip()} {pid}: {sum(sizes) / 1000:.1f} MB")
     return ", ".join(parts)
 
 

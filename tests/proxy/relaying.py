@@ -1,0 +1,111 @@
+"""A relay in a thread, on free ports of this machine, and what it tells."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from bcapscope.proxy.hook import Policy
+from bcapscope.proxy.ports import open_ports
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.ring import HEADER, Kind, Record, RingReader, RingWriter
+from bcapscope.proxy.spec import parse_listeners
+from bcapscope.proxy.udp import FORGET_AFTER
+from bcapscope.traffic.observation import Endpoint
+
+PATIENCE = 20.0
+"""Seconds that anything may take on a busy machine."""
+
+
+def eventually(test: Callable[[], object], what: str = "it") -> None:
+    """Wait until `test` is true."""
+    until = time.monotonic() + PATIENCE
+    while not test():
+        assert time.monotonic() < until, f"{what} did not happen"
+        time.sleep(0.005)
+
+
+class Running:
+    """A relay that runs.
+
+    Attributes:
+        relay: itself.
+        address: where it listens.
+        records: what it told so far, as far as `look` was called.
+    """
+
+    def __init__(self, relay: Relay, address: Endpoint, reader: RingReader) -> None:
+        self.relay = relay
+        self.address = address
+        self.records: list[Record] = []
+        self._reader = reader
+
+    def look(self) -> list[Record]:
+        """Take what was told."""
+        self.records += self._reader.take()
+        return self.records
+
+    def of(self, kind: Kind) -> list[Record]:
+        """Return the records of one kind."""
+        return [record for record in self.look() if record.kind is kind]
+
+    def passed(self, up: bool) -> list[bytes]:
+        """Return the bytes of one direction."""
+        return [record.data for record in self.of(Kind.DATA) if record.up is up]
+
+    def told(self) -> str:
+        """Return all sentences."""
+        return "\n".join(record.data.decode() for record in self.of(Kind.TOLD))
+
+
+@contextmanager
+def running(
+    to: int,
+    transport: str = "both",
+    *,
+    allow: Sequence[str] = (),
+    policy: Policy | None = None,
+    forget_after: int = FORGET_AFTER,
+    size: int = 1 << 20,
+) -> Iterator[Running]:
+    """Run a relay to a port of this machine for the length of a block."""
+    memory = memoryview(bytearray(HEADER + size))
+    relay = Relay(RingWriter(memory), policy)
+    (listener,) = parse_listeners(["127.0.0.1:0"], [f"127.0.0.1:{to}"], transport, allow)
+    address, ports = open_ports(relay, listener, forget_after)
+    relay.listen(ports)
+    thread = threading.Thread(target=relay.run)
+    thread.start()
+    try:
+        yield Running(relay, address, RingReader(memory))
+    finally:
+        relay.stop()
+        thread.join(PATIENCE)
+        relay.close()
+
+
+@contextmanager
+def datagrams(port: int = 0, to: Endpoint | None = None) -> Iterator[socket.socket]:
+    """Open a UDP socket."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.settimeout(PATIENCE)
+        sock.bind(("127.0.0.1", port))
+        if to is not None:
+            sock.connect(to)
+        yield sock
+
+
+@contextmanager
+def listening() -> Iterator[socket.socket]:
+    """Open a TCP socket that takes connections."""
+    with socket.create_server(("127.0.0.1", 0)) as sock:
+        sock.settimeout(PATIENCE)
+        yield sock
+
+
+def port_of(sock: socket.socket) -> int:
+    """Return the port of a socket."""
+    return int(sock.getsockname()[1])

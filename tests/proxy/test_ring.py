@@ -1,0 +1,106 @@
+"""What the relay writes is what the watcher reads, in order, or is counted."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.proxy.ring import BATCH, HEADER, Count, Kind, Record, RingReader, RingWriter
+
+
+def ends(size: int) -> tuple[RingWriter, RingReader]:
+    memory = memoryview(bytearray(HEADER + size))
+    return RingWriter(memory), RingReader(memory)
+
+
+def everything(reader: RingReader) -> list[Record]:
+    return [*reader.take(), *reader.take()]
+
+
+_RECORDS = st.tuples(
+    st.booleans(),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**63 - 1),
+    st.integers(0, 2**63 - 1),
+    st.binary(max_size=300),
+    st.text(max_size=20).filter(lambda text: text.isprintable()),
+)
+
+
+@given(st.lists(_RECORDS, max_size=60), st.integers(1, 9))
+def test_whatever_goes_in_comes_out(
+    records: list[tuple[bool, int, int, int, bytes, str]], every: int
+) -> None:
+    writer, reader = ends(1 << 12)
+    found: list[Record] = []
+    for number, (up, client, came, left, data, note) in enumerate(records):
+        assert writer.put(up, client, came, left, data, note=note.encode())
+        if number % every == 0:
+            found += everything(reader)
+    found += everything(reader)
+    assert found == [Record(Kind.DATA, *record) for record in records]
+
+
+def test_a_look_shows_what_was_there_at_the_look_before() -> None:
+    writer, reader = ends(1 << 12)
+    writer.put(True, 1, 2, 3, b"a")
+    assert reader.take() == []
+    writer.put(True, 1, 2, 3, b"b")
+    assert [record.data for record in reader.take()] == [b"a"]
+    assert [record.data for record in reader.take()] == [b"b"]
+    assert not reader.waiting
+
+
+def test_what_finds_no_room_is_counted_and_the_rest_is_whole() -> None:
+    writer, reader = ends(1 << 10)
+    room = sum(writer.put(True, 1, 2, 3, bytes(100)) for _ in range(20))
+    assert 0 < room < 20
+    assert writer.counts[Count.UNWATCHED] == reader.counts[Count.UNWATCHED] == 20 - room
+    assert len(everything(reader)) == room
+    assert writer.put(True, 1, 2, 3, b"again")
+    assert everything(reader)[-1].data == b"again"
+
+
+def test_what_must_be_known_comes_before_what_follows() -> None:
+    writer, reader = ends(1 << 10)
+    while writer.put(True, 1, 2, 3, b""):
+        pass
+    writer.must(Kind.OPENED, 7, b"who", 5)
+    assert not writer.put(True, 7, 2, 3, b"small, but not before that")
+    everything(reader)
+    assert writer.put(True, 7, 2, 3, b"now")
+    assert [record.data for record in everything(reader)] == [b"who", b"now"]
+
+
+def test_notes_are_written_together_before_anything_else_and_counted() -> None:
+    writer, reader = ends(1 << 12)
+    for number in range(BATCH):
+        writer.notes.append((number % 2 == 0, 1, [], number and 5, bytes(number)))
+    writer.must(Kind.TOLD, 0, b"after", 9)
+    found = everything(reader)
+    assert [record.data for record in found] == [*(bytes(number) for number in range(BATCH)), b"after"]
+    assert [record.left for record in found[:3]] == [0, 5, 5]
+    counts = writer.counts
+    assert (counts[Count.CAME_UP], counts[Count.LEFT_UP]) == (8, 7)
+    assert (counts[Count.CAME_DOWN], counts[Count.LEFT_DOWN]) == (8, 8)
+
+
+def test_a_batch_that_does_not_fit_at_once_is_written_one_by_one() -> None:
+    writer, reader = ends(1 << 10)
+    found: list[Record] = []
+    for number in range(40):
+        writer.notes.append((True, number, [], 5, bytes(90)))
+        if len(writer.notes) == 5:
+            writer.flush()
+            found += everything(reader)
+    assert [record.client for record in found] == list(range(40))
+    assert writer.counts[Count.CAME_UP] == 40
+
+
+def test_without_a_reader_nothing_piles_up() -> None:
+    writer, _ = ends(1 << 10)
+    writer.abandon()
+    for _ in range(100):
+        writer.must(Kind.TOLD, 0, bytes(50), 1)
+        writer.put(True, 1, 2, 3, bytes(100))
+    assert writer.counts[Count.UNWATCHED] > 80

@@ -1,0 +1,160 @@
+"""Streams over real sockets: half-close, reset and back-pressure pass through."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from bcapscope.proxy.ring import Count, Kind
+from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
+
+
+@contextmanager
+def connected() -> Iterator[tuple[socket.socket, socket.socket, Running]]:
+    """Connect a client to a server; yield both ends and the relay between them."""
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        with socket.create_connection(proxy.address, PATIENCE) as client:
+            server, _ = door.accept()
+            with server:
+                server.settimeout(PATIENCE)
+                yield client, server, proxy
+
+
+def receive(sock: socket.socket, size: int) -> bytes:
+    """Receive so many bytes, or up to the end."""
+    data = b""
+    while len(data) < size and (more := sock.recv(size - len(data))):
+        data += more
+    return data
+
+
+def cut(sock: socket.socket) -> None:
+    """Close by RST."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
+    sock.close()
+
+
+def test_bytes_pass_as_they_come_frames_or_not() -> None:
+    with connected() as (client, server, proxy):
+        for data in (b"\x01", b"\x00\x00", bytes(range(256))):
+            client.sendall(data)
+            assert receive(server, len(data)) == data
+            server.sendall(data[::-1])
+            assert receive(client, len(data)) == data[::-1]
+        eventually(lambda: len(b"".join(proxy.passed(False))) == 259)
+        assert b"".join(proxy.passed(True)) == b"\x01\x00\x00" + bytes(range(256))
+        record = proxy.of(Kind.DATA)[0]
+        assert 0 < record.came <= record.left
+
+
+def test_half_close_passes_through_and_the_other_half_goes_on() -> None:
+    with connected() as (client, server, proxy):
+        client.sendall(b"all I have")
+        client.shutdown(socket.SHUT_WR)
+        assert receive(server, 100) == b"all I have"
+        server.sendall(b"and this is the answer")
+        assert receive(client, 22) == b"and this is the answer"
+        assert proxy.relay.sessions
+        server.shutdown(socket.SHUT_WR)
+        assert client.recv(1) == b""
+        eventually(lambda: proxy.of(Kind.GONE))
+        assert [record.up for record in proxy.of(Kind.END)] == [True, False]
+        assert proxy.of(Kind.GONE)[0].data == b"ended by both sides"
+        assert not proxy.relay.sessions
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_reset_passes_through(up: bool) -> None:
+    with connected() as (client, server, proxy):
+        client.sendall(b"x")
+        receive(server, 1)
+        first, second = (client, server) if up else (server, client)
+        cut(first)
+        with pytest.raises(ConnectionResetError):
+            second.recv(1)
+        eventually(lambda: proxy.of(Kind.GONE))
+        who = "the client" if up else "the controller"
+        assert proxy.of(Kind.GONE)[0].data.decode() == f"{who}: connection reset by peer"
+
+
+def test_who_does_not_read_is_not_written_to_without_end() -> None:
+    data = bytes(range(256)) * 4096
+    with connected() as (client, server, proxy):
+        client.setblocking(False)
+        sent = 0
+        quiet = 0
+        while quiet < 20:  # the buffers of the system and one read of the relay are full
+            try:
+                sent += client.send(data)
+                quiet = 0
+            except BlockingIOError:
+                quiet += 1
+                threading.Event().wait(0.01)
+            assert sent < 64 << 20
+        (session,) = proxy.relay.sessions.values()
+        assert 0 < len(session._up.pending) <= 1 << 16  # type: ignore[attr-defined]
+        assert proxy.relay.counts[Count.BYTES_UP] < sent
+        server.sendall(b"the other way is free")
+        client.settimeout(PATIENCE)
+        assert receive(client, 21) == b"the other way is free"
+        received = 0
+        while received < sent:
+            received += len(server.recv(1 << 20))
+        client.sendall(b"!")
+        assert server.recv(10) == b"!"
+        eventually(lambda: proxy.relay.counts[Count.BYTES_UP] == sent + 1)
+
+
+def test_a_reset_while_nothing_is_read_is_noticed() -> None:
+    with connected() as (client, server, proxy):
+        client.setblocking(False)
+        quiet = 0
+        while quiet < 20:
+            try:
+                client.send(bytes(1 << 20))
+                quiet = 0
+            except BlockingIOError:
+                quiet += 1
+                threading.Event().wait(0.01)
+        cut(client)
+        eventually(lambda: not proxy.relay.sessions)
+        with pytest.raises(ConnectionResetError):
+            while server.recv(1 << 20):
+                pass
+
+
+def test_an_unreachable_controller_is_told_and_the_client_is_cut_off() -> None:
+    with listening() as door:
+        port = port_of(door)
+    with running(port, "tcp") as proxy:
+        with pytest.raises(ConnectionResetError), socket.create_connection(proxy.address, PATIENCE) as client:
+            client.recv(1)
+        eventually(proxy.told)
+        assert f"no connection to 127.0.0.1:{port} over TCP: connection refused" in proxy.told()
+
+
+def test_strangers_are_cut_off() -> None:
+    with listening() as door, running(port_of(door), "tcp", allow=["10.0.0.1"]) as proxy:
+        with pytest.raises(ConnectionResetError), socket.create_connection(proxy.address, PATIENCE) as client:
+            client.recv(1)
+        eventually(lambda: "is not allowed" in proxy.told())
+        assert proxy.relay.counts[Count.DENIED] == 1
+
+
+def test_connections_that_come_and_go_leave_nothing() -> None:
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        for number in range(50):
+            with socket.create_connection(proxy.address, PATIENCE) as client:
+                server, _ = door.accept()
+                with server:
+                    client.sendall(b"hello")
+                    assert receive(server, 5) == b"hello"
+                    if number % 2:
+                        cut(client)
+        eventually(lambda: not proxy.relay.sessions)
+        assert len(proxy.relay._handlers) == 2  # the port and the ticker

@@ -1,0 +1,163 @@
+"""Datagrams over real sockets: who speaks to whom, what is refused, what is forgotten."""
+
+from __future__ import annotations
+
+import socket
+
+from bcapscope.proxy import udp
+from bcapscope.proxy.ring import Count, Kind
+from bcapscope.traffic.observation import Endpoint
+from tests.proxy.relaying import datagrams, eventually, port_of, running
+
+
+def test_each_client_has_its_own_way_and_bytes_pass_unchanged() -> None:
+    said = [b"", b"\0", bytes(range(256)) * 100, b"\x01" * 65507]
+    with datagrams() as server, running(port_of(server), "udp") as proxy:
+        with datagrams(to=proxy.address) as one, datagrams(to=proxy.address) as other:
+            ways = set()
+            for client in (one, other):
+                for data in said:
+                    client.send(data)
+                    heard, way = server.recvfrom(65536)
+                    assert heard == data
+                    ways.add(way)
+                    server.sendto(data[::-1], way)
+                    assert client.recv(65536) == data[::-1]
+            assert len(ways) == 2
+            eventually(lambda: len(proxy.passed(False)) == 8)
+            assert proxy.passed(True) == said * 2
+            first = next(record for record in proxy.records if record.kind is Kind.DATA)
+            assert 0 < first.left - first.came < 10**10
+            assert list(proxy.relay.counts)[:4] == [8, 8, 8, 8]
+
+
+def test_a_client_that_starts_again_on_its_port_keeps_its_way() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy:
+        with datagrams(to=proxy.address) as client:
+            port = port_of(client)
+            client.send(b"one")
+            _, way = server.recvfrom(100)
+        with datagrams(port, proxy.address) as client:
+            client.send(b"two")
+            assert server.recvfrom(100) == (b"two", way)
+
+
+def test_a_refusal_is_told_once_and_what_follows_is_still_sent() -> None:
+    with datagrams() as server:
+        port = port_of(server)
+    with running(port, "udp") as proxy, datagrams(to=proxy.address) as client:
+        for _ in range(5):
+            client.send(b"anybody?")
+        eventually(lambda: "refuses datagrams" in proxy.told())
+        with datagrams(port) as server:
+            client.send(b"now?")
+            heard, way = server.recvfrom(100)
+            while heard != b"now?":
+                heard, way = server.recvfrom(100)
+            server.sendto(b"here", way)
+            assert client.recv(100) == b"here"
+        assert proxy.told().count("refuses datagrams") == 1
+
+
+def test_silent_clients_are_forgotten_and_may_come_again() -> None:
+    with datagrams() as server, running(port_of(server), "udp", forget_after=1_000_000) as proxy:
+        with datagrams(to=proxy.address) as client:
+            client.send(b"one")
+            _, way = server.recvfrom(100)
+            eventually(lambda: proxy.of(Kind.GONE), "forgetting")
+            assert not proxy.relay.sessions
+            client.send(b"two")
+            heard, other = server.recvfrom(100)
+            assert heard == b"two"
+            assert other != way
+
+
+def test_strangers_are_told_once_and_dropped() -> None:
+    with datagrams() as server, running(port_of(server), "udp", allow=["10.0.0.0/8"]) as proxy:
+        with datagrams(to=proxy.address) as client:
+            for _ in range(3):
+                client.send(b"let me in")
+            eventually(lambda: proxy.relay.counts[Count.DENIED] == 3)
+        eventually(proxy.told)
+        assert proxy.told().count("is not allowed") == 1
+        server.settimeout(0)
+        try:
+            raise AssertionError(server.recv(100))
+        except BlockingIOError:
+            pass
+
+
+def test_one_client_too_many_waits_until_one_is_silent() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy:
+        clients = []
+        for _ in range(256):
+            client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            client.connect(proxy.address)
+            client.send(b"me")
+            server.recv(100)
+            clients.append(client)
+        with datagrams(to=proxy.address) as late:
+            late.send(b"too many")
+            eventually(lambda: proxy.relay.counts[Count.DENIED] == 1)
+            silent = next(iter(proxy.relay.sessions.values()))
+            silent.heard -= udp.GIVE_WAY_AFTER
+            late.send(b"room now")
+            assert server.recv(100) == b"room now"
+        for client in clients:
+            client.close()
+        eventually(lambda: [record for record in proxy.of(Kind.GONE) if record.client == silent.number])
+
+
+def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy:
+        with datagrams(to=proxy.address) as client:
+            client.send(b"one")
+            _, way = server.recvfrom(100)
+            session = next(iter(proxy.relay.sessions.values()))
+            assert session.send(True, bytes(65536)) == 0
+            assert proxy.relay.counts[Count.FULL] == 1
+            eventually(lambda: "65536 bytes could not be sent: message too long" in proxy.told())
+            server.sendto(b"still there", way)
+            assert client.recv(100) == b"still there"
+
+
+def test_full_buffers_of_the_system_are_counted() -> None:
+    with datagrams() as server:
+        memoryless = running(port_of(server), "udp")
+        with memoryless as proxy, datagrams(to=proxy.address) as client:
+            client.send(b"one")
+            server.recv(100)
+            port = proxy.relay._ports[0]
+            assert isinstance(port, udp.UdpPort)
+            port.sender.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            for _ in range(50):
+                for _ in range(200):
+                    client.send(bytes(1000))
+                if port._dropped:
+                    break
+            eventually(lambda: proxy.relay.counts[Count.LOST] > 0, "counting")
+
+
+def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy:
+        with datagrams(to=proxy.address) as client:
+            client.send(b"hello")
+            _, way = server.recvfrom(100)
+        proxy.relay.stop()
+        session = next(iter(proxy.relay.sessions.values()))
+        assert isinstance(session, udp.UdpSession)
+        requests = [bytes(5) + bytes([number, 0]) + bytes(9) for number in (1, 2, 3)]
+        answers = {1: bytes(16), 2: bytes(9) + b"\0\x09\0\0" + bytes(3)}
+        for number, answer in answers.items():
+            server.sendto(answer[:5] + bytes([number, 0]) + answer[7:], way)
+        assert session.leave(requests) == 1  # the second is still at work, and never done
+        asked = [server.recv(100)[5] for _ in range(3)]
+        assert asked == [1, 2, 2]
+
+
+def test_listening_on_all_addresses_the_one_in_use_is_recorded() -> None:
+    from bcapscope.proxy.sockets import facing, listen_on
+    from bcapscope.traffic.observation import Transport
+
+    with listen_on(Endpoint("0.0.0.0", 0), Transport.UDP) as sock:
+        assert facing(sock, ("127.0.0.1", 9)) == ("127.0.0.1", port_of(sock))
