@@ -13,6 +13,10 @@ _FINE = 16
 _BINS = 64 * _FINE
 
 
+MOST_TOLD = 40
+"""Bins that `Lateness.bins` tells of: a message has to fit into a pipe as a whole."""
+
+
 class Spread(msgspec.Struct, frozen=True):
     """How values are spread, ns: a percentile is the smallest value that this share does not exceed."""
 
@@ -57,6 +61,13 @@ class Lateness:
                 break
         p50, p99, p999 = found
         return Spread(self._count, p50, p99, p999, self._most)
+
+    def bins(self) -> tuple[tuple[int, int], ...]:
+        """Tell how many values each bin holds, by its upper edge, of at most `MOST_TOLD` bins that hold most."""
+        filled = [(count, number) for number, count in enumerate(self._bins) if count]
+        if len(filled) > MOST_TOLD:
+            filled = sorted(filled, reverse=True)[:MOST_TOLD]
+        return tuple(sorted((_upper_edge(number), count) for count, number in filled))
 
     def exact(self) -> Spread:
         """Tell exact percentiles where all values are still there; takes its time."""

@@ -168,6 +168,7 @@ class Progress(msgspec.Struct, frozen=True, tag=True):
         returned: the pose that came back last.
         sent: last frame that went out.
         received: last frame that came in.
+        cycle: how many set points came how long after the one before: upper edge of a bin, ns, and count.
     """
 
     state: State
@@ -181,6 +182,7 @@ class Progress(msgspec.Struct, frozen=True, tag=True):
     returned: Point = ()
     sent: bytes = b""
     received: bytes = b""
+    cycle: tuple[tuple[int, int], ...] = ()
 
 
 class Packet(msgspec.Struct, frozen=True, tag=True):

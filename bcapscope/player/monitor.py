@@ -61,6 +61,7 @@ class Monitor:
             _pose(pacer.reply),
             self._journal.sent,
             self._journal.received,
+            pacer.cycle.bins(),
         )
 
 

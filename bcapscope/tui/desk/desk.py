@@ -64,6 +64,7 @@ class Desk:
         status: what the screen shows; replaced whole, so that any thread may read it.
         tap: sees every packet, for whoever wants to analyse them; None where nobody does.
         session: the one in use; None while there is no connection.
+        resting: nothing is read that nobody asked for, as it might end the slave mode of another client.
     """
 
     def __init__(self, tell: Callable[[News], None], audit_folder: Path) -> None:
@@ -79,6 +80,7 @@ class Desk:
         self.status = Status()
         self.tap: Callable[[Observation], None] | None = None
         self.session: Session | None = None
+        self.resting = False
         self._reach: Reach | None = None
         self._line: HaltLine | None = None
         self._stack = AsyncExitStack()
@@ -91,6 +93,12 @@ class Desk:
     async def do(self, step: Coroutine[Any, Any, R]) -> R:
         """Have a coroutine of ours run in our thread, and wait for it; cancelling ends both."""
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
+
+    def rest(self, resting: bool) -> None:
+        """Read nothing that nobody asked for while another client, such as our player, is in slave mode."""
+        self.resting = resting
+        if self._line is not None:
+            self._line.rest(resting)
 
     def close(self) -> None:
         """Let go of everything, `CLOSING` seconds at most, and end the thread. From any other thread."""
@@ -330,8 +338,7 @@ class Desk:
         mode = _mode_after(record)
         if mode is not None and mode != self.status.slave_mode:
             changes["slave_mode"] = mode
-            if self._line is not None:
-                self._line.rest(mode != 0)
+            self.rest(mode != 0)
         if self.status.is_connected and changes:
             self.show(**changes)
         self.tell(record)

@@ -62,7 +62,7 @@ class Watcher:
 
     async def _read(self, each: Watched) -> None:
         """Read one; in slave mode none, as other calls than set points may end it."""
-        if self._desk.status.slave_mode:
+        if self._desk.resting:
             each.fail("not read in slave mode")
             return
         try:

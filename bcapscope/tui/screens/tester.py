@@ -31,10 +31,12 @@ from bcapscope.tui.desk.desk import Desk
 from bcapscope.tui.desk.halt import HaltNews, HaltState
 from bcapscope.tui.desk.news import Lost, News, Status, StepNews, Trouble, WatchNews
 from bcapscope.tui.desk.option import read_option
+from bcapscope.tui.desk.playing import Stage
 from bcapscope.tui.desk.record import Record
 from bcapscope.tui.desk.saved import SavedError, save, takes_handle
 from bcapscope.tui.desk.watching import Watcher
 from bcapscope.tui.screens.place import Place
+from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.settings import remembered
 from bcapscope.tui.tester.ask import ArmDialog, NameDialog
 from bcapscope.tui.tester.choice import Choice
@@ -110,6 +112,7 @@ class Tester(Place):
         Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
         Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
         Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
+        Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
         Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
         Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
     ]
@@ -121,6 +124,7 @@ class Tester(Place):
         self.desk = Desk(self._bring, start.audit)
         self.watcher = Watcher(self.desk)
         self.clerk = Clerk(self.desk, self._arm)
+        self.stage = Stage()
         self._halt_news = HaltNews(HaltState.CLOSED)
         self._stack = ExitStack()
         self._connected = False
@@ -160,6 +164,7 @@ class Tester(Place):
         ):
             self.query_one(f"#{name}").border_title = say(title)
         app = scope_of(self)
+        app.at_halt(self.stage.halt)
         app.at_halt(self.desk.halt)
         app.at_close(self._close)
         self.set_interval(1.0, self._show_status)
@@ -180,6 +185,7 @@ class Tester(Place):
 
     async def _close(self) -> None:
         self.workers.cancel_group(self, "call")
+        await self.stage.end()
         await asyncio.to_thread(self.desk.close)
         await asyncio.to_thread(self._stack.close)
 
@@ -395,6 +401,12 @@ class Tester(Place):
     def action_robslave(self) -> None:
         """Start RobSlave."""
         self._work(self.clerk.robslave(Notice(scope_of(self))))
+
+    @on(Button.Pressed, "#slave-mode")
+    def action_slave(self) -> None:
+        """Open Slave Mode."""
+        path = next(iter(scope_of(self).settings.trajectories), "")
+        self.app.push_screen(SlaveScreen(self.desk, self.stage, self._arm, self._start.audit, path))
 
     def action_cancel(self) -> None:
         """Give up the calls under way."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from textual import on
@@ -43,6 +44,35 @@ class ArmDialog(ModalScreen[bool]):
     @on(Button.Pressed)
     def _answer(self, message: Button.Pressed) -> None:
         self.dismiss(message.button.id == "yes")
+
+
+class ChoiceDialog(ModalScreen[str | None]):
+    """Asks the user to choose; the first choice, which does nothing, has the focus."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
+    ]
+
+    def __init__(self, facts: list[str], choices: Sequence[str]) -> None:
+        """Take what there is to decide, harmless already, and the choices."""
+        super().__init__()
+        self._facts, self._choices = facts, tuple(choices)
+
+    def compose(self) -> ComposeResult:
+        """Put the choices below the facts."""
+        with Vertical(classes="dialog -warning"):
+            yield Static("\n".join(self._facts), markup=False, id="facts")
+            with Horizontal(classes="answers"):
+                for at, choice in enumerate(self._choices):
+                    yield Button(choice, compact=True, id=f"choice{at}", variant="error" if at else "default")
+
+    def on_mount(self) -> None:
+        """Let Enter do nothing."""
+        self.query_one("#choice0").focus()
+
+    @on(Button.Pressed)
+    def _answer(self, message: Button.Pressed) -> None:
+        self.dismiss(self._choices[int((message.button.id or "choice0").removeprefix("choice"))])
 
 
 class NameDialog(ModalScreen[str | None]):

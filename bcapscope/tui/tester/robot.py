@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from textual import on
 from textual.app import ComposeResult
-from textual.containers import Vertical, VerticalScroll
-from textual.widgets import ContentSwitcher
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widgets import Button, ContentSwitcher
 
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.tui.tester.choice import Choice
@@ -14,6 +14,7 @@ from bcapscope.tui.tester.function import FunctionForm
 from bcapscope.tui.tester.opener import Opener
 from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.tester.variable import VariablePanel
+from bcapscope.tui.words import say
 
 _MOVE, _EXECUTE, _CHANGE = 72, 64, 66
 
@@ -28,10 +29,12 @@ class RobotPanel(VerticalScroll, can_focus=False):
             yield Opener(ObjectClass.CONTROLLER, ObjectClass.ROBOT, "Arm", ["Arm", "Robot0"], added)
             yield added
         with Vertical(classes="box", id="robot-forms"):
-            yield Choice(
-                [("execute", "tester.execute"), ("move", "tester.move"), ("change", "tester.change")],
-                id="robot-choice",
-            )
+            with Horizontal(classes="row"):
+                yield Choice(
+                    [("execute", "tester.execute"), ("move", "tester.move"), ("change", "tester.change")],
+                    id="robot-choice",
+                )
+                yield Button(say("tester.slave"), compact=True, variant="warning", id="slave-mode")
             with ContentSwitcher(initial="execute", id="robot-switch"):
                 yield CommandForm(_EXECUTE, id="execute")
                 yield FunctionForm(FUNCTIONS[_MOVE], id="move")

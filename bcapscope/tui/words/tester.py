@@ -144,6 +144,38 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.watch.least": ("min", "min"),
     "tester.watch.most": ("max", "max"),
     "tester.watch.course": ("course", "course"),
+    # slave mode
+    "tester.slave": ("Slave Mode", "スレーブモード"),
+    "tester.slave.tip": ("Play a control log or another trajectory", "制御ログなどの軌道を再生します"),
+    "tester.slave.about": (
+        "Choose a WINCAPS III project, a control log or another trajectory. How it was read and what speaks "
+        "against playing it is shown before anything moves. Start (F9) plays it in a process of its own; Escape "
+        "lets the robot come to rest on its way, F12 halts it at once.",
+        "WINCAPS III プロジェクト、制御ログなどの軌道を選びます。動作の前に、読み取り内容と事前確認の結果を表示します。"
+        "開始 (F9) すると専用プロセスで再生します。Escape で減速停止、F12 で即時停止します。",
+    ),
+    "tester.slave.start.tip": ("Play it", "再生します"),
+    "tester.slave.leave": ("Stop / back", "停止 / 戻る"),
+    "tester.file": ("File", "ファイル"),
+    "tester.file.missing": (
+        "Choose a WINCAPS III project, a control log (CSV), a JointTrajectory or a capture",
+        "WINCAPS III プロジェクト、制御ログ (CSV)、JointTrajectory、キャプチャのいずれかを選んでください",
+    ),
+    "tester.browse": ("Browse", "参照"),
+    "tester.recent": ("used lately", "最近使ったファイル"),
+    "tester.interval": ("ms", "ms"),
+    "tester.speed": ("speed ×", "速度 ×"),
+    "tester.rounds": ("rounds", "回数"),
+    "tester.index": ("no.", "番号"),
+    "tester.resample": ("resample", "再標本化"),
+    "tester.reading": ("reading …", "読み込み中 …"),
+    "tester.play.numbers": (
+        "interval 0.5 to 1000 ms, speed 0.01 to 10, rounds from 0 (until stopped)",
+        "間隔 0.5–1000 ms、速度 0.01–10、回数 0 (停止まで) 以上",
+    ),
+    "tester.recorded": ("recorded: {path}", "記録: {path}"),
+    "tester.axes": ("Other axes", "ほかの軸"),
+    "tester.axes.tip": ("Show the curves of other axes", "ほかの軸の曲線を表示します"),
     # arming, HALT, what is always in sight
     "tester.arm": ("Arm", "アーム"),
     "tester.arm.tip": (

@@ -1,0 +1,66 @@
+"""The result of a call as b-CAP Tester shows it: values with five decimals, or in full."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
+from bcapscope.render.escape import printable
+from bcapscope.render.meaning import value_text
+
+DECIMALS = 5
+"""Digits behind the point in the screens of b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)."""
+
+MOST_ELEMENTS = 512
+"""Elements of an array that are shown."""
+
+LONGEST = 4000
+"""Characters that are shown of one string."""
+
+NOTHING = "(EMPTY)"
+
+
+def reply_result(reply: Frame, full: bool = False) -> str:
+    """Write what came back: ``(EMPTY)`` for nothing, else the values."""
+    values = [argument.variant for argument in reply.arguments]
+    return "  ".join(result_text(value, full) for value in values) or NOTHING
+
+
+def result_text(variant: Variant, full: bool = False) -> str:
+    """Write a value; nothing in it that a terminal would obey.
+
+    Args:
+        variant: the value.
+        full: every number with all digits that it has, else five behind the point.
+    """
+    vt, value = variant.vt, variant.value
+    if value is None:
+        return NOTHING
+    if isinstance(value, bytes):
+        more = f" … {len(value) - MOST_ELEMENTS} more" if len(value) > MOST_ELEMENTS else ""
+        return value[:MOST_ELEMENTS].hex(" ").upper() + more
+    if not isinstance(value, tuple):
+        return _scalar(vt, value, full)
+    shown = value[:MOST_ELEMENTS]
+    more = f" … {len(value) - MOST_ELEMENTS} more" if len(value) > MOST_ELEMENTS else ""
+    if vt & ~ARRAY == VT.VARIANT:
+        return f"({'; '.join(_items(shown, full))}{more})"
+    return ", ".join(_scalar(vt & ~ARRAY, each, full) for each in _values(shown)) + more
+
+
+def _items(items: Iterable[object], full: bool) -> Iterable[str]:
+    return (result_text(item, full) for item in items if isinstance(item, Variant))
+
+
+def _values(items: Sequence[Value | Variant]) -> Iterable[Value]:
+    return (item for item in items if not isinstance(item, Variant))
+
+
+def _scalar(vt: int, value: Value, full: bool) -> str:
+    if isinstance(value, str):
+        return printable(value[:LONGEST]) + ("…" if len(value) > LONGEST else "")
+    if isinstance(value, float) and not full and vt in (VT.R4, VT.R8):
+        text = f"{value:.{DECIMALS}f}"
+        return text if len(text) < 32 else f"{value:.{DECIMALS}e}"
+    return value_text(value, vt, None)

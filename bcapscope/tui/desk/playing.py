@@ -1,0 +1,60 @@
+"""The player that is at work, if any: HALT and the end of the screen reach it."""
+
+from __future__ import annotations
+
+import asyncio
+
+from bcapscope.player.messages import Message, Plan
+from bcapscope.player.process import Player
+
+WAIT = 0.1
+"""Seconds that one look for messages takes at most."""
+
+
+class Stage:
+    """Has room for one player."""
+
+    def __init__(self) -> None:
+        """Begin without one."""
+        self._player: Player | None = None
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether a player is at work."""
+        return self._player is not None
+
+    async def begin(self, plan: Plan) -> None:
+        """Start a player.
+
+        Raises:
+            OSError: that cannot be done.
+        """
+        assert self._player is None
+        self._player = await asyncio.to_thread(Player, plan)
+
+    async def messages(self) -> list[Message]:
+        """Wait a little for messages, and return those that have come."""
+        player = self._player
+        return [] if player is None else await asyncio.to_thread(player.wait, WAIT)
+
+    def answer(self, choice: str) -> None:
+        """Answer the question that was asked last."""
+        if self._player is not None:
+            self._player.answer(choice)
+
+    def stop(self) -> None:
+        """Let the robot come to rest on its way, then leave in order."""
+        if self._player is not None:
+            self._player.stop()
+
+    def halt(self) -> None:
+        """Stop the robot at once. From any thread; returns at once."""
+        player = self._player
+        if player is not None:
+            player.halt()
+
+    async def end(self) -> None:
+        """Stop the player if it is at work, in order, and wait until it is gone."""
+        player, self._player = self._player, None
+        if player is not None:
+            await asyncio.to_thread(player.close)

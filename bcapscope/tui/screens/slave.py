@@ -1,0 +1,278 @@
+"""Slave Mode, as the button of b-CAP Tester has it: choose a log, look at it, Start; watch; Stop."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widgets import Button, Checkbox, ContentSwitcher, Input, Select, Static
+
+from bcapscope.player.messages import Topic
+from bcapscope.player.trajectory import TrajectoryError
+from bcapscope.render.escape import printable
+from bcapscope.render.playing import peer_line
+from bcapscope.render.preflight import PreflightRenderer
+from bcapscope.tui.app import scope_of
+from bcapscope.tui.desk.desk import Desk
+from bcapscope.tui.desk.performance import Performance, Wish, prepare, read_mode
+from bcapscope.tui.desk.playing import Stage
+from bcapscope.tui.desk.slaverun import SlaveRun
+from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.screens.place import Place
+from bcapscope.tui.settings import remembered
+from bcapscope.tui.tester.ask import ChoiceDialog
+from bcapscope.tui.tester.field import Caption
+from bcapscope.tui.tester.files import FilePicker
+from bcapscope.tui.tester.slavelive import SlaveLive
+from bcapscope.tui.words import say
+
+_MODES = (
+    ("sync", "sync"),
+    ("async", "async"),
+    *((f"0x{mode:03X}", f"0x{mode:03X}") for mode in (1, 2, 3, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)),
+)
+_PATIENCE = 0.4
+"""Seconds after the last change before a file is read."""
+
+
+class SlaveScreen(Place):
+    """Plays a trajectory. The player is a process of its own: what is drawn here holds up no set point."""
+
+    NAME = "tester.slave"
+    ABOUT = "tester.slave.about"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]  # noqa: RUF012 - as Textual has it
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f9", "start", "tester.start", id="slave.start", tooltip="tester.slave.start.tip"),
+        Binding("escape", "leave", "tester.slave.leave", id="slave.leave", key_display="esc"),
+        Binding("ctrl+o", "browse", "tester.browse", id="slave.browse"),
+    ]
+
+    def __init__(
+        self, desk: Desk, stage: Stage, arm: Callable[[], Awaitable[bool]], records: Path, path: str = ""
+    ) -> None:
+        """Take what to play with.
+
+        Args:
+            desk: that is connected.
+            stage: where the player works.
+            arm: asks the user to arm.
+            records: folder for captures of all that is said.
+            path: of a file to begin with.
+        """
+        super().__init__()
+        self._desk, self._stage, self._arm, self._records = desk, stage, arm, records
+        self._first = path
+        self._ready: Performance | None = None
+        self._run: SlaveRun | None = None
+
+    def content(self) -> ComposeResult:
+        """Put the choice above what is known of it."""
+        with Vertical(id="slave"):
+            with Horizontal(classes="row"):
+                yield Caption("tester.file")
+                yield Input(self._first, id="file")
+                yield Button(say("tester.browse"), compact=True, id="browse")
+            with Horizontal(classes="row"):
+                yield Caption("tester.mode")
+                yield Select(_MODES, value="sync", allow_blank=False, compact=True, id="mode")
+                yield Caption("tester.interval")
+                yield Input("8", id="interval", classes="number")
+                yield Caption("tester.speed")
+                yield Input("1", id="speed", classes="number")
+                yield Caption("tester.rounds")
+                yield Input("1", id="rounds", classes="number")
+                yield Caption("tester.index")
+                yield Input("1", id="index", classes="number")
+                yield Checkbox(say("tester.resample"), compact=True, id="again")
+            with Horizontal(classes="row"):
+                yield Button(say("tester.start"), compact=True, variant="success", id="start", disabled=True)
+                yield Button(say("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
+                yield Button("HALT", compact=True, variant="error", id="halt")
+                yield Static(id="slave-state", markup=False)
+            with ContentSwitcher(initial="before", id="slave-views"):
+                with VerticalScroll(id="before"):
+                    yield Static(id="report", markup=False)
+                yield SlaveLive(id="live")
+
+    def on_mount(self) -> None:
+        """Begin with the file that was given."""
+        self._look()
+        self.query_one("#file", Input).focus()
+
+    # Before: read and check.
+
+    @on(Input.Changed)
+    @on(Select.Changed)
+    @on(Checkbox.Changed)
+    def _changed(self) -> None:
+        self._look()
+
+    def _look(self) -> None:
+        """Read and check anew, a little later, unless something else is typed by then."""
+        self._ready = None
+        self.query_one("#start", Button).disabled = True
+        self.run_worker(self._prepare, group="prepare", exclusive=True, exit_on_error=False)
+
+    async def _prepare(self) -> None:
+        await asyncio.sleep(_PATIENCE)
+        wish = self._wish()
+        if isinstance(wish, str):
+            self._report([f"{INK.dim}{wish}{INK.reset}"])
+            return
+        self._report([f"{INK.dim}{say('tester.reading')}{INK.reset}"])
+        try:
+            ready = await asyncio.to_thread(prepare, wish)
+        except TrajectoryError as error:
+            self._report([f"{INK.bad}{printable(str(error))}{INK.reset}"])
+            return
+        self._ready = ready
+        self._report(list(ready.lines(INK, self.query_one("#before").size.width - 2)))
+        self.query_one("#start", Button).disabled = not ready.preflight.is_fit or self._stage.is_taken
+        scope = scope_of(self)
+        scope.settings.trajectories = remembered(str(Path(wish.path).absolute()), scope.settings.trajectories)
+        scope.keep()
+
+    def _wish(self) -> Wish | str:
+        """Return what the fields ask for, or what is wrong with them."""
+        path = self.query_one("#file", Input).value.strip()
+        if not path:
+            return say("tester.file.missing")
+        texts = {
+            name: self.query_one(f"#{name}", Input).value for name in ("interval", "speed", "rounds", "index")
+        }
+        try:
+            wish = Wish(
+                path=str(Path(path).expanduser()),
+                mode=read_mode(str(self.query_one("#mode", Select).value)),
+                interval=float(texts["interval"]),
+                speed=float(texts["speed"]),
+                rounds=int(texts["rounds"]),
+                index=int(texts["index"]),
+                again=self.query_one("#again", Checkbox).value,
+            )
+        except ValueError as error:
+            return str(error)
+        sound = 0.5 <= wish.interval <= 1000 and 0.01 <= wish.speed <= 10 and wish.rounds >= 0
+        return wish if sound else say("tester.play.numbers")
+
+    def _report(self, lines: list[str]) -> None:
+        self.query_one("#slave-views", ContentSwitcher).current = "before"
+        self.query_one("#report", Static).update(inked("\n".join(lines), scope_of(self).inks))
+
+    @on(Button.Pressed, "#browse")
+    def action_browse(self) -> None:
+        """Choose a file."""
+
+        def take(path: str | None) -> None:
+            if path:
+                self.query_one("#file", Input).value = path
+
+        here = Path(self.query_one("#file", Input).value).expanduser().parent
+        recent = scope_of(self).settings.trajectories
+        self.app.push_screen(
+            FilePicker(say("tester.browse"), recent, here if here.is_dir() else Path.cwd()), take
+        )
+
+    # While it plays.
+
+    @on(Button.Pressed, "#start")
+    def action_start(self) -> None:
+        """Play."""
+        if self._ready is not None and self._ready.preflight.is_fit and not self._stage.is_taken:
+            self.run_worker(self._play(self._ready), group="play", exit_on_error=False)
+
+    async def _play(self, ready: Performance) -> None:
+        desk, status = self._desk, self._desk.status
+        if status.target is None:
+            self._state(say("tester.not_connected"), INK.bad)
+            return
+        if not desk.arming.lets_pass(desk.now()) and not await self._arm():
+            self._state(say("tester.not_armed"), INK.bad)
+            return
+        robot = status.robot.label if status.robot else "Arm"
+        record = (
+            self._records / f"slave-{time.strftime('%Y%m%d-%H%M%S')}-{time.monotonic_ns() % 1000:03}.pcapng"
+        )
+        target = replace(status.target, name=f"{status.target.name}-player" if status.target.name else "")
+        plan = ready.plan(target, robot, desk.arming.needed, record)
+        self._run = run = SlaveRun(plan, ready.trajectory)
+        self._busy(True)
+        desk.rest(True)
+        try:
+            self._records.mkdir(parents=True, exist_ok=True)
+            await self._stage.begin(plan)
+            await self._follow(run)
+        except OSError as error:
+            self._state(error.strerror or str(error), INK.bad)
+        finally:
+            await self._stage.end()
+            desk.rest(desk.status.slave_mode != 0)
+            self._busy(False)
+
+    async def _follow(self, run: SlaveRun) -> None:
+        live = self.query_one(SlaveLive)
+        self.query_one("#slave-views", ContentSwitcher).current = "live"
+        live.focus()
+        while run.ended is None:
+            for message in await self._stage.messages():
+                answer = run.take(message)
+                if answer is not None:
+                    self._stage.answer(answer)
+            if run.question is not None:
+                await self._ask(run)
+            self._state(run.progress.state if run.progress else say("tester.waiting"), INK.number)
+            live.show(run)
+        self._end(run)
+
+    async def _ask(self, run: SlaveRun) -> None:
+        """Let the user answer a question of the player's."""
+        question, run.question = run.question, None
+        assert question is not None
+        if question.topic is Topic.ARM and self._desk.arming.is_armed(self._desk.now()):
+            self._stage.answer("yes")
+            return
+        facts = [printable(question.text)]
+        if run.peer is not None:
+            facts.append(peer_line(run.peer))
+        choice = await self.app.push_screen_wait(ChoiceDialog(facts, question.choices))
+        self._stage.answer(choice or question.choices[0])
+
+    def _end(self, run: SlaveRun) -> None:
+        assert run.ended is not None
+        if run.preflight is not None and not run.preflight.is_fit:
+            width = self.query_one("#before").size.width - 2
+            self._report(list(PreflightRenderer(INK, width).lines(run.preflight)))
+        self._state(f"{run.ended.outcome}  {say('tester.recorded', path=run.plan.record)}", INK.name)
+
+    def _busy(self, playing: bool) -> None:
+        self.query_one("#start", Button).disabled = playing or self._ready is None
+        self.query_one("#stop", Button).disabled = not playing
+        for name in ("#file", "#mode", "#interval", "#speed", "#rounds", "#index", "#again", "#browse"):
+            self.query_one(name).disabled = playing
+
+    def _state(self, text: str, ink: str) -> None:
+        line = inked(f"{ink}{printable(text)}{INK.reset}", scope_of(self).inks)
+        self.query_one("#slave-state", Static).update(line)
+
+    @on(Button.Pressed, "#stop")
+    def _stop(self) -> None:
+        self._stage.stop()
+
+    @on(Button.Pressed, "#halt")
+    def _halt(self) -> None:
+        scope_of(self).action_halt()
+
+    def action_leave(self) -> None:
+        """Let the robot come to rest if it moves, else go back."""
+        if self._stage.is_taken:
+            self._stage.stop()
+        else:
+            self.dismiss()
