@@ -12,20 +12,15 @@ from bcapscope.cli import options
 from bcapscope.cli.connection import Target, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import check_free
-from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.output import palette
 from bcapscope.cli.playing import Playing, View
-from bcapscope.player.layout import Wishes, parse_columns
+from bcapscope.cli.way import Way, way
 from bcapscope.player.limits import UNKNOWN, limited
 from bcapscope.player.messages import Pacing, Plan
 from bcapscope.player.preflight import check
-from bcapscope.player.reading import read
-from bcapscope.player.resampling import resample
-from bcapscope.player.trajectory import Trajectory, TrajectoryError
-from bcapscope.protocol.slavemode import PERIOD_MS, PoseType
-from bcapscope.render.escape import printable
-from bcapscope.render.preflight import trajectory_line
 
 _HIGHEST_MODE = 0x303
+_NEW_FILE = click.Path(path_type=Path)
 
 
 def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pacing | int:
@@ -43,7 +38,7 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
 
 
 @click.command(short_help="Play a trajectory in slave mode.")
-@click.argument("file", type=click.Path(path_type=Path))
+@way
 @target
 @click.option(
     "--mode",
@@ -53,36 +48,6 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
     show_default=True,
     help="sync: the controller sets the pace (Sync on RC7, mode 2 later); async: we do; or the number for "
     "slvChangeMode, such as 0x202.",
-)
-@click.option(
-    "--interval",
-    metavar="MS",
-    type=click.FloatRange(min=0.5, max=1000),
-    default=float(PERIOD_MS),
-    show_default=True,
-    help="From one slvMove to the next.",
-)
-@click.option("--resample", "again", is_flag=True, help="To that interval, with a smooth start and stop.")
-@click.option(
-    "--speed",
-    metavar="SHARE",
-    type=click.FloatRange(min=0.01, max=10),
-    default=1.0,
-    show_default=True,
-    help="Of the file's speed; resamples.",
-)
-@click.option(
-    "--loop", "rounds", metavar="N", type=click.IntRange(0), default=1, help="Play it N times; 0: until told."
-)
-@click.option(
-    "--index", metavar="N", type=click.IntRange(1), help="Which of several trajectories in the file."
-)
-@click.option("--pose", type=click.Choice([kind.value for kind in PoseType]), help="Pose type to take.")
-@click.option("--columns", metavar="AXES", help="Columns, counted from 1: time=1,J1..J6=2..7.")
-@click.option("--radians", is_flag=True, help="Angles are in radians where the file does not say.")
-@click.option("--metres", is_flag=True, help="Positions are in metres where the file does not say.")
-@click.option(
-    "--limit", "limits", metavar="LIMIT", multiple=True, help="Of the arm: J1=-170..170, J1..J3.speed=300."
 )
 @click.option("--robot", default="Arm", show_default=True, help="Name for Controller_GetRobot.")
 @click.option("--task", default="RobSlave", show_default=True, help="Program that RC7 needs for slave mode.")
@@ -100,33 +65,18 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
 @click.option(
     "--log",
     metavar="FILE.csv",
-    type=click.Path(path_type=Path),
+    type=_NEW_FILE,
     help="Save the controller's own log of the motion, which is emptied first; read over TCP.",
 )
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(path_type=Path),
-    help="Save what was said as a new capture.",
-)
+@click.option("--record", metavar="FILE.pcapng", type=_NEW_FILE, help="Save what was said as a new capture.")
 @click.option("--no-realtime", is_flag=True, help="Do not take real-time priority.")
 @click.option("--json", "as_json", is_flag=True, help="The pre-flight and the summary as JSON objects.")
 @options.color
 def command(
     *,
-    file: Path,
+    way: Way,
     target: Target,
     mode: Pacing | int,
-    interval: float,
-    again: bool,
-    speed: float,
-    rounds: int,
-    index: int | None,
-    pose: str | None,
-    columns: str | None,
-    radians: bool,
-    metres: bool,
-    limits: tuple[str, ...],
     robot: str,
     task: str,
     move_to_start: bool,
@@ -156,19 +106,10 @@ def command(
     for path in (log, record):
         if path is not None:
             check_free(path, overwrite=False)
-    try:
-        known = limited(UNKNOWN, limits)
-        wanted = parse_columns(columns) if columns else {}
-    except ValueError as error:
-        raise click.UsageError(str(error)) from None
-    kind = None if pose is None else PoseType(pose)
-    wishes = Wishes(kind, wanted, "rad" if radians else "deg", "m" if metres else "mm")
-    trajectory = _read(file, wishes, index)
-    if again or speed != 1:
-        trajectory = _resampled(trajectory, interval / 1000, speed)
+    trajectory = way.trajectory()
     view = View(as_json, palette(color), shutil.get_terminal_size().columns)
     view.source(trajectory)
-    before = check(trajectory, interval / 1000, known, loop=rounds != 1)
+    before = check(trajectory, way.interval / 1000, limited(UNKNOWN, way.limits), loop=way.rounds != 1)
     if not before.is_fit:
         view.preflight(before)
         sys.exit(Exit.UNFIT)
@@ -178,39 +119,20 @@ def command(
         task=task,
         kind=trajectory.kind,
         mode=mode,
-        period=round(interval * 1e6),
+        period=round(way.interval * 1e6),
         points=list(map(tuple, trajectory.points.tolist())),
-        limits=limits,
-        rounds=rounds,
+        limits=way.limits,
+        rounds=way.rounds,
         approach=approach,
         may_approach=move_to_start,
         armed=arm,
         look_only=dry_run,
-        log=None if log is None else str(log.absolute()),
-        record=None if record is None else str(record.absolute()),
+        log=_absolute(log),
+        record=_absolute(record),
         realtime=not no_realtime,
     )
     sys.exit(Playing(plan, trajectory, view).run())
 
 
-def _read(file: Path, wishes: Wishes, index: int | None) -> Trajectory:
-    """Read the file; where it holds several trajectories one has to be chosen."""
-    try:
-        found = read(file, wishes)
-    except TrajectoryError as error:
-        narrate(f"bcapscope: {printable(str(file))}: {printable(str(error))}")
-        raise SystemExit(Exit.UNREADABLE) from None
-    if index is None and len(found) > 1:
-        lines = "".join(f"\n  {trajectory_line(number, each)}" for number, each in enumerate(found, 1))
-        raise click.UsageError(f"{file} holds several trajectories, choose one by --index:{lines}")
-    if index is not None and index > len(found):
-        raise click.BadParameter(f"{file} holds {len(found)}", param_hint="--index")
-    return found[(index or 1) - 1]
-
-
-def _resampled(trajectory: Trajectory, period: float, speed: float) -> Trajectory:
-    try:
-        return resample(trajectory, period, speed=speed)
-    except TrajectoryError as error:
-        narrate(f"bcapscope: {printable(str(error))}")
-        raise SystemExit(Exit.UNFIT) from None
+def _absolute(path: Path | None) -> str | None:
+    return None if path is None else str(path.absolute())

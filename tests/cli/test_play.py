@@ -40,7 +40,7 @@ def port() -> Iterator[int]:
 @pytest.fixture
 def gentle(tmp_path: Path) -> Path:
     """Write a way so slow that a set point more or less is no excess."""
-    rows = [",".join(map(str, point)) for point in wave(150, 1.0)]
+    rows = [",".join(map(str, point)) for point in wave(150, 0.1)]
     path = tmp_path / "gentle.csv"
     path.write_text("\n".join(["J1_deg,J2_deg,J3_deg,J4_deg,J5_deg,J6_deg", *rows, ""]))
     return path

@@ -75,7 +75,7 @@ def plan(sim: Sim, **more: object) -> Plan:
 
     Over TCP and in a mode that forgives, since a simulator in a thread of a busy machine may be late.
     """
-    usual = {"mode": 0x102, "points": wave(1000, 4.0), "target": Target("127.0.0.1", sim.port, tcp=True)}
+    usual = {"mode": 0x102, "points": wave(1000, 0.5), "target": Target("127.0.0.1", sim.port, tcp=True)}
     return Plan(**{**usual, **more})  # type: ignore[arg-type]
 
 
@@ -99,7 +99,7 @@ def playing(player: Player) -> Progress:
 
 def test_it_plays_and_tells(sim: Sim, tmp_path: Path) -> None:
     log, record = tmp_path / "log.csv", tmp_path / "all.pcapng"
-    chosen = plan(sim, points=wave(100, 2.0), log=str(log), record=str(record))
+    chosen = plan(sim, points=wave(100, 0.1), log=str(log), record=str(record))
     messages: list[Message] = []
     with Player(chosen) as player:
         while player.ended is None:
@@ -156,7 +156,7 @@ from bcapscope.player.messages import Plan, Progress, Question
 from bcapscope.player.process import Player
 from tests.player.simulated import wave
 
-player = Player(Plan(target=Target("127.0.0.1", int(sys.argv[1]), True), mode=0x102, points=wave(1000, 4.0)))
+player = Player(Plan(target=Target("127.0.0.1", int(sys.argv[1]), True), mode=0x102, points=wave(1000, 0.5)))
 while True:
     for message in player.wait(1.0):
         if isinstance(message, Question):
@@ -178,7 +178,7 @@ def test_when_the_program_that_started_it_is_killed_the_robot_comes_to_rest(sim:
 
 
 def test_nobody_reading_delays_nothing(sim: Sim) -> None:
-    with Player(plan(sim, points=wave(250, 2.0))) as player:
+    with Player(plan(sim, points=wave(250, 0.2))) as player:
         fcntl.fcntl(player, fcntl.F_SETPIPE_SZ, 4096)
         playing(player)
         sim.wait(lambda: sim.machine.slave.mode is None)
