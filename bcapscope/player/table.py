@@ -87,7 +87,7 @@ def read_table(lines: Iterable[str], source: Source, wishes: Wishes) -> tuple[Tr
 
 
 def _separator(head: Sequence[str]) -> str:
-    """Return what stands between cells in half of the lines at least: tab, semicolon, comma, or else spaces."""
+    """Return what stands between cells in half of the lines or more: tab, semicolon, comma, else spaces."""
     lines = [line for line in head if line.strip() and not line.lstrip().startswith("#")]
     for mark in "\t;,":
         if lines and 2 * sum(mark in line for line in lines) >= len(lines):
