@@ -21,7 +21,7 @@ from bcapscope.proxy.intercept import MOST_HELD, Intercept
 from bcapscope.proxy.rules import Rules
 from bcapscope.traffic.observation import Direction, Transport
 from tests.faults.traffic import MS, reply, request, talk
-from tests.strategies import cut
+from tests.strategies import cut, mutated_frames
 
 UP, DOWN = Direction.REQUEST, Direction.RESPONSE
 HALT = encode(9, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
@@ -340,3 +340,59 @@ def test_calls_settle_though_nothing_more_comes() -> None:
     made.receive(1, UP, request(2), now)
     made.close()
     assert len(listener.heard) == 2
+
+
+EVENTS = st.lists(
+    st.tuples(
+        st.sampled_from(["up", "down", "take", "end", "changed", "send on", "drop", "add", "remove"]),
+        st.integers(0, 50 * MS),
+        st.binary(max_size=80) | mutated_frames() | st.builds(request, st.integers(0, 9)),
+    ),
+    max_size=25,
+)
+
+
+@given(
+    EVENTS,
+    st.lists(
+        st.sampled_from(["loss=30%", "delay=3ms±2ms", "reorder", "close 10%", "half-open 5%", "serial 50%"])
+    ),
+    st.sampled_from([Transport.UDP, Transport.TCP]),
+)
+def test_nothing_that_comes_does_harm(
+    events: list[tuple[str, int, bytes]], faults: list[str], transport: Transport
+) -> None:
+    made = rules(
+        *faults,
+        transport=transport,
+        guard=Guard(read_only=True),
+        intercept=holding("serial < 5 or kind == malformed", patience=20 * MS),
+        addons=Addons([Meddler(), Listener()]),
+    )
+    now = 0
+    for what, later, data in events:
+        now += later
+        match what:
+            case "up" | "down":
+                decision = made.receive(1, UP if what == "up" else DOWN, data, now)
+                assert isinstance(decision.note, str)
+            case "take":
+                made.take(now)
+            case "end":
+                made.ended(1, UP, now)
+            case "changed":
+                made.changed(now)
+            case "add":
+                made.shaper.add(read_fault("delay=1ms"), now)
+            case "remove" if made.shaper.counts:
+                made.shaper.remove(next(iter(made.shaper.counts)))
+            case "send on" | "drop" if made.intercept.held:
+                number = made.intercept.held[0].number
+                made.send_on(number, now, data) if what == "send on" else made.drop(number)
+        due = made.due()
+        assert due is None or due >= 0
+    made.take(now + 1000 * MS)
+    made.close()
+    made.gone(1, now)
+    assert made.take(now + 2000 * MS) == []
+    assert made.due() is None
