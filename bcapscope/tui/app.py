@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import signal
 import sys
 from collections.abc import Awaitable, Callable, Sequence
@@ -114,6 +115,8 @@ class Scope(App[None]):
     async def on_mount(self) -> None:
         """Listen to signals, go to the first screen, tell what was wrong with the settings."""
         self._listen()
+        # What was loaded so far stays: looking through it for garbage again and again would delay keys.
+        gc.freeze()
         await self.switch_mode(self.spots[0].mode)
         if self._trouble:
             text = say("shell.settings.broken", path=self._settings_path, reason=self._trouble)

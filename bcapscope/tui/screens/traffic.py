@@ -19,6 +19,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import FilterError, compile_filter
+from bcapscope.traffic.getters import Told
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.screens import following
 from bcapscope.tui.screens.place import Place
@@ -114,6 +115,8 @@ class TrafficScreen(Place):
         self._searched = 0
         self._proofs: list[int] = []
         self._trouble_told = False
+        self._unsettled: Told | None = None
+        self._shown: int | None = None
 
     def content(self) -> ComposeResult:
         """Yield the views, and below them the frame under the cursor."""
@@ -137,6 +140,8 @@ class TrafficScreen(Place):
     def on_mount(self) -> None:
         """Begin to listen."""
         scope_of(self).at_close(self._close)
+        for target in (self.frames, self.calls):
+            self.watch(target, "cursor", self._cursor_moved, init=False)
         self._feed.attach(self._hear)
         self._show_state()
 
@@ -165,14 +170,15 @@ class TrafficScreen(Place):
         feed = self._feed
         feed.progress = told
         if feed.open() and feed.journal is not None and feed.calls is not None:
-            live = not feed.progress.size
-            self.frames.open(feed.journal, live)
-            self.calls.open(feed.calls, live)
+            self.frames.open(feed.journal, feed.is_live)
+            self.calls.open(feed.calls, feed.is_live)
             feed.journal.refresh()
             feed.calls.refresh()
             self._look()
             self.frames.grown()
             self.calls.grown()
+            if self._unsettled is not None:
+                self._show_about(self._unsettled)
         if told.ended and told.trouble and not self._trouble_told:
             self._trouble_told = True
             scope_of(self).tell(say("traffic.trouble", reason=printable(told.trouble)), "warning")
@@ -217,7 +223,7 @@ class TrafficScreen(Place):
         self.frames.look(self._clock, several)
         self.calls.look(self._clock, several, first)
         head = {"frames": self.frames.head, "calls": self.calls.head}.get(self._view)
-        self.query_one("#head", Static).update(Text(head() if head is not None else ""))
+        self.query_one("#head", Static).update(Text(head() if head is not None else ""), layout=False)
 
     def _show_state(self) -> None:
         feed, brief = self._feed, self.size.width < _BRIEF
@@ -255,8 +261,13 @@ class TrafficScreen(Place):
 
     @on(Lines.Moved)
     def _moved(self, message: Lines.Moved) -> None:
-        """Show the frame under the cursor."""
-        if message.lines is self._list and self._view in _KINDS:
+        """Show the frame under the cursor, where others are listed than before."""
+        if message.lines is self._list:
+            self._cursor_moved()
+
+    def _cursor_moved(self) -> None:
+        """Show the frame under the cursor; called at once, so that list and frame are drawn together."""
+        if self._view in _KINDS and self._number() != self._shown:
             self._show_frame()
 
     def _number(self) -> int | None:
@@ -268,18 +279,27 @@ class TrafficScreen(Place):
 
     def _show_frame(self) -> None:
         number, calls = self._number(), self._feed.calls
+        self._shown = number
         packet = self.query_one(PacketView)
         if number is None or calls is None:
             packet.show(None)
-            self.query_one("#about", Static).update("")
+            self.query_one("#about", Static).update("", layout=False)
             return
         told = self.frames.told(number)
         packet.show(told.seen, told.question)
+        self._show_about(told)
+
+    def _show_about(self, told: Told) -> None:
+        """Tell which call a frame belongs to, as soon as that has settled."""
+        calls, number = self._feed.calls, told.seen.number
+        if calls is None:
+            return
         row = calls.row_of(number)
+        self._unsettled = told if row is None else None
         settled = None if row is None else calls.row(row).settled
         self.frames.relate(following.frames_of(settled))
         about = following.about(told, settled, self.frames.marks.get(number))
-        self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"))
+        self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
 
     def on_resize(self, event: Resize) -> None:
         """Give the frame what the list can spare."""

@@ -87,6 +87,11 @@ class Feed:
             argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
         )
 
+    @property
+    def is_live(self) -> bool:
+        """Whether more may be seen at any time."""
+        return bool(self.job.interface) or self.job.follow
+
     def attach(self, tell: Told) -> None:
         """Have everything told to `tell`, in another thread; what came before is told now."""
         with self._lock:

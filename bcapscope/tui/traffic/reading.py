@@ -34,7 +34,7 @@ from bcapscope.traffic.handles import Handles
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Questions
 from bcapscope.traffic.tracker import Tracker
-from bcapscope.tui.traffic.report import Job, Progress, receive, send
+from bcapscope.tui.traffic.report import Job, Progress, receive, send, step_back
 
 if TYPE_CHECKING:
     from bcapscope.tui.traffic.judge import Judge
@@ -233,6 +233,7 @@ class _Live:
 def main() -> None:
     """Read as standard input says."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
+    step_back()
     asked = io.FileIO(0, closefd=False)  # not sys.stdin, whose lock a thread would hold at the end
     job = next(receive(asked, Job), None)
     if job is None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import os
 import struct
+import sys
 from collections.abc import Iterator
 from typing import BinaryIO, TypeVar
 
 import msgspec
 
+_NICE = 5
 _SIZE = struct.Struct("<I")
 T = TypeVar("T")
 
@@ -144,6 +147,12 @@ def receive(stream: BinaryIO | io.RawIOBase, kind: type[T]) -> Iterator[T]:
     while len(head := _read(stream, _SIZE.size)) == _SIZE.size:
         data = _read(stream, *_SIZE.unpack(head))
         yield decoder.decode(data)
+
+
+def step_back() -> None:
+    """Let the screen go before this process where both want the processor."""
+    if sys.platform != "win32":
+        os.nice(_NICE)
 
 
 def _read(stream: BinaryIO | io.RawIOBase, size: int) -> bytes:

@@ -24,7 +24,7 @@ from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import compile_filter
 from bcapscope.traffic.getters import CALL_GETTERS, FRAME_GETTERS
-from bcapscope.tui.traffic.report import Ask, Matches, receive, send
+from bcapscope.tui.traffic.report import Ask, Matches, receive, send, step_back
 
 TELL = 0.05
 """Seconds between two moments at which the screen is told."""
@@ -95,6 +95,7 @@ class Searching:
 def main() -> None:
     """Search as standard input says."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
+    step_back()
     searching = Searching(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))
     asks = io.FileIO(0, closefd=False)
     threading.Thread(target=searching.listen, args=(asks,), daemon=True, name="asks").start()

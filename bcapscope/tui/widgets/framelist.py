@@ -79,6 +79,7 @@ class FrameList(Lines):
         self._clock = Clock.RELATIVE
         self._with_client = False
         self._live = False
+        self._timed = False
         self._renderer = LineRenderer(palette=INK, ends=arrow)
 
     def open(self, journal: Journal, live: bool) -> None:
@@ -122,7 +123,8 @@ class FrameList(Lines):
 
     def grown(self) -> None:
         """Show that there are more; the first one tells from when times count."""
-        if not self.virtual_size.height and self._clock is Clock.RELATIVE:
+        if not self._timed and self._clock is Clock.RELATIVE and self.count:
+            self._timed = True
             self._renderer = self._new_renderer()
         super().grown()
 
@@ -137,6 +139,10 @@ class FrameList(Lines):
             comments = (*comments, note)
         return f"{self._gutter(number)}{self._renderer.line(seen, question, comments)}"
 
+    def sign(self, index: int) -> str:
+        """A line changes with what stands before it."""
+        return self._gutter(self.rows.number(index))
+
     def _gutter(self, number: int) -> str:
         mark = f"{INK.problem}{MARKED}{INK.reset}" if number in self.marks else " "
         if number in self.proofs:
@@ -146,8 +152,9 @@ class FrameList(Lines):
     def relate(self, related: Collection[int]) -> None:
         """Show other frames as belonging to the call under the cursor."""
         if related != self.related:
+            changed = [self.rows.index(number) for number in {*related, *self.related}]
             self.related = related
-            self.repaint()
+            self.redraw(*(index for index in changed if index is not None))
 
     def head(self) -> str:
         """Write what stands above the columns."""

@@ -68,6 +68,8 @@ class Lines(ScrollView, can_focus=True):
         self._strips: LRUCache[tuple[object, ...], Strip] = LRUCache(_KEPT)
         self._version = 0
         self._width = 0
+        self._told = 0
+        self._style: Style | None = None
 
     @property
     @abstractmethod
@@ -84,7 +86,8 @@ class Lines(ScrollView, can_focus=True):
         """Show other lines than before, with the cursor on one of them."""
         self._version += 1
         self._width = 0
-        self.virtual_size = Size(self.size.width, self.count)
+        self._told = self.count
+        self._measure()
         self.set_reactive(Lines.cursor, max(0, min(cursor, self.count - 1)))
         self.scroll_x = self.scroll_target_x = 0
         self._see_cursor()
@@ -93,16 +96,28 @@ class Lines(ScrollView, can_focus=True):
 
     def grown(self) -> None:
         """Show that there are more lines; see `follows` for a cursor on the last one."""
-        height, count = self.virtual_size.height, self.count
-        if count == height:
+        before, count = self._told, self.count
+        if count == before:
             return
-        self.virtual_size = Size(self.virtual_size.width, count)
-        if self.follows and self.cursor >= height - 1:
+        self._told = count
+        self._measure()
+        if self.follows and self.cursor >= before - 1:
             self.cursor = count - 1
-        elif height < self.scroll_offset.y + self.size.height:
+        elif before < self.scroll_offset.y + self.size.height:
             self.refresh()
-        if height == 0:
+        if before == 0:
             self._tell_moved()
+
+    def _measure(self) -> None:
+        """Tell the scroll bar how much there is.
+
+        Not by assigning `virtual_size`, which would lay out the whole screen anew for every frame shown.
+        """
+        size = Size(max(self._width, self.size.width), max(self._told, self.size.height))
+        if size != self.virtual_size:
+            self.set_reactive(Lines.virtual_size, size)
+            bar = self.vertical_scrollbar
+            bar.window_virtual_size, bar.window_size = size.height, self.size.height
 
     @property
     def follows(self) -> bool:
@@ -114,30 +129,47 @@ class Lines(ScrollView, can_focus=True):
         self._version += 1
         self.refresh()
 
+    def redraw(self, *indexes: int) -> None:
+        """Draw some lines anew, those of them that are in sight."""
+        top, height = self.scroll_offset.y, self.size.height
+        seen = [index - top for index in indexes if 0 <= index - top < height]
+        if seen:
+            self.refresh(*(Region(0, y, self.size.width, 1) for y in seen))
+
     # how it is drawn
 
     def notify_style_update(self) -> None:
         """Draw all anew in other colours."""
         self._version += 1
+        self._style = None
         super().notify_style_update()
 
     def on_resize(self, event: Resize) -> None:
         """Keep the cursor in sight."""
-        self.virtual_size = Size(max(self._width, self.size.width), self.count)
+        self._measure()
         self._see_cursor()
 
     def render_line(self, y: int) -> Strip:
         """Draw one line of what is in sight."""
         x, top = self.scroll_offset
         index, width = y + top, self.size.width
-        if index >= self.count:
-            return Strip.blank(width, self.rich_style)
+        if index >= self._told:
+            return Strip.blank(width, self._base())
         is_cursor = self.marks_cursor and index == self.cursor
-        key = (index, x, width, is_cursor, is_cursor and self.has_focus, self._version)
+        key = (index, x, width, is_cursor, is_cursor and self.has_focus, self.sign(index), self._version)
         strip = self._strips.get(key)
         if strip is None:
             strip = self._strips[key] = self._draw(index, x, width, is_cursor)
         return strip.apply_offsets(x, index)
+
+    def sign(self, index: int) -> str:
+        """Return what else a line depends on, where that changes without `changed` or `repaint`."""
+        return ""
+
+    def _base(self) -> Style:
+        if self._style is None:
+            self._style = self.rich_style
+        return self._style
 
     @property
     def marks_cursor(self) -> bool:
@@ -148,8 +180,8 @@ class Lines(ScrollView, can_focus=True):
         strip = Strip(segments(self.line(index), scope_of(self).inks))
         if strip.cell_length > self._width:
             self._width = strip.cell_length
-            self.call_later(self._widen)
-        style = self.rich_style
+            self.call_later(self._measure)
+        style = self._base()
         if is_cursor:
             style = self._cursor_style()
         return strip.crop_extend(x, x + width, style).apply_style(style)
@@ -160,10 +192,6 @@ class Lines(ScrollView, can_focus=True):
             return Style(reverse=self.has_focus, underline=not self.has_focus)
         return self.get_component_rich_style(name)
 
-    def _widen(self) -> None:
-        if self._width > self.virtual_size.width:
-            self.virtual_size = Size(self._width, self.virtual_size.height)
-
     # the cursor
 
     def go(self, index: int) -> None:
@@ -172,8 +200,7 @@ class Lines(ScrollView, can_focus=True):
 
     def watch_cursor(self, old: int, new: int) -> None:
         """Draw both lines anew and tell."""
-        for index in (old, new):
-            self.refresh(Region(0, index - self.scroll_offset.y, self.size.width, 1))
+        self.redraw(old, new)
         self._see_cursor()
         self._tell_moved()
 
@@ -195,7 +222,7 @@ class Lines(ScrollView, can_focus=True):
             aim = at if at < top else at - height + 1
             if abs(at - top) > 2 * height:
                 aim = at - height // 2
-            self.scroll_to(y=max(0, aim), animate=False, immediate=True)
+            self.scroll_to(y=max(0, aim), animate=False, force=True)
 
     def action_move(self, by: int) -> None:
         """Go up or down."""
@@ -215,7 +242,7 @@ class Lines(ScrollView, can_focus=True):
 
     def action_sideways(self, by: int) -> None:
         """Show what is further left or right."""
-        self.scroll_relative(x=by * _SIDEWAYS, animate=False)
+        self.scroll_to(x=max(0, self.scroll_offset.x + by * _SIDEWAYS), animate=False, force=True)
 
     def action_choose(self) -> None:
         """Choose the line."""

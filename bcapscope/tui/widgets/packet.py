@@ -12,6 +12,7 @@ from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Question
 from bcapscope.tui.widgets.fieldtree import FieldTree
 from bcapscope.tui.widgets.hexview import HexView, width_for
+from bcapscope.tui.widgets.lines import Lines
 
 _TREE_AT_LEAST = 48
 """Columns of the tree below which the bytes take half the width: eight of them a line."""
@@ -34,7 +35,8 @@ class PacketView(Horizontal):
         """
         found = () if seen is None else sections(seen, question)
         self.query_one(HexView).show(found)
-        self.query_one(FieldTree).show(found)
+        with self.prevent(Lines.Moved):
+            self.query_one(FieldTree).show(found)
 
     def on_resize(self, event: Resize) -> None:
         """Give the bytes the columns that they need, and the rest to the tree."""
