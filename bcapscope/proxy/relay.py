@@ -208,7 +208,7 @@ class Relay:
                 left = session.send(up, data)
                 self.ring.put(up, session.number, came, left, data)
                 return
-        self.counts[Count.RULED] += 1
+        self.counts[Count.RULED] += bool(note)  # what is only cut into frames is touched by none
         self.ring.put(up, session.number, came, 0, data, note=note.encode()[:4096])
         self._perform(actions)
 
