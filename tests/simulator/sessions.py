@@ -108,6 +108,9 @@ async def _slave(service: Service, client: Client, profile: Profile) -> None:
     await _ready(controller, robot, profile)
     passing = "@P" if client.session is Session.PASSING else "@E"
     await _try(robot.move(1, f"{passing} J({','.join(map(str, FIRST))})"))
+    if profile.generation is Generation.RC8:
+        await _try(robot.execute("slvSendFormat", 0))
+        await _try(robot.execute("slvRecvFormat", 2))
     await _try(robot.slv_change_mode(client.mode))
     if not await _stream(robot, client, profile):
         await _try(robot.slv_change_mode(0))
@@ -121,7 +124,7 @@ async def _slave(service: Service, client: Client, profile: Profile) -> None:
 
 async def _stream(robot: Robot, client: Client, profile: Profile) -> bool:
     """Send the set points; return whether none of the last was refused."""
-    mode = slave_mode(client.mode, Generation.RC7 if profile.name == "rc7" else Generation.RC8)
+    mode = slave_mode(client.mode, profile.generation)
     assert mode is not None
     loop = asyncio.get_running_loop()
     began, refused = loop.time(), 0
