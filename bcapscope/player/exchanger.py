@@ -7,7 +7,7 @@ serials.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Collection, Coroutine, Sequence
 from typing import Any, TypeAlias, TypeVar
 
 from bcapscope.player.channel import Channel
@@ -112,11 +112,14 @@ class BlockingExchanger:
             elif now >= until:
                 return None
 
-    def overdue(self, serial: int, until: int) -> Late | None:
-        """Wait on for the reply to the last try of a call that is given up; nothing is sent any more.
+    def overdue(self, serials: Collection[int], until: int) -> Late | None:
+        """Wait on for a reply to a call that is given up; nothing is sent any more.
+
+        Now one to any of its tries will do, even one that was discarded before: a try again would show
+        nothing else, since a call is executed once.
 
         Args:
-            serial: of that try.
+            serials: of its tries.
             until: when to stop waiting.
 
         Raises:
@@ -124,9 +127,9 @@ class BlockingExchanger:
         """
         while True:
             self._events()
-            found = next((late for late in self.late if late.reply.serial == serial), None)
-            if found is not None and found.reply.code != S_EXECUTING:
-                return found
+            for late in self.late:
+                if late.reply.serial in serials and late.reply.code != S_EXECUTING:
+                    return late
             data = self._received(until)
             now = self.link.now()
             if data is not None:

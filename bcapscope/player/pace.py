@@ -10,8 +10,8 @@ in ShoheiKobata/orin_bcap_python_samples):
 * **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due `_PREPARING`
   after the reply, so that it always goes out equally long after. While the reply does not come the call is
   tried again, each `Pace.timeout`; a reply to an earlier try is discarded. When all tries are used up nothing
-  more is sent, and the reply to the last of them is waited for: a controller with a full buffer is not in
-  need yet. After `SILENCE` it counts as gone.
+  more is sent, and a reply to any of them will do: a controller with a full buffer is not in need yet. After
+  `SILENCE` it counts as gone.
 * **mode 0**: both. S_BUF_FULL asks for a period's pause; S_OK says that there is room, so the next follows at
   once; 83201483 says that there was none, and the same set point is sent again.
 
@@ -215,9 +215,9 @@ class Pacer:
         return code
 
     def _overdue(self, settled: TimedOut) -> Frame:
-        """Wait on for the reply to the last try."""
-        last = settled.attempts[-1]
-        found = self._exchanger.overdue(last.serial, settled.attempts[0].sent + self._silence)
+        """Wait on for the reply when all tries are used up."""
+        serials = [attempt.serial for attempt in settled.attempts]
+        found = self._exchanger.overdue(serials, settled.attempts[0].sent + self._silence)
         if found is None:
             raise ExchangeTimeout(_NAME, settled.attempts)
         self._answered += 1

@@ -89,9 +89,9 @@ def test_a_reply_after_the_last_try_is_heard(server: socket.socket, exchanger: B
     settled = exchanger.settle(sent + 10_000 * MS)
     assert isinstance(settled, TimedOut)
     request, address = take(server)
-    assert exchanger.overdue(request.serial, exchanger.link.now() + MS) is None
+    assert exchanger.overdue([request.serial], exchanger.link.now() + MS) is None
     server.sendto(encode(request.serial, 0, 0, ()), address)
-    late = exchanger.overdue(request.serial, exchanger.link.now() + 10_000 * MS)
+    late = exchanger.overdue([request.serial], exchanger.link.now() + 10_000 * MS)
     assert late is not None
     assert late in exchanger.late
 
