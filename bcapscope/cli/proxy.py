@@ -134,8 +134,9 @@ def command(
         for line in rules.words():
             narrate(line)
         control = None if policy is None else rules.plug_in(policy, proxy.relay)
-        for listener in listeners:
-            address = proxy.listen(listener, round(forget * 1e9))
+        addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
+        proxy.start_watching()
+        for listener, address in zip(listeners, addresses, strict=True):
             words = " and ".join(each.upper() for each in listener.transports)
             narrate(f"{address} {words} > {listener.to}; {reach(address.host)}{_allowed(allow)}")
         proxy.run()

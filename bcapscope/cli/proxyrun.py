@@ -73,13 +73,28 @@ class Proxy:
         self.relay.listen(ports)
         return address
 
-    def run(self) -> None:
-        """Pass bytes on until told to end, then end in order.
+    def start_watching(self) -> None:
+        """Start the process that watches, and wait until it does.
 
         Raises:
             FileRefused: the recording cannot be written.
         """
-        self._start_watching()
+        arguments = self._memory.name, self._other_end, self._wishes
+        self._watcher = self._context.Process(target=watch, args=arguments, name="watch")
+        self._watcher.start()
+        self._other_end.close()
+        try:
+            answer = self._link.recv_bytes() if self._link.poll(_BEGINS_WITHIN) else b"no answer"
+        except (EOFError, OSError):
+            answer = b"the process that writes it has ended"
+        if answer != READY:
+            raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
+        self._watched = True
+        if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
+            self.relay.watch(self._link.fileno(), lambda _: self._hear())
+
+    def run(self) -> None:
+        """Pass bytes on until told to end, then end in order; `start_watching` came before."""
         for name in ("SIGINT", "SIGTERM"):
             signal.signal(getattr(signal, name), self._end)
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -109,21 +124,6 @@ class Proxy:
         self._ring.release()
         self._memory.close()
         self._memory.unlink()
-
-    def _start_watching(self) -> None:
-        arguments = self._memory.name, self._other_end, self._wishes
-        self._watcher = self._context.Process(target=watch, args=arguments, name="watch")
-        self._watcher.start()
-        self._other_end.close()
-        try:
-            answer = self._link.recv_bytes() if self._link.poll(_BEGINS_WITHIN) else b"no answer"
-        except (EOFError, OSError):
-            answer = b"the process that writes it has ended"
-        if answer != READY:
-            raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
-        self._watched = True
-        if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
-            self.relay.watch(self._link.fileno(), lambda _: self._hear())
 
     def _end(self, number: int, frame: FrameType | None) -> None:
         """End in order, and at once when asked again; a signal handler."""

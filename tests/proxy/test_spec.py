@@ -50,14 +50,8 @@ def test_one_port_may_carry_udp_here_and_tcp_there() -> None:
 
 def test_who_is_allowed() -> None:
     (listener,) = parse_listeners(["[::1]:1"], ["a:1"], "udp", ["10.0.0.0/8", "192.168.0.7", "fe80::/10"])
-    assert [
-        host
-        for host in ("10.1.2.3", "192.168.0.7", "192.168.0.8", "fe80::1%eth0", "::1")
-        if listener.allows(host)
-    ] == [
-        "10.1.2.3",
-        "192.168.0.7",
-        "fe80::1%eth0",
-    ]
-    with pytest.raises(SpecError, match="--allow 10.0.0.1/8: no address and no network"):
+    hosts = ("10.1.2.3", "192.168.0.7", "192.168.0.8", "fe80::1%eth0", "::1")
+    allowed = [host for host in hosts if listener.allows(host)]
+    assert allowed == ["10.1.2.3", "192.168.0.7", "fe80::1%eth0"]
+    with pytest.raises(SpecError, match=r"--allow 10\.0\.0\.1/8: no address and no network"):
         parse_listeners(["[::1]:1"], ["a:1"], "udp", ["10.0.0.1/8"])

@@ -6,29 +6,34 @@ import socket
 
 from bcapscope.proxy import udp
 from bcapscope.proxy.ring import Count, Kind
-from bcapscope.traffic.observation import Endpoint
+from bcapscope.proxy.sockets import facing, listen_on
+from bcapscope.traffic.observation import Endpoint, Transport
 from tests.proxy.relaying import datagrams, eventually, port_of, running
 
 
 def test_each_client_has_its_own_way_and_bytes_pass_unchanged() -> None:
     said = [b"", b"\0", bytes(range(256)) * 100, b"\x01" * 65507]
-    with datagrams() as server, running(port_of(server), "udp") as proxy:
-        with datagrams(to=proxy.address) as one, datagrams(to=proxy.address) as other:
-            ways = set()
-            for client in (one, other):
-                for data in said:
-                    client.send(data)
-                    heard, way = server.recvfrom(65536)
-                    assert heard == data
-                    ways.add(way)
-                    server.sendto(data[::-1], way)
-                    assert client.recv(65536) == data[::-1]
-            assert len(ways) == 2
-            eventually(lambda: len(proxy.passed(False)) == 8)
-            assert proxy.passed(True) == said * 2
-            first = next(record for record in proxy.records if record.kind is Kind.DATA)
-            assert 0 < first.left - first.came < 10**10
-            assert list(proxy.relay.counts)[:4] == [8, 8, 8, 8]
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as one,
+        datagrams(to=proxy.address) as other,
+    ):
+        ways = set()
+        for client in (one, other):
+            for data in said:
+                client.send(data)
+                heard, way = server.recvfrom(65536)
+                assert heard == data
+                ways.add(way)
+                server.sendto(data[::-1], way)
+                assert client.recv(65536) == data[::-1]
+        assert len(ways) == 2
+        eventually(lambda: len(proxy.passed(False)) == 8)
+        assert proxy.passed(True) == said * 2
+        first = next(record for record in proxy.records if record.kind is Kind.DATA)
+        assert 0 < first.left - first.came < 10**10
+        assert list(proxy.relay.counts)[:4] == [8, 8, 8, 8]
 
 
 def test_a_client_that_starts_again_on_its_port_keeps_its_way() -> None:
@@ -60,16 +65,19 @@ def test_a_refusal_is_told_once_and_what_follows_is_still_sent() -> None:
 
 
 def test_silent_clients_are_forgotten_and_may_come_again() -> None:
-    with datagrams() as server, running(port_of(server), "udp", forget_after=1_000_000) as proxy:
-        with datagrams(to=proxy.address) as client:
-            client.send(b"one")
-            _, way = server.recvfrom(100)
-            eventually(lambda: proxy.of(Kind.GONE), "forgetting")
-            assert not proxy.relay.sessions
-            client.send(b"two")
-            heard, other = server.recvfrom(100)
-            assert heard == b"two"
-            assert other != way
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", forget_after=1_000_000) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        _, way = server.recvfrom(100)
+        eventually(lambda: proxy.of(Kind.GONE), "forgetting")
+        assert not proxy.relay.sessions
+        client.send(b"two")
+        heard, other = server.recvfrom(100)
+        assert heard == b"two"
+        assert other != way
 
 
 def test_strangers_are_told_once_and_dropped() -> None:
@@ -109,16 +117,19 @@ def test_one_client_too_many_waits_until_one_is_silent() -> None:
 
 
 def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:
-    with datagrams() as server, running(port_of(server), "udp") as proxy:
-        with datagrams(to=proxy.address) as client:
-            client.send(b"one")
-            _, way = server.recvfrom(100)
-            session = next(iter(proxy.relay.sessions.values()))
-            assert session.send(True, bytes(65536)) == 0
-            assert proxy.relay.counts[Count.FULL] == 1
-            eventually(lambda: "65536 bytes could not be sent: message too long" in proxy.told())
-            server.sendto(b"still there", way)
-            assert client.recv(100) == b"still there"
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        _, way = server.recvfrom(100)
+        session = next(iter(proxy.relay.sessions.values()))
+        assert session.send(True, bytes(65536)) == 0
+        assert proxy.relay.counts[Count.FULL] == 1
+        eventually(lambda: "65536 bytes could not be sent: message too long" in proxy.told())
+        server.sendto(b"still there", way)
+        assert client.recv(100) == b"still there"
 
 
 def test_full_buffers_of_the_system_are_counted() -> None:
@@ -156,8 +167,5 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
 
 
 def test_listening_on_all_addresses_the_one_in_use_is_recorded() -> None:
-    from bcapscope.proxy.sockets import facing, listen_on
-    from bcapscope.traffic.observation import Transport
-
     with listen_on(Endpoint("0.0.0.0", 0), Transport.UDP) as sock:
         assert facing(sock, ("127.0.0.1", 9)) == ("127.0.0.1", port_of(sock))

@@ -1,0 +1,168 @@
+"""A simulator and a proxy before it, as a user runs them, and clients that talk through both."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bcapscope.client import Paces, Session, open_session, over_tcp, over_udp
+from bcapscope.errors import BcapError
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.requester import Answered, Event, Pace, Refused, TimedOut
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.traffic.observation import Observation
+
+PATIENCE = 30.0
+SLAVE_MODE = 0x102
+"""Mode 1, joints: the answer comes at once, be it that there is no room for the set point."""
+
+
+class Process:
+    """A command that runs.
+
+    Attributes:
+        port: where it listens.
+        popen: the process.
+    """
+
+    def __init__(self, words: list[str], stdout: int) -> None:
+        argv = [sys.executable, "-m", "bcapscope", *words]
+        self.popen = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=stdout, stderr=subprocess.PIPE)
+        self._err: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        self.port = int(self.wait_for(r"(?:port |:)(\d+)(?: UDP| TCP|,)")[1])
+
+    def _read(self) -> None:
+        assert self.popen.stderr is not None
+        for line in self.popen.stderr:
+            self._err.append(line.decode())
+
+    @property
+    def err(self) -> str:
+        """What it told so far."""
+        return "".join(self._err)
+
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        """Wait until it tells something."""
+        until = time.monotonic() + PATIENCE
+        while (found := re.search(pattern, self.err)) is None:
+            assert time.monotonic() < until, self.err
+            assert self.popen.poll() is None, self.err
+            time.sleep(0.01)
+        return found
+
+    def end(self, number: int) -> str:
+        """Send it a signal and wait for its end; return all that it told."""
+        self.popen.send_signal(number)
+        assert self.popen.wait(PATIENCE) == 0, self.err
+        self.close()
+        return self.err
+
+    def close(self) -> None:
+        """Kill it, if it still runs."""
+        self.popen.kill()
+        self.popen.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        for pipe in (self.popen.stdout, self.popen.stderr):
+            if pipe is not None:
+                pipe.close()
+
+
+@contextmanager
+def simulator(*words: str) -> Iterator[Process]:
+    """Run ``bcapscope sim``."""
+    process = Process(["sim", "-q", "--port", "0", *words], subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.close()
+
+
+@contextmanager
+def proxy(to: int, *words: str, stdout: int = subprocess.DEVNULL) -> Iterator[Process]:
+    """Run ``bcapscope proxy`` before a port; it is recording when the block begins."""
+    spec = ["proxy", "--listen", "127.0.0.1:0", "--to", f"127.0.0.1:{to}"]
+    process = Process([*spec, *words], stdout)
+    try:
+        yield process
+    finally:
+        process.close()
+
+
+class Talk:
+    """What a client saw of its session.
+
+    Attributes:
+        sent: the frames that it sent.
+        heard: the frames that it heard.
+        calls: of each call its tries and its result, None where there was none.
+    """
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+        self.heard: list[bytes] = []
+        self.calls: list[tuple[int, int | None]] = []
+
+    def observe(self, seen: Observation) -> None:
+        """See a frame."""
+        (self.sent if seen.flow.direction == "request" else self.heard).append(seen.item.raw)
+
+    def listen(self, event: Event) -> None:
+        """Hear of an end."""
+        if isinstance(event, Answered | Refused):
+            self.calls.append((len(event.attempts), event.reply.code))
+        elif isinstance(event, TimedOut):
+            self.calls.append((len(event.attempts), None))
+
+
+def talk(port: int, convention: Convention, points: int, timeout: int = 1000) -> Talk:
+    """Run a session with so many set points; tries after `timeout` ms, eight at most."""
+    tcp = convention in (Convention.TCP0, Convention.TCP1)
+    seen = Talk()
+    pace = Pace(timeout * 1_000_000, 7)
+
+    async def play() -> None:
+        opener = (over_tcp if tcp else over_udp)("127.0.0.1", port)
+        session = open_session(
+            opener,
+            convention=convention,
+            paces=Paces(pace, pace, pace),
+            observer=seen.observe,
+            listener=seen.listen,
+        )
+        async with session as link:
+            await drive(link, points)
+
+    asyncio.run(play())
+    return seen
+
+
+async def drive(session: Session, points: int) -> None:
+    """Connect, take the arm, enter slave mode, send set points, and leave it all."""
+    await session.invoke("Service_Start", "")
+    reply = await session.invoke("Controller_Connect", "", "CaoProv.DENSO.VRC", "localhost", "")
+    controller = reply.arguments[0].variant.value
+    robot = (await session.invoke("Controller_GetRobot", controller, "Arm", "")).arguments[0].variant.value
+    await session.invoke("Robot_Execute", robot, "TakeArm", [0, 0])
+    await session.invoke("Robot_Execute", robot, "Motor", [1, 0])
+    await session.invoke("Robot_Execute", robot, "slvChangeMode", Variant(VT.I4, SLAVE_MODE))
+    for _ in range(points):
+        try:
+            await session.invoke(
+                "Robot_Execute", robot, "slvMove", [0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0]
+            )
+        except BcapError:  # the controller refuses what comes too fast or too late; that is an answer, too
+            continue
+
+
+def recording(path: Path) -> list[str]:
+    """Return the options that record to a file."""
+    return ["--record", str(path)]

@@ -1,0 +1,266 @@
+"""``bcapscope proxy`` as a user runs it, before the simulator."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+
+import pytest
+
+from bcapscope.capture.file import open_capture
+from bcapscope.capture.observer import Observer
+from bcapscope.errors import CaptureError
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.frame import encode
+from bcapscope.traffic.observation import Observation
+from tests.cli.proxying import PATIENCE, Process, proxy, recording, simulator, talk
+from tests.cli.run import run
+
+POINTS = int(os.environ.get("BCAPSCOPE_POINTS", "150"))
+"""Set points of each session; 2000 take a minute."""
+
+CONVENTIONS = (Convention.SEED, Convention.OWN, Convention.CHAIN, Convention.TCP0, Convention.TCP1)
+
+
+@pytest.fixture(scope="module")
+def controller(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, Path]]:
+    """Run a simulator that records; give its port and its recording."""
+    path = tmp_path_factory.mktemp("sim") / "sim.pcapng"
+    with simulator(*recording(path)) as process:
+        yield process.port, path
+
+
+def observed(path: Path, ports: set[int]) -> list[Observation]:
+    """Read a recording of talks with servers on these ports."""
+    found: list[Observation] = []
+    # Where a kill came in the middle of a write, the last block breaks off.
+    with open_capture(str(path)) as capture, suppress(CaptureError):
+        found.extend(Observer(frozenset(ports)).observe(capture))
+    return found
+
+
+def said(seen: list[Observation], server: int) -> tuple[list[bytes], list[bytes]]:
+    """Return the frames to and from a server's port."""
+    here = [each for each in seen if each.flow.conversation.server.port == server]
+    requests = [each.item.raw for each in here if each.flow.direction == "request"]
+    return requests, [each.item.raw for each in here if each.flow.direction == "response"]
+
+
+def calls_of(path: Path, port: int) -> list[tuple[int, int | None]]:
+    """Return of each call, as `calls` tells it, how often it was tried and its result."""
+    ran = run("calls", path, "-p", str(port), "--json")
+    records = [each for each in map(json.loads, ran.lines) if each["server"] == f"127.0.0.1:{port}"]
+    records.sort(key=lambda each: each["call"])
+    return [(len(each["serials"]), each["hresult"]) for each in records]
+
+
+def test_sessions_of_every_convention(controller: tuple[int, Path], tmp_path: Path) -> None:
+    to, at_the_controller = controller
+    path = tmp_path / "both.pcapng"
+    before = len(observed(at_the_controller, {to}))
+    out = tmp_path / "out"
+    with out.open("wb") as stdout, proxy(to, "--calls", *recording(path), stdout=stdout.fileno()) as process:
+        talks = [talk(process.port, convention, POINTS) for convention in CONVENTIONS]
+        told = process.end(signal.SIGINT)
+        port = process.port
+    sent = [raw for each in talks for raw in each.sent]
+    heard = [raw for each in talks for raw in each.heard]
+    calls = [call for each in talks for call in each.calls]
+    assert len(calls) == len(CONVENTIONS) * (POINTS + 10)
+    seen = observed(path, {to, port})
+    assert said(seen, port) == said(seen, to) == (sent, heard)
+    assert said(observed(at_the_controller, {to})[before:], to) == (sent, heard)
+    assert calls_of(path, port) == calls
+    assert len(out.read_text().splitlines()) == len(calls)
+    assert f"{len(calls)} calls, 0 retries; 5 clients" in told
+    assert "the session of" not in told  # all were ended by their clients
+
+
+def test_sessions_with_faults(controller: tuple[int, Path], tmp_path: Path) -> None:
+    to, _ = controller
+    path = tmp_path / "faults.pcapng"
+    with proxy(to, "-q", "--fault", "loss=5%", "--seed", "7", *recording(path)) as process:
+        talks = [talk(process.port, convention, POINTS, timeout=30) for convention in CONVENTIONS[:3]]
+        process.end(signal.SIGTERM)
+        port = process.port
+    calls = [call for each in talks for call in each.calls]
+    assert calls_of(path, port) == calls
+    assert sum(tries > 1 for tries, _ in calls) > len(calls) // 50
+    comments = [line for line in run("decode", path, "-p", str(port), "-p", str(to)).lines if "# " in line]
+    assert comments
+
+
+def flood(port: int, seconds: float) -> tuple[int, float]:
+    """Ask as fast as answers come; return how often, and when the last time was, since 1970."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.connect(("127.0.0.1", port))
+        sock.settimeout(PATIENCE)
+        until, count = time.time() + seconds, 0
+        while time.time() < until:
+            count += 1
+            sock.send(encode(count % 65535 + 1, 0, 17))
+            sock.recv(4096)
+        return count, time.time()
+
+
+@pytest.mark.parametrize("whom", ["relay", "watcher", "both"])
+def test_a_kill_leaves_a_recording_that_can_be_read(
+    controller: tuple[int, Path], tmp_path: Path, whom: str
+) -> None:
+    to, _ = controller
+    path = tmp_path / "killed.pcapng"
+    with proxy(to, "-q", *recording(path)) as process:
+        count, last = flood(process.port, 1.5)
+        watcher = watcher_of(process)
+        victims = {"relay": [process.popen.pid], "watcher": [watcher], "both": [watcher, process.popen.pid]}
+        for pid in victims[whom]:
+            os.kill(pid, signal.SIGKILL)
+        if whom == "watcher":
+            process.wait_for("watching has ended; the relay goes on")
+            assert flood(process.port, 0.2)[0]
+        else:
+            wait_for_end(watcher)
+    seen = observed(path, {process.port, to})
+    assert seen[-1].time / 1e9 > last - 1.0
+    assert len(seen) > count  # both legs of requests and replies, but for what the last second had
+    assert run("decode", path).code in (0, 3)
+
+
+def watcher_of(process: Process) -> int:
+    """Return the pid of the process that records."""
+    pid = process.popen.pid
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+            return int(child)
+    raise AssertionError("there is none")
+
+
+def wait_for_end(pid: int) -> None:
+    """Wait until a process is gone."""
+    until = time.monotonic() + PATIENCE
+    while Path(f"/proc/{pid}/stat").exists() and ") Z" not in Path(f"/proc/{pid}/stat").read_text():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def test_sessions_that_are_open_are_ended_at_the_controller(
+    controller: tuple[int, Path], tmp_path: Path
+) -> None:
+    to, at_the_controller = controller
+    out, only = tmp_path / "out", 'function ~ "Service"'
+    with out.open("wb") as stdout, proxy(to, "--json", "-f", only, stdout=stdout.fileno()) as process:
+        left_open(process.port)
+        told = process.end(signal.SIGINT)
+    assert "where slave mode is on and the arm is held, was ended" in told
+    assert [json.loads(line)["function"] for line in out.read_bytes().splitlines()] == ["Service_Start"] * 2
+    requests, _ = said(observed(at_the_controller, {to}), to)
+    functions = [int.from_bytes(raw[9:13], "little") for raw in requests]
+    assert functions[-5:] == [64, 64, 84, 4, 2]  # slvChangeMode 0, GiveArm, Robot_Release, disconnect, stop
+
+
+def left_open(port: int) -> None:
+    """Run a client that enters slave mode and is killed."""
+    code = (
+        "import asyncio, os\n"
+        "from bcapscope.client import open_session, over_udp\n"
+        "from tests.cli.proxying import drive\n"
+        "async def play():\n"
+        f"    async with open_session(over_udp('127.0.0.1', {port})) as session:\n"
+        "        await drive(session, 20)\n"
+        "        os._exit(0)\n"
+        "asyncio.run(play())\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE)
+
+
+def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
+    controller: tuple[int, Path], tmp_path: Path
+) -> None:
+    to, _ = controller
+    path = tmp_path / "full.pcapng"
+    reading, writing = os.pipe()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        with proxy(to, *recording(path), stdout=writing) as process:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+            os.close(writing)
+            os.close(reading)
+            flood(process.port, 0.8)
+            process.wait_for("full.pcapng is not written any more: file too large")
+            process.wait_for("standard output is closed")
+            assert flood(process.port, 0.1)[0]
+            process.end(signal.SIGINT)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert run("decode", path).code == 0  # whole blocks only
+
+
+def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int, Path]) -> None:
+    to, _ = controller
+    with proxy(to, "-q") as process:
+        flood(process.port, 0.1)
+        process.popen.send_signal(signal.SIGHUP)
+        assert flood(process.port, 1.5)[0]
+        assert process.popen.poll() is None
+        process.end(signal.SIGINT)
+    with proxy(to, "-q") as process:
+        process.end(signal.SIGHUP)
+
+
+def test_a_ring_of_files(controller: tuple[int, Path], tmp_path: Path) -> None:
+    to, _ = controller
+    with proxy(to, "-q", *recording(tmp_path / "r.pcapng"), "--ring", "3x30kB") as process:
+        flood(process.port, 1.0)
+        process.end(signal.SIGINT)
+    files = sorted(tmp_path.iterdir())
+    assert len(files) == 3
+    assert all(each.name.startswith("r_0") for each in files)
+    frames = [len(observed(each, {process.port, to})) for each in files]
+    assert all(frames)
+
+
+HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        (["--listen", "127.0.0.1:0"], 2, "each --listen needs its --to"),
+        (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--ring", "x"], 2, "a ring is written as"),
+        (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "-f", "nonsense =="], 2, "nonsense"),
+        (["--listen", "127.0.0.1:0", "--to", "no.such.host.invalid:1"], 9, "there is no way to no.such"),
+        (["--listen", "203.0.113.7:0", "--to", "127.0.0.1:1"], 4, "cannot listen on 203.0.113.7"),
+        (
+            ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--record", "/nowhere/a.pcapng"],
+            6,
+            "no such file",
+        ),
+        (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--record", __file__], 6, "exists already"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(words: list[str], code: int, sentence: str) -> None:
+    ran = run("proxy", *words)
+    assert ran.code == code, ran.err
+    assert sentence in ran.err.lower()
+    assert "Traceback" not in ran.err
+
+
+def test_a_port_in_use_is_one_sentence() -> None:
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        ran = run("proxy", "--listen", f"udp:127.0.0.1:{port}", "--to", "127.0.0.1:1")
+        assert (ran.code, ran.err) == (
+            4,
+            f"cannot listen on 127.0.0.1 UDP port {port}: address already in use\n",
+        )
