@@ -1,0 +1,142 @@
+"""Relay and rules together, through real sockets."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from bcapscope.faults import shaper
+from bcapscope.faults.notation import read_fault
+from bcapscope.protocol.frame import Frame
+from bcapscope.proxy.ring import Count, Kind
+from bcapscope.proxy.rules import Rules
+from tests.faults.traffic import MS, reply, request
+from tests.proxy.relaying import PATIENCE, Running, datagrams, eventually, listening, port_of, running
+from tests.proxy.test_rules import holding, rules
+
+
+def live(*faults: str, expression: str = "") -> Rules:
+    """Make rules whose time is the relay's."""
+    made = rules(clients=0, intercept=holding(expression) if expression else None)
+    for fault in faults:
+        made.shaper.add(read_fault(fault), time.monotonic_ns())
+    return made
+
+
+@contextmanager
+def connected(policy: Rules) -> Iterator[tuple[Running, socket.socket, socket.socket]]:
+    """Connect a client to a server through a relay with rules; give the relay and both ends."""
+    with (
+        listening() as door,
+        running(port_of(door), "tcp", policy=policy) as proxy,
+        socket.create_connection(proxy.address, PATIENCE) as client,
+    ):
+        server, _ = door.accept()
+        with server:
+            server.settimeout(PATIENCE)
+            yield proxy, client, server
+
+
+def read_all(sock: socket.socket) -> bytes:
+    """Read to the end."""
+    with sock.makefile("rb") as stream:
+        return stream.read()
+
+
+def test_a_stream_cut_anyhow_comes_out_the_same() -> None:
+    raw = b"".join(map(request, range(1, 200))) + b"garbage" + request(1)[:-5]
+    with connected(live("drop if serial == 0")) as (proxy, client, server):
+        for at in range(0, len(raw), 97):
+            client.sendall(raw[at : at + 97])
+        client.shutdown(socket.SHUT_WR)
+        assert read_all(server) == raw
+        assert proxy.relay.counts[Count.RULED] == 0
+
+
+def test_the_end_of_a_stream_waits_for_what_is_delayed() -> None:
+    with connected(live("delay=150ms")) as (_, client, server):
+        began = time.monotonic()
+        client.sendall(request(1))
+        client.shutdown(socket.SHUT_WR)
+        assert read_all(server) == request(1)
+        assert time.monotonic() - began >= 0.15
+
+
+def test_the_end_of_a_half_open_client_is_not_heard() -> None:
+    with connected(live("half-open if serial == 2")) as (proxy, client, server):
+        client.sendall(request(1) + request(2) + request(3))
+        assert server.recv(4096) == request(1)
+        eventually(lambda: proxy.relay.counts[Count.RULED])
+        client.close()
+        server.settimeout(0.3)
+        with pytest.raises(TimeoutError):
+            server.recv(1)
+        server.sendall(reply(1))
+        assert len(proxy.relay.sessions) == 1
+
+
+def test_a_reset_by_a_rule_reaches_both_sides() -> None:
+    with connected(live("close if serial == 2")) as (proxy, client, server):
+        client.sendall(request(2))
+        for end in (client, server):
+            with pytest.raises(ConnectionResetError):
+                end.recv(1)
+        eventually(lambda: not proxy.relay.sessions)
+        eventually(lambda: "close: connection reset" in proxy.told())
+
+
+def test_a_client_that_sends_more_than_is_held_is_not_read_and_loses_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(shaper, "MOST_WAITING", 1 << 16)
+    size = 8 << 20
+    with connected(live("delay=1500ms")) as (proxy, client, server):
+        sender = threading.Thread(target=client.sendall, args=(bytes(size),))
+        sender.start()
+        policy = proxy.relay.policy
+        assert isinstance(policy, Rules)
+        eventually(policy.is_full, "filling")
+        sender.join(0.2)
+        assert sender.is_alive()
+        policy.shaper.remove("delay")
+        while size:
+            size -= len(server.recv(1 << 20))
+        sender.join(PATIENCE)
+        assert not sender.is_alive()
+
+
+def test_a_datagram_is_held_for_its_time_and_noted() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=live("delay=80ms±5ms request")) as proxy,
+    ):
+        with datagrams(to=proxy.address) as client:
+            began = time.monotonic_ns()
+            client.send(request(1))
+            data, way = server.recvfrom(4096)
+            took = time.monotonic_ns() - began
+            assert data == request(1)
+            assert took >= 75 * MS
+            server.sendto(reply(1), way)
+            assert client.recv(4096) == reply(1)
+            eventually(lambda: len(proxy.passed(True)) == 2)
+            came, left = (record for record in proxy.of(Kind.DATA) if record.up)
+            assert came.note.startswith("delay: delayed by ")
+            assert (came.left, left.came, left.note) == (0, 0, came.note)
+
+
+def test_a_held_datagram_goes_on_when_told() -> None:
+    policy = live(expression="serial == 7")
+    with datagrams() as server, running(port_of(server), "udp", policy=policy) as proxy:
+        with datagrams(to=proxy.address) as client:
+            client.send(request(7))
+            client.send(request(8))
+            assert Frame(server.recv(4096)).serial == 8
+            (held,) = policy.intercept.held
+            policy.send_on(held.number, time.monotonic_ns())
+            assert Frame(server.recv(4096)).serial == 7
