@@ -1,1 +1,5 @@
 """The screen in the terminal: it shows what capture, traffic, analysis and render give."""
+
+import os
+
+os.environ.setdefault("TEXTUAL_FPS", "120")  # what a key did is drawn after 8 ms at most; Textual reads it once

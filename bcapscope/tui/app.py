@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 CLOSING_LIMIT = 10.0
 """Seconds that all that is to be let go of may take; then the screen closes anyway."""
 
+_GARBAGE = (20_000, 50, 1000)
+"""How rarely to look for cycles: a look at everything takes 50 ms, in which no key is answered."""
+
 Closer = Callable[[], Awaitable[None]]
 
 
@@ -115,8 +118,7 @@ class Scope(App[None]):
     async def on_mount(self) -> None:
         """Listen to signals, go to the first screen, tell what was wrong with the settings."""
         self._listen()
-        # What was loaded so far stays: looking through it for garbage again and again would delay keys.
-        gc.freeze()
+        gc.set_threshold(*_GARBAGE)
         await self.switch_mode(self.spots[0].mode)
         if self._trouble:
             text = say("shell.settings.broken", path=self._settings_path, reason=self._trouble)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from typing import ClassVar
 
@@ -40,6 +41,10 @@ class Place(Screen[None]):
         yield TopBar()
         yield from self.content()
         yield KeyBar()
+
+    def on_mount(self) -> None:
+        """Once all is there, look no more for garbage in it: that would delay keys."""
+        self.call_after_refresh(gc.freeze)
 
     def content(self) -> ComposeResult:
         """Yield the widgets of the screen."""

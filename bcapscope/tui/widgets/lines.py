@@ -46,6 +46,7 @@ class Lines(ScrollView, can_focus=True):
         Binding("enter", "choose", "", show=False),
     ]
     COMPONENT_CLASSES: ClassVar[set[str]] = {"lines--cursor", "lines--blurred"}
+    ALLOW_SELECT = False
     cursor: reactive[int] = reactive(0, repaint=False)
 
     class Moved(Message):
@@ -69,6 +70,7 @@ class Lines(ScrollView, can_focus=True):
         self._version = 0
         self._width = 0
         self._told = 0
+        self._columns = 0
         self._style: Style | None = None
 
     @property
@@ -146,13 +148,14 @@ class Lines(ScrollView, can_focus=True):
 
     def on_resize(self, event: Resize) -> None:
         """Keep the cursor in sight."""
+        self._columns = event.size.width
         self._measure()
         self._see_cursor()
 
     def render_line(self, y: int) -> Strip:
         """Draw one line of what is in sight."""
         x, top = self.scroll_offset
-        index, width = y + top, self.size.width
+        index, width = y + top, self._columns
         if index >= self._told:
             return Strip.blank(width, self._base())
         is_cursor = self.marks_cursor and index == self.cursor
@@ -160,7 +163,7 @@ class Lines(ScrollView, can_focus=True):
         strip = self._strips.get(key)
         if strip is None:
             strip = self._strips[key] = self._draw(index, x, width, is_cursor)
-        return strip.apply_offsets(x, index)
+        return strip
 
     def sign(self, index: int) -> str:
         """Return what else a line depends on, where that changes without `changed` or `repaint`."""
