@@ -54,6 +54,18 @@ class Event(Fault, frozen=True, kw_only=True):
     direction: Direction | None = Direction.REQUEST
     times: Count | None = 1
 
+    def __post_init__(self) -> None:
+        if self.direction is not Direction.REQUEST:
+            raise FieldError(("direction",), "events happen on requests only")
+        needless = {
+            "times": self.times != 1,
+            "probability": self.probability < 1,
+            "for": self.lasts is not None,
+        }
+        for name, given in needless.items():
+            if given and self.is_timed:
+                raise FieldError((name,), "needs if or try, as the event happens by itself, and once")
+
     @property
     def is_timed(self) -> bool:
         """Whether it happens by itself, when `after` is over."""
@@ -94,6 +106,7 @@ class ControllerError(Event, frozen=True, kw_only=True, tag="error"):
     code: ResultCode
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not is_failure(self.code):
             raise FieldError(("code",), f"{self.code.text} is no error")
 

@@ -141,6 +141,10 @@ def _in(what: str) -> str:
         (_in("faults: [{action: error}]"), "line 2: faults[0]: code is missing"),
         (_in("faults: [{action: error, code: S_OK}]"), "line 2: faults[0].code: S_OK is no error"),
         (_in("faults: [{action: mode, to: auto}]"), "line 2: faults[0].to: 'auto' is none of manual,"),
+        (_in("faults: [{action: reset, times: 2}]"), "line 2: faults[0].times: needs if or try"),
+        (_in("faults: [{action: error, code: E_FAIL, for: 2s}]"), "line 2: faults[0].for: needs if or try"),
+        (_in("faults: [{action: reset, probability: 5%}]"), "line 2: faults[0].probability: needs if or try"),
+        (_in("faults: [{action: reset, direction: response}]"), "line 2: faults[0].direction: events happen"),
         (
             _in("faults: [{action: move, joints: [0, 0, 0, 0, 0, 0], sped: 3}]"),
             "line 2: faults[0]: there is no field 'sped', did you mean 'speed'?",
