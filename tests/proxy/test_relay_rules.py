@@ -114,29 +114,32 @@ def test_a_datagram_is_held_for_its_time_and_noted() -> None:
     with (
         datagrams() as server,
         running(port_of(server), "udp", policy=live("delay=80ms±5ms request")) as proxy,
+        datagrams(to=proxy.address) as client,
     ):
-        with datagrams(to=proxy.address) as client:
-            began = time.monotonic_ns()
-            client.send(request(1))
-            data, way = server.recvfrom(4096)
-            took = time.monotonic_ns() - began
-            assert data == request(1)
-            assert took >= 75 * MS
-            server.sendto(reply(1), way)
-            assert client.recv(4096) == reply(1)
-            eventually(lambda: len(proxy.passed(True)) == 2)
-            came, left = (record for record in proxy.of(Kind.DATA) if record.up)
-            assert came.note.startswith("delay: delayed by ")
-            assert (came.left, left.came, left.note) == (0, 0, came.note)
+        began = time.monotonic_ns()
+        client.send(request(1))
+        data, way = server.recvfrom(4096)
+        took = time.monotonic_ns() - began
+        assert data == request(1)
+        assert took >= 75 * MS
+        server.sendto(reply(1), way)
+        assert client.recv(4096) == reply(1)
+        eventually(lambda: len(proxy.passed(True)) == 2)
+        came, left = (record for record in proxy.of(Kind.DATA) if record.up)
+        assert came.note.startswith("delay: delayed by ")
+        assert (came.left, left.came, left.note) == (0, 0, came.note)
 
 
 def test_a_held_datagram_goes_on_when_told() -> None:
     policy = live(expression="serial == 7")
-    with datagrams() as server, running(port_of(server), "udp", policy=policy) as proxy:
-        with datagrams(to=proxy.address) as client:
-            client.send(request(7))
-            client.send(request(8))
-            assert Frame(server.recv(4096)).serial == 8
-            (held,) = policy.intercept.held
-            policy.send_on(held.number, time.monotonic_ns())
-            assert Frame(server.recv(4096)).serial == 7
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=policy) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(request(7))
+        client.send(request(8))
+        assert Frame(server.recv(4096)).serial == 8
+        (held,) = policy.intercept.held
+        policy.send_on(held.number, time.monotonic_ns())
+        assert Frame(server.recv(4096)).serial == 7
