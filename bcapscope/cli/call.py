@@ -15,8 +15,8 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.request import Request, read_request, read_script
 from bcapscope.client.reach import Reach
-from bcapscope.client.session import call_name
 from bcapscope.errors import ExchangeTimeout
+from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.guard import always_passes, request_effect

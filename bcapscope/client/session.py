@@ -9,9 +9,10 @@ from typing import NamedTuple, Protocol, TypeAlias
 from bcapscope.client.caller import Caller, Listener, Observer
 from bcapscope.client.values import arguments_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
+from bcapscope.protocol.commands import call_name, command_name
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import FUNCTIONS, Function, function_by_name, function_name
+from bcapscope.protocol.functions import FUNCTIONS, Function, function_by_name
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.requester import Answered, Pace, Refused, Settled
 from bcapscope.protocol.slavemode import mode_value
@@ -196,23 +197,9 @@ class Session:
             self._modes[_handle(arguments)] = mode_value(arguments[2]) or 0
 
 
-def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Name a call for people: `Robot_Execute slvMove`."""
-    command = _command(function_id, arguments)
-    return function_name(function_id) + (f" {command}" if command else "")
-
-
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
     """Return the command of a Robot_Execute in lower case, else nothing."""
-    return _command(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
-
-
-def _command(function_id: int, arguments: Sequence[Variant]) -> str:
-    function = FUNCTIONS.get(function_id)
-    for param, argument in zip(function.params if function else (), arguments, strict=False):
-        if param.name == "bstrCommand" and isinstance(argument.value, str):
-            return argument.value
-    return ""
+    return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
 
 
 def _handle(arguments: Sequence[Variant]) -> int:

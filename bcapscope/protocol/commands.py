@@ -6,11 +6,13 @@ mode, themselves send both `SLVMOVE` and `slvMove`), and so does the lookup here
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from bcapscope.protocol.command_table import ROWS, Row
 from bcapscope.protocol.effects import Effect
+from bcapscope.protocol.functions import FUNCTIONS, function_name
+from bcapscope.protocol.variant import Variant
 
 _POSE = "BSTR R8[] R4[] V[]"
 
@@ -61,6 +63,21 @@ def command(function_id: int, name: str) -> Command | None:
 def commands(function_id: int) -> tuple[Command, ...]:
     """List the known commands of a function; () for a function that takes none."""
     return _BY_FUNCTION.get(function_id, ())
+
+
+def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
+    """Name a call for people: `Robot_Execute slvMove`."""
+    name = command_name(function_id, arguments)
+    return function_name(function_id) + (f" {name}" if name else "")
+
+
+def command_name(function_id: int, arguments: Sequence[Variant]) -> str:
+    """Return the command that a call carries as it was sent; nothing where it carries none."""
+    function = FUNCTIONS.get(function_id)
+    for param, argument in zip(function.params if function else (), arguments, strict=False):
+        if param.name == "bstrCommand" and isinstance(argument.value, str):
+            return argument.value
+    return ""
 
 
 def _type(short: str) -> str:

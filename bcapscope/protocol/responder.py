@@ -222,7 +222,7 @@ class Responder:
         serial, named = frame.serial, frame.reserved or frame.serial
         if self._forgets_first:
             return next((call for call in calls if call.first == named), None)
-        if frame.code == _SERVICE_START and frame.reserved in (0, serial):
+        if frame.code == _SERVICE_START:
             self.convention = self._told  # a program begins, and not always the one that was on this port
         if frame.reserved and self.convention is Convention.UNKNOWN:
             self._learn(frame)

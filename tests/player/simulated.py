@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping
 from math import cos, pi
 from random import Random
 
-from bcapscope.client.session import call_name
 from bcapscope.client.target import Target
 from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import run
 from bcapscope.player.journal import Journal
 from bcapscope.player.messages import Ended, Message, Order, Plan, Point, Question, Topic
 from bcapscope.player.visit import NO, YES, Visit
+from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.simulator.machine import Start

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from bcapscope.client.session import call_name
+from bcapscope.protocol.commands import call_name
 from bcapscope.render.answer import AnswerRenderer
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import utc_text

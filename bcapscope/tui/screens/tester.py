@@ -19,8 +19,10 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Button, ContentSwitcher
 
-from bcapscope.client.session import call_name
+from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
+from bcapscope.protocol.poses import numbers
+from bcapscope.protocol.slavemode import mode_value
 from bcapscope.render.escape import printable
 from bcapscope.render.notation import bare_text
 from bcapscope.tui.app import scope_of
@@ -33,6 +35,7 @@ from bcapscope.tui.desk.news import Lost, News, Status, StepNews, Trouble, Watch
 from bcapscope.tui.desk.option import read_option
 from bcapscope.tui.desk.playing import Stage
 from bcapscope.tui.desk.record import Record
+from bcapscope.tui.desk.recovery import pose_text
 from bcapscope.tui.desk.saved import SavedError, save, takes_handle
 from bcapscope.tui.desk.watching import Watcher
 from bcapscope.tui.screens.place import Place
@@ -59,6 +62,7 @@ from bcapscope.tui.tester.opener import Opener
 from bcapscope.tui.tester.packets import PacketPane
 from bcapscope.tui.tester.picker import FunctionPicker
 from bcapscope.tui.tester.raw import RawForm
+from bcapscope.tui.tester.recovery import RecoveryDialog
 from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.tester.robot import RobotPanel
 from bcapscope.tui.tester.savedlist import SavedList
@@ -111,6 +115,7 @@ class Tester(Place):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
         Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
+        Binding("f7", "recover", "tester.recovery", id="recover", tooltip="tester.recovery.tip"),
         Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
         Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
         Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
@@ -128,6 +133,7 @@ class Tester(Place):
         self._halt_news = HaltNews(HaltState.CLOSED)
         self._stack = ExitStack()
         self._connected = False
+        self._last_point: tuple[int, tuple[float, ...]] = (0, ())
 
     @property
     def halt_state(self) -> HaltState:
@@ -171,7 +177,7 @@ class Tester(Place):
         self._show_status()
         self.query_one("#connect", Button).focus()
         if not self._start.host:
-            self.run_worker(self._start_simulator(), group="simulator", exit_on_error=False)
+            self.run_worker(self._start_simulator(), group="simulator")
 
     async def _start_simulator(self) -> None:
         panel = self.query_one(ConnectionPanel)
@@ -200,6 +206,7 @@ class Tester(Place):
         news = message.news
         if isinstance(news, Record):
             self.query_one(PacketPane).take(news)
+            self._remember(news)
         elif isinstance(news, Status):
             self._take_status(news)
         elif isinstance(news, StepNews):
@@ -213,6 +220,14 @@ class Tester(Place):
             scope_of(self).tell(say("tester.lost", reason=printable(news.reason)), "error")
         elif isinstance(news, Trouble):
             scope_of(self).tell(say("tester.audit.broken", reason=printable(news.text)), "warning")
+
+    def _remember(self, record: Record) -> None:
+        """Keep the last slave mode, and the first set point that was sent in it, for the way back after an error."""
+        command = command_of(record.function_id, record.arguments)
+        if command == "slvchangemode" and len(record.arguments) > 2:
+            self._last_point = (mode_value(record.arguments[2]) or self._last_point[0], ())
+        elif command == "slvmove" and len(record.arguments) > 2 and not self._last_point[1]:
+            self._last_point = (self._last_point[0], numbers(record.arguments[2]) or ())
 
     def _take_status(self, status: Status) -> None:
         if status.is_connected != self._connected:
@@ -242,7 +257,7 @@ class Tester(Place):
     # What the widgets want.
 
     def _work(self, step: Coroutine[Any, Any, object], group: str = "call") -> None:
-        self.run_worker(step, group=group, exit_on_error=False)
+        self.run_worker(step, group=group)
 
     @on(ConnectWanted)
     def _connect(self, message: ConnectWanted) -> None:
@@ -380,7 +395,7 @@ class Tester(Place):
 
     @on(Button.Pressed, "#function")
     def _choose_function(self) -> None:
-        self.run_worker(self._choosing(), exit_on_error=False)
+        self.run_worker(self._choosing())
 
     async def _choosing(self) -> None:
         name = await self.app.push_screen_wait(FunctionPicker())
@@ -408,6 +423,11 @@ class Tester(Place):
         path = next(iter(scope_of(self).settings.trajectories), "")
         self.app.push_screen(SlaveScreen(self.desk, self.stage, self._arm, self._start.audit, path))
 
+    def action_recover(self) -> None:
+        """Open the way out of an error."""
+        mode, point = self._last_point
+        self.app.push_screen(RecoveryDialog(self.desk, self._arm, pose_text(mode, point), mode or 2))
+
     def action_cancel(self) -> None:
         """Give up the calls under way."""
         for group in ("call", "connect"):
@@ -419,7 +439,7 @@ class Tester(Place):
             self.desk.arming.disarm()
             self._show_status()
         else:
-            self.run_worker(self._arm(), exit_on_error=False)
+            self.run_worker(self._arm())
 
     async def _arm(self) -> bool:
         """Ask the user to arm; return whether it is armed then."""
