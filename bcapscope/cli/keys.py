@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from contextlib import suppress
 from typing import Any
 
 _ESCAPE = "\x1b"
@@ -40,8 +41,9 @@ class Keys:
         if self.on:
             import termios
 
-            termios.tcsetattr(0, termios.TCSADRAIN, self._before)
             self.on = False
+            with suppress(termios.error):  # the terminal was closed
+                termios.tcsetattr(0, termios.TCSADRAIN, self._before)
 
     def take(self) -> str:
         """Return what was typed, in small letters; call it when file descriptor 0 is readable.

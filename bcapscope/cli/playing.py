@@ -51,6 +51,7 @@ _STOP = "s "
 _HALT = ("h", "\x1b\x1b")
 _KEYS = "s or Ctrl-C: come to rest, h or Escape twice: halt"
 _WAIT = 1.0
+_CLOSED = getattr(signal, "SIGHUP", None)
 
 
 class View:
@@ -62,6 +63,11 @@ class View:
         self._width = width
         self._live = sys.stderr.isatty() and not as_json
         self._drawn = False
+        self._closed = False
+
+    def close(self) -> None:
+        """Show nothing any more: the terminal was closed."""
+        self._closed = True
 
     def source(self, trajectory: Trajectory) -> None:
         """Show how the file was read."""
@@ -72,36 +78,41 @@ class View:
     def preflight(self, preflight: Preflight) -> None:
         """Show the pre-flight."""
         if self._json:
-            click.echo(preflight_record(preflight))
+            self._echo(preflight_record(preflight))
             return
         for line in PreflightRenderer(self._palette, self._width).lines(preflight):
-            click.echo(line)
+            self._echo(line)
 
     def ended(self, ended: Ended) -> None:
         """Show the summary."""
         self._clear()
         if self._json:
-            click.echo(ended_record(ended))
+            self._echo(ended_record(ended))
             return
         for line in ended_lines(ended):
-            click.echo(line)
+            self._echo(line)
 
     def note(self, text: str) -> None:
         """Show a line on stderr."""
         self._clear()
-        narrate(text)
+        if not self._closed:
+            narrate(text)
 
     def progress(self, progress: Progress) -> None:
         """Draw the one line that changes."""
-        if self._live:
+        if self._live and not self._closed:
             sys.stderr.write(f"\r{progress_line(progress, self._width - 1)}\x1b[K")
             sys.stderr.flush()
             self._drawn = True
 
     def _clear(self) -> None:
-        if self._drawn:
+        if self._drawn and not self._closed:
             sys.stderr.write("\r\x1b[K")
             self._drawn = False
+
+    def _echo(self, line: str | bytes) -> None:
+        if not self._closed:
+            click.echo(line)
 
 
 class Playing:
@@ -217,6 +228,8 @@ class Playing:
 
     def _interrupted(self, number: int, frame: FrameType | None) -> None:
         """Stop at the first signal, halt at the second."""
+        if number == _CLOSED:
+            self._view.close()
         if self._asking:
             raise KeyboardInterrupt
         if self._asked_to_stop:
