@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from bcapscope.client.session import Session
 from bcapscope.errors import ControllerError
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass
+from bcapscope.protocol.hresult import E_INVALIDARG
 from bcapscope.protocol.requester import Answered, Settled
 from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.variables import variable
@@ -14,6 +15,10 @@ from bcapscope.protocol.variant import Variant
 
 NAMES: Mapping[ObjectClass, str] = {ObjectClass.ROBOT: "Arm", ObjectClass.TASK: "RobSlave"}
 """Names of objects that most controllers have."""
+
+PROVIDERS = "RC8 and COBOTTA want the provider CaoProv.DENSO.VRC, RC9 and COBOTTA PRO want CaoProv.DENSO.VRC9"
+"""What to do about a Controller_Connect that is refused: ShoheiKobata/orin_bcap_python_samples,
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8), nkawa/Denso_CobottaPro900_MQTT_Control (VRC9)."""
 
 
 class Reach:
@@ -51,7 +56,7 @@ class Reach:
         if owner not in self._handles:
             if owner is ObjectClass.CONTROLLER:
                 await self.start()
-                await self.invoke("Controller_Connect", *self._connect)
+                await self._connect_controller()
             elif owner is ObjectClass.MESSAGE:
                 await self.invoke("Controller_GetMessage", await self.handle(ObjectClass.CONTROLLER))
             else:
@@ -88,6 +93,15 @@ class Reach:
         except ControllerError:
             return False
         return bool(value.arguments) and value.arguments[0].variant.value == SIMULATOR_TEXT
+
+    async def _connect_controller(self) -> None:
+        try:
+            await self.invoke("Controller_Connect", *self._connect)
+        except ControllerError as error:
+            if error.hresult != E_INVALIDARG:
+                raise
+            meaning = f"{error.meaning}; {PROVIDERS}"
+            raise ControllerError("Controller_Connect", error.hresult, error.name, meaning) from error
 
     async def _get(self, owner: ObjectClass) -> None:
         name = self._names.get(owner)

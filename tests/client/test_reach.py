@@ -8,6 +8,7 @@ import pytest
 
 from bcapscope.client import open_session, over_link
 from bcapscope.client.reach import Reach
+from bcapscope.errors import ControllerError
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
 from bcapscope.protocol.requester import Refused
@@ -49,6 +50,14 @@ def test_everything_is_opened_once() -> None:
         ("Controller_GetTask", 101, "RobSlave", ""),
         ("Controller_GetMessage", 101),
     ]
+
+
+def test_a_provider_that_is_refused_is_told_what_to_do_about() -> None:
+    async def act(reach: Reach) -> None:
+        with pytest.raises(ControllerError, match=r"RC9 and COBOTTA PRO want CaoProv\.DENSO\.VRC9"):
+            await reach.handle(ObjectClass.CONTROLLER)
+
+    _play(act, Controller_Connect=(E_INVALIDARG, ()))
 
 
 def test_the_newest_is_used_until_it_is_released() -> None:
