@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from bcapscope.client.caller import Caller
 from bcapscope.client.reach import Reach
-from bcapscope.client.session import Session, command_of
+from bcapscope.client.session import Session, command_of, open_target
 from bcapscope.client.target import Target, reason_of
 from bcapscope.errors import BcapError
 from bcapscope.protocol.frame import Frame, parse_datagram
@@ -124,7 +124,7 @@ class Desk:
             OSError: there is none.
         """
         await self.disconnect()
-        session = target.session(observer=self._observe, listener=self._recorder.hear)
+        session = open_target(target, observer=self._observe, listener=self._recorder.hear)
         self.session = await self._stack.enter_async_context(session)
         self._reach = Reach(self.session, target.service, target.connect, {})
         self.arming = Arming()

@@ -17,7 +17,7 @@ from enum import StrEnum
 
 from bcapscope.client.caller import Observer
 from bcapscope.client.reach import Reach
-from bcapscope.client.session import Session
+from bcapscope.client.session import Session, open_target
 from bcapscope.client.target import Target, reason_of
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.protocol.functions import ObjectClass
@@ -131,7 +131,7 @@ class HaltLine:
     async def _live(self) -> None:
         while not self._closing:
             try:
-                async with self._target.session(observer=self._observer) as session:
+                async with open_target(self._target, observer=self._observer) as session:
                     await self._serve(session)
             except ControllerError as error:
                 self._tell(HaltNews(HaltState.LOST, str(error)))

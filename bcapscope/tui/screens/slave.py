@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -119,8 +119,9 @@ class SlaveScreen(Place):
         """Read and check anew, a little later, unless something else is typed by then."""
         self._ready = None
         self.query_one("#start", Button).disabled = True
-        self.run_worker(self._prepare, group="prepare", exclusive=True, exit_on_error=False)
+        self._prepare()
 
+    @work(group="prepare", exclusive=True)
     async def _prepare(self) -> None:
         await asyncio.sleep(_PATIENCE)
         wish = self._wish()
@@ -187,7 +188,7 @@ class SlaveScreen(Place):
     def action_start(self) -> None:
         """Play."""
         if self._ready is not None and self._ready.preflight.is_fit and not self._stage.is_taken:
-            self.run_worker(self._play(self._ready), group="play", exit_on_error=False)
+            self.run_worker(self._play(self._ready), group="play")
 
     async def _play(self, ready: Performance) -> None:
         desk, status = self._desk, self._desk.status

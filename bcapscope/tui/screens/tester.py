@@ -19,6 +19,7 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Button, ContentSwitcher
 
+from bcapscope.client.session import command_of
 from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.protocol.poses import numbers
@@ -222,7 +223,7 @@ class Tester(Place):
             scope_of(self).tell(say("tester.audit.broken", reason=printable(news.text)), "warning")
 
     def _remember(self, record: Record) -> None:
-        """Keep the last slave mode, and the first set point that was sent in it, for the way back after an error."""
+        """Keep the last slave mode and the first set point in it, for the way back after an error."""
         command = command_of(record.function_id, record.arguments)
         if command == "slvchangemode" and len(record.arguments) > 2:
             self._last_point = (mode_value(record.arguments[2]) or self._last_point[0], ())

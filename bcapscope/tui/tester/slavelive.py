@@ -76,7 +76,8 @@ class SlaveLive(Container, can_focus=True):
         points = run.trajectory.points
         ways = [float(points[:, at].max() - points[:, at].min()) for at in range(points.shape[1])]
         names = AXES[run.trajectory.kind]
-        return sorted(range(min(len(ways), len(names))), key=lambda at: -ways[at])
+        axes = sorted(range(min(len(ways), len(names))), key=lambda at: -ways[at])
+        return [at for at in axes if ways[at] > 0] or axes
 
     def _figures(self, run: SlaveRun) -> Iterator[str]:
         progress = run.progress

@@ -176,6 +176,19 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.recorded": ("recorded: {path}", "記録: {path}"),
     "tester.axes": ("Other axes", "ほかの軸"),
     "tester.axes.tip": ("Show the curves of other axes", "ほかの軸の曲線を表示します"),
+    # after an error
+    "tester.recovery": ("After an error", "エラーからの復帰"),
+    "tester.recovery.tip": (
+        "Read the errors, clear them, and go back to slave mode step by step",
+        "エラーを読み出し、解除し、順を追ってスレーブモードへ戻ります",
+    ),
+    "tester.recovery.none": ("The controller shows no error", "コントローラにエラーはありません"),
+    "tester.recovery.clear": ("1 ClearError", "1 エラー解除"),
+    "tester.recovery.robslave": ("2 RobSlave", "2 RobSlave 起動"),
+    "tester.recovery.first": ("3 First position", "3 開始位置へ移動"),
+    "tester.recovery.mode": ("4 Slave mode", "4 スレーブモード"),
+    "tester.recovery.position": ("First position", "開始位置"),
+    "tester.recovery.number": ("The mode is a number such as 0x002", "モードは 0x002 のような数値です"),
     # arming, HALT, what is always in sight
     "tester.arm": ("Arm", "アーム"),
     "tester.arm.tip": (
