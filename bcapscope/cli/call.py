@@ -15,6 +15,7 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.request import Request, read_request, read_script
 from bcapscope.client.reach import Reach
+from bcapscope.client.session import open_target
 from bcapscope.errors import ExchangeTimeout
 from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.effects import Effect
@@ -150,7 +151,7 @@ class _Calls:
     async def make(self, requests: Sequence[Request]) -> Exit:
         """Make all calls, up to the first that fails."""
         printer = self._printer
-        async with self._target.session(observer=printer.packets.append) as session:
+        async with open_target(self._target, observer=printer.packets.append) as session:
             reach = Reach(session, self._target.service, self._target.connect, self._names)
             for request in requests:
                 arguments = await request.arguments(reach)

@@ -12,7 +12,7 @@ import click
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
-from bcapscope.client.session import PACES, PORT
+from bcapscope.client.paces import PACES, PORT
 from bcapscope.client.target import Target, reason_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.convention import Convention

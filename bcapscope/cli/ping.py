@@ -16,7 +16,7 @@ from bcapscope.analysis.fitness import fitness
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.client.reach import Reach
-from bcapscope.client.session import Session
+from bcapscope.client.session import Session, open_target
 from bcapscope.errors import ControllerError
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.requester import TimedOut
@@ -82,7 +82,7 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
 
 async def _ping(target: Target, count: int, interval: float) -> _Found:
     found = _Found()
-    async with target.session() as session:
+    async with open_target(target) as session:
         reach = Reach(session, target.service, target.connect, {})
         await reach.start()
         handle = 0

@@ -12,7 +12,7 @@ import click
 from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
-from bcapscope.client.session import PORT
+from bcapscope.client.paces import PORT
 from bcapscope.render.escape import printable
 
 if TYPE_CHECKING:

@@ -10,8 +10,9 @@ What was opened is let go at the end of the block, newest first, however it ends
 
 from bcapscope.client.blocking import Blocking
 from bcapscope.client.objects import Command, Controller, Extension, File, Message, Robot, Task, Variable
+from bcapscope.client.paces import PACES, Paces
 from bcapscope.client.service import Service, connect
-from bcapscope.client.session import PACES, Paces, Session, open_session, over_link, over_tcp, over_udp
+from bcapscope.client.session import Session, open_session, over_link, over_tcp, over_udp
 
 __all__ = [
     "PACES",

@@ -7,7 +7,8 @@ from contextlib import asynccontextmanager
 
 from bcapscope.client.caller import Listener, Observer
 from bcapscope.client.objects import Controller, handle_of
-from bcapscope.client.session import PACES, Opener, Paces, Session, open_session
+from bcapscope.client.paces import PACES, Paces
+from bcapscope.client.session import Opener, Session, open_session
 from bcapscope.protocol.convention import Convention
 
 

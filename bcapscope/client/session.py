@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager
-from typing import NamedTuple, Protocol, TypeAlias
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Protocol, TypeAlias
 
 from bcapscope.client.caller import Caller, Listener, Observer
+from bcapscope.client.paces import PACES, PORT, Paces
+from bcapscope.client.target import Target
 from bcapscope.client.values import arguments_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.commands import call_name, command_name
@@ -22,32 +24,11 @@ from bcapscope.transport.memory import MemoryLink
 from bcapscope.transport.tcp import open_tcp
 from bcapscope.transport.udp import open_udp
 
-PORT = 5007
-"""Where controllers listen (orin_bcap C/include/bcap_common.h)."""
-
 Opener: TypeAlias = Callable[[Receiver], Awaitable[Link]]
 
 _MS = 1_000_000
 _SERVICE_START, _ROBOT_EXECUTE = 1, 64
 _ASYNC = 0x100
-
-
-class Paces(NamedTuple):
-    """How long to wait and how often to ask again (DENSO Wave 2009, How to use the Slave mode).
-
-    Attributes:
-        others: for all calls but slvMove.
-        sync: for slvMove in a mode that is not Async: 2 ms, 7 retries, together two control periods.
-        asynchronous: for slvMove in an Async mode, where the next set point is due anyway.
-    """
-
-    others: Pace = Pace(1000 * _MS, 4)
-    sync: Pace = Pace(2 * _MS, 7)
-    asynchronous: Pace = Pace(2 * _MS, 0)
-
-
-PACES = Paces()
-"""What DENSO recommends."""
 
 
 def over_udp(host: str, port: int = PORT) -> Opener:
@@ -240,3 +221,13 @@ async def open_session(
         yield session
     finally:
         await session.close()
+
+
+def open_target(
+    target: Target, observer: Observer | None = None, listener: Listener | None = None
+) -> AbstractAsyncContextManager[Session]:
+    """Open a session with a controller, as `open_session`."""
+    opener = (over_tcp if target.tcp else over_udp)(target.host, target.port)
+    return open_session(
+        opener, convention=target.convention, paces=target.paces, observer=observer, listener=listener
+    )

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 
-from bcapscope.client.caller import Listener, Observer
-from bcapscope.client.session import PACES, PORT, Paces, Session, open_session, over_tcp, over_udp
+from bcapscope.client.paces import PACES, PORT, Paces
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.requester import Pace
 
@@ -54,15 +52,6 @@ class Target:
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{host}:{self.port} over {'TCP' if self.tcp else 'UDP'}"
-
-    def session(
-        self, observer: Observer | None = None, listener: Listener | None = None
-    ) -> AbstractAsyncContextManager[Session]:
-        """Open a session."""
-        opener = (over_tcp if self.tcp else over_udp)(self.host, self.port)
-        return open_session(
-            opener, convention=self.convention, paces=self.paces, observer=observer, listener=listener
-        )
 
 
 def reason_of(error: OSError) -> str:

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from typing import TextIO
 
 from bcapscope.client.objects import Robot
+from bcapscope.client.paces import PACES
 from bcapscope.client.reach import Reach
-from bcapscope.client.session import PACES, Session
+from bcapscope.client.session import Session
 from bcapscope.client.target import Target
 from bcapscope.player.channel import open_channel
 from bcapscope.player.exchanger import BlockingExchanger, run

@@ -14,8 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from bcapscope.client.paces import PACES
 from bcapscope.client.reach import Reach
-from bcapscope.client.session import PACES, Session
+from bcapscope.client.session import Session
 from bcapscope.client.target import reason_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.player.channel import Channel

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from bcapscope.client import Session, open_session, over_link
+from bcapscope.client.paces import PACES
 from bcapscope.client.reach import Reach
-from bcapscope.client.session import PACES
 from bcapscope.player.exchanger import BlockingExchanger, run
 from bcapscope.protocol.convention import Convention
 from bcapscope.replay.performance import Performance, Played

@@ -1,0 +1,30 @@
+"""Where controllers listen, how long to wait for them and how often to ask again."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from bcapscope.protocol.requester import Pace
+
+PORT = 5007
+"""Where controllers listen (orin_bcap C/include/bcap_common.h)."""
+
+_MS = 1_000_000
+
+
+class Paces(NamedTuple):
+    """How long to wait and how often to ask again (DENSO Wave 2009, How to use the Slave mode).
+
+    Attributes:
+        others: for all calls but slvMove.
+        sync: for slvMove in a mode that is not Async: 2 ms, 7 retries, together two control periods.
+        asynchronous: for slvMove in an Async mode, where the next set point is due anyway.
+    """
+
+    others: Pace = Pace(1000 * _MS, 4)
+    sync: Pace = Pace(2 * _MS, 7)
+    asynchronous: Pace = Pace(2 * _MS, 0)
+
+
+PACES = Paces()
+"""What DENSO recommends."""
