@@ -28,6 +28,7 @@ from bcapscope.proxy.intercept import PATIENCE, Intercept
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import Count
 from bcapscope.proxy.rules import Rules
+from bcapscope.render.call import counted
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -98,7 +99,7 @@ class RuleWishes:
         """Tell what is set up, a line each."""
         lines = []
         if self.faults:
-            lines.append(f"{len(self.faults)} faults, --seed {self.seed}")
+            lines.append(f"{counted(len(self.faults), 'fault')}, --seed {self.seed}")
         if self.guard is not None:
             lines.append("guard: what is not allowed is answered with E_ACCESSDENIED")
         if self.intercept is not None:

@@ -188,13 +188,13 @@ class Rules:
 
     def report(self) -> Sequence[str]:
         """Sum up what the rules did."""
-        lines = [f"fault {name}: struck {count} times" for name, count in self.shaper.counts.items()]
+        lines = [f"fault {name}: struck {_times(count)}" for name, count in self.shaper.counts.items()]
         if self.guard is not None:
-            lines.append(f"guard: {self.refused} requests refused")
+            lines.append(f"guard: refused {_times(self.refused)}")
         if self.intercept.count:
-            lines.append(f"intercept: {self.intercept.count} messages held")
+            lines.append(f"intercept: held {_times(self.intercept.count)}")
         if self.addons.errors:
-            lines.append(f"addons: {self.addons.errors} errors")
+            lines.append(f"scripts: went wrong {_times(self.addons.errors)}")
         return lines
 
     # for the control socket and the screen
@@ -346,6 +346,10 @@ class Rules:
             else:
                 number = self._numbers[output.conversation]
                 work.actions.append(Close(number, output.how is Ending.RESET, note))
+
+
+def _times(count: int) -> str:
+    return {0: "never", 1: "once"}.get(count, f"{count} times")
 
 
 def _joined(actions: list[Action], way: _Way) -> Sequence[Action]:

@@ -133,7 +133,7 @@ def test_a_guard_answers_in_the_controllers_place(transport: str) -> None:
         assert refused.reply.code == E_ACCESSDENIED
     assert isinstance(read, Answered)
     assert isinstance(halted, Answered)
-    assert "guard: 2 requests refused" in said
+    assert "guard: refused 2 times" in said
 
 
 def test_a_stream_is_delayed_and_then_reset() -> None:

@@ -68,7 +68,7 @@ def test_a_fault_is_told_and_what_it_delays_comes_later() -> None:
     assert made.due() == 3 * MS
     assert made.take(3 * MS) == [Send(1, UP, request(1), "delay: delayed by 3 ms")]
     assert made.due() is None
-    assert list(made.report()) == ["fault delay: struck 1 times", "fault drop: struck 0 times"]
+    assert list(made.report()) == ["fault delay: struck once", "fault drop: struck never"]
 
 
 def test_a_lost_datagram_leaves_no_action() -> None:
@@ -181,7 +181,7 @@ def test_a_refused_request_is_answered_under_each_serial_of_its_tries() -> None:
         answer = Frame(sent(decision.actions, DOWN))
         assert (answer.serial, answer.code, answer.argc, answer.problems) == (serial, E_ACCESSDENIED, 0, ())
     assert made.refused == 3
-    assert made.report() == ["guard: 3 requests refused"]
+    assert made.report() == ["guard: refused 3 times"]
 
 
 def test_what_is_allowed_passes_beside_what_is_refused() -> None:
@@ -307,7 +307,7 @@ def test_addons_change_drop_and_answer() -> None:
     assert sent(made.receive(1, UP, request(4), 0).actions) == request(4)
     made.receive(1, UP, request(5, "CurJnt"), 0)
     assert made.receive(1, DOWN, reply(5), 0).note == "addon: dropped"
-    assert made.report() == ["addons: 1 errors"]
+    assert made.report() == ["scripts: went wrong once"]
 
 
 def test_the_guard_sees_what_an_addon_has_made() -> None:
