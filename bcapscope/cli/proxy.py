@@ -15,8 +15,7 @@ from bcapscope.cli.output import narrate
 from bcapscope.cli.proxyctl import command as ctl
 from bcapscope.cli.proxyrules import RuleWishes, rule_options
 from bcapscope.cli.proxyrun import Proxy
-from bcapscope.cli.proxyview import Form, Look
-from bcapscope.cli.proxywatch import Wishes
+from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.sockets import ListenError, NoWay

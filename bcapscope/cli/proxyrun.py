@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import signal
 import sys
 import time
@@ -13,7 +14,7 @@ from types import FrameType
 
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.output import narrate
-from bcapscope.cli.proxywatch import FAREWELL, READY, Wishes, watch
+from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes, watch
 from bcapscope.player.realtime import undisturbed
 from bcapscope.proxy.hook import Policy
 from bcapscope.proxy.ports import open_ports
@@ -43,11 +44,14 @@ class Proxy:
     """
 
     def __init__(self, wishes: Wishes, policy: Policy | None = None) -> None:
-        """Make a relay that listens nowhere yet."""
+        """Make a relay that listens nowhere yet.
+
+        Raises:
+            FileRefused: there is no room for the memory that it shares with the watcher.
+        """
         self._wishes = wishes
-        self._memory = SharedMemory(create=True, size=HEADER + RING_SIZE)
+        self._memory = _share(HEADER + RING_SIZE)
         assert self._memory.buf is not None
-        self._memory.buf[:] = bytes(HEADER + RING_SIZE)  # so that no page is missing later
         self._ring = RingWriter(self._memory.buf[: HEADER + RING_SIZE])
         self.relay = Relay(self._ring, policy)
         self._context = multiprocessing.get_context("spawn")
@@ -178,3 +182,16 @@ class Proxy:
             how = "was ended" if answered == len(requests) else "could not be ended: no answer"
             what = f", where {state}," if state else ""
             self.relay.tell(f"the session of {client} at {controller}{what} {how}")
+
+
+def _share(size: int) -> SharedMemory:
+    """Make memory that processes share, all of it there at once: a page that is missing later would kill."""
+    try:
+        memory = SharedMemory(create=True, size=size)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]  # there is no other way to it
+    except OSError as error:
+        raise FileRefused(Path("shared memory"), (error.strerror or str(error)).lower()) from None
+    assert memory.buf is not None
+    memory.buf[:] = bytes(len(memory.buf))
+    return memory

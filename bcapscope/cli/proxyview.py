@@ -3,61 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import TypeAlias
 
+from bcapscope.cli.proxywishes import Form, Look
 from bcapscope.render.call import CallRenderer
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.line import LineRenderer
-from bcapscope.render.moment import Clock
 from bcapscope.render.palette import Palette
 from bcapscope.render.record import RecordRenderer
 from bcapscope.render.tree import TreeRenderer
 from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter, compile_filter
 from bcapscope.traffic.getters import CALL_GETTERS, FRAME_GETTERS, Told
 from bcapscope.traffic.handles import Thing
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Questions
 
 Lines: TypeAlias = Iterator[str] | Iterator[bytes]
-
-
-class Form(StrEnum):
-    """How each is written."""
-
-    LINE = "line"
-    TREE = "tree"
-    JSON = "json"
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """What is shown.
-
-    Attributes:
-        shown: frames, calls, or nothing.
-        form: how.
-        wanted: the expression that chooses them; "" for all.
-        clock: how the time is told.
-    """
-
-    shown: RecordKind | None
-    form: Form = Form.LINE
-    wanted: str = ""
-    clock: Clock = Clock.RELATIVE
-
-    def filter(self) -> Filter | None:
-        """Compile the expression.
-
-        Raises:
-            FilterError: it makes no sense.
-        """
-        if not self.wanted:
-            return None
-        return compile_filter(self.wanted, self.shown or RecordKind.FRAME)
 
 
 class View:

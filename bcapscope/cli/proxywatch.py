@@ -12,19 +12,18 @@ import os
 import shutil
 import signal
 import time
+from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
-from pathlib import Path
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.capture.series import Bounds
 from bcapscope.cli.output import palette
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxystatus import Delays, losses, rates, totals
-from bcapscope.cli.proxyview import Look, View
+from bcapscope.cli.proxyview import View
+from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes
 from bcapscope.cli.screen import Screen
 from bcapscope.proxy.farewell import Farewells
 from bcapscope.proxy.ring import Kind, Record, RingReader
@@ -40,38 +39,18 @@ from bcapscope.traffic.tracker import Tracker
 TICK = 0.025
 """Seconds between looks at the ring."""
 
-FAREWELL, READY = b"farewell", b"ready"
-"""What the relay asks before it ends, and what it waits for before it begins. Anything else that it says is
-advice for the user, for the case that it is too slow."""
-
 _STATUS_EVERY = 500_000_000
 _MARGIN = round(3 * TICK * 1e9)
 """ns that something may have passed before it is seen here."""
 
 _NICENESS = 10
-_BEHIND = 1 << 18
-"""Bytes in the ring from which on there is no pause."""
+_AT_ONCE = 128
+_MOST_BEHIND = 1024
+"""So many times `_AT_ONCE` records are recorded and not decoded yet; what comes then stays in the ring."""
 
 
-@dataclass(frozen=True, slots=True)
-class Wishes:
-    """What is to be done with what passes.
-
-    Attributes:
-        record: a capture to write; None for none.
-        bounds: makes a ring of files of it.
-        look: what is shown.
-        color: as the option has it.
-    """
-
-    record: Path | None
-    bounds: Bounds | None
-    look: Look
-    color: str
-
-
-def watch(memory: str, relay: Connection, wishes: Wishes) -> None:
-    """Watch a relay until it ends; the entry of a process.
+def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
+    """Watch a relay until it ends.
 
     Args:
         memory: name of the ring's.
@@ -135,6 +114,7 @@ class Watcher:
         self._delays = Delays()
         self._advice = ""
         self._calls = self._retries = 0
+        self._backlog: deque[list[Record]] = deque()
         self._next_status = 0
         self._counts_then: tuple[int, ...] = ()
 
@@ -142,20 +122,20 @@ class Watcher:
         """Watch until the relay is gone and all that it left is taken."""
         over = asked = False
         while True:
-            records = self._reader.take()
-            self._take(records)
-            waiting = self._reader.waiting
-            if not waiting and asked:
+            new = self._drain()
+            self._work()
+            behind = bool(self._backlog or self._reader.waiting)
+            if asked and not behind:
                 relay.send_bytes(self._goodbyes())
                 asked = False
-            if over and not waiting and not records:
+            if over and not behind and not new:
                 break
-            self._look_around(bool(waiting))
+            self._look_around(behind)
             if over:
-                time.sleep(0.0 if waiting else TICK / 10)
+                time.sleep(0 if behind else TICK / 10)
                 continue
             try:
-                if relay.poll(0 if waiting > _BEHIND else TICK):
+                if relay.poll(0 if self._backlog else TICK):
                     said = relay.recv_bytes()
                     asked = said == FAREWELL
                     self._advice = self._advice if asked else said.decode()
@@ -163,11 +143,23 @@ class Watcher:
                 over = True
         self._finish()
 
+    def _drain(self) -> bool:
+        """Record all that the relay wrote, before anything else; tell whether there was anything."""
+        found = False
+        while len(self._backlog) < _MOST_BEHIND and (records := self._reader.take(_AT_ONCE)):
+            found = True
+            if self._recorder is not None:
+                self._recorder.take(records)
+            self._backlog.append(records)
+        return found
+
+    def _work(self) -> None:
+        """Decode, show and judge what was recorded, as far as that goes in a tick."""
+        until = time.monotonic() + TICK
+        while self._backlog and time.monotonic() < until:
+            self._take(self._backlog.popleft())
+
     def _take(self, records: list[Record]) -> None:
-        if not records:
-            return
-        if self._recorder is not None:
-            self._recorder.take(records)
         lines: list[str | bytes] = []
         gone = [record for record in records if record.kind is Kind.GONE]
         going = [(self._witness.conversation(record.client), record) for record in gone]

@@ -20,7 +20,7 @@ from bcapscope.traffic.observation import Conversation, Transport
 
 _ROBOT_EXECUTE = next(each.id for each in FUNCTIONS.values() if each.name == "Robot_Execute")
 _RELEASES = {each.releases: each.id for each in FUNCTIONS.values() if each.releases is not None}
-_SLAVE, _TAKE, _GIVE = "slvchangemode", "takearm", "givearm"
+_STATES = _SLAVE, _TAKE, _GIVE = "slvchangemode", "takearm", "givearm"
 
 
 class Farewell(NamedTuple):
@@ -68,9 +68,9 @@ class Farewells:
             state = self._states[call.conversation] = _State()
         state.serial = call.last.item.serial
         state.convention = call.convention
-        command = call.question.command
-        if command is not None and command[0:1] in "sStTgG":
-            self._learn(state, call, command.casefold())
+        command = (call.question.command or "").casefold()
+        if command in _STATES:
+            self._learn(state, call, command)
 
     def forget(self, client: Conversation) -> str:
         """Forget a client that has gone; return what it left open beside handles, in words."""
@@ -93,7 +93,7 @@ class Farewells:
             return
         if command == _SLAVE:
             _switch(state.slave, handle, _mode(call.request.item.arguments) != 0)
-        elif command in (_TAKE, _GIVE):
+        else:
             _switch(state.arms, handle, command == _TAKE)
 
 
