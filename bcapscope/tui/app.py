@@ -68,6 +68,15 @@ class Scope(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", id="quit", priority=True, tooltip="shell.quit.tip"),
         Binding(
+            "f12,ctrl+backslash",
+            "halt",
+            "shell.halt",
+            id="halt",
+            key_display="f12",
+            priority=True,
+            tooltip="shell.halt.tip",
+        ),
+        Binding(
             "ctrl+t", "next_theme", "shell.next_theme", id="theme", show=False, tooltip="shell.theme.tip"
         ),
     ]
@@ -142,6 +151,10 @@ class Scope(App[None]):
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver, which knows the keys of HALT."""
         return halting(super().get_driver_class(), self.halt)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer HALT only where there is something to halt."""
+        return bool(self._halts) if action == "halt" else True
 
     def at_halt(self, halt: Callable[[], None]) -> None:
         """Have something stopped by HALT; `halt` is called in any thread, returns at once, must not raise."""

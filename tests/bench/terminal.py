@@ -7,6 +7,7 @@ import os
 import pty
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -36,7 +37,7 @@ class Terminal:
     def __init__(self, argv: Sequence[str], columns: int, rows: int) -> None:
         """Start a command in a terminal of so many columns and rows."""
         self._master, slave = pty.openpty()
-        self.resize(columns, rows)
+        self._set_size(columns, rows)
         environment = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor", "LANG": "C.UTF-8"}
         self.began = time.perf_counter()
         self._process = subprocess.Popen(
@@ -71,8 +72,12 @@ class Terminal:
         os.write(self._master, keys)
 
     def resize(self, columns: int, rows: int) -> None:
-        """Give the terminal another size; the system tells the program."""
+        """Give the terminal another size and tell the program."""
         self._text = b""
+        self._set_size(columns, rows)
+        self._process.send_signal(signal.SIGWINCH)
+
+    def _set_size(self, columns: int, rows: int) -> None:
         fcntl.ioctl(self._master, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
 
     def until(self, *wanted: str, limit: float = LIMIT) -> float:

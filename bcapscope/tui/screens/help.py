@@ -37,7 +37,7 @@ class HelpScreen(ModalScreen[None]):
         """Show it all in one page that scrolls."""
         with VerticalScroll(id="help") as page:
             page.border_title = Text(say("shell.help.title", name=self._title)).markup
-            page.border_subtitle = f"esc {say('shell.close')}"
+            page.border_subtitle = say("shell.close.hint")
             yield Static(self._page(), id="help-text")
 
     def on_mount(self) -> None:

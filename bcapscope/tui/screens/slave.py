@@ -95,7 +95,7 @@ class SlaveScreen(Place):
             with Horizontal(classes="row"):
                 yield Button(say("tester.start"), compact=True, variant="success", id="start", disabled=True)
                 yield Button(say("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
-                yield Button("HALT", compact=True, variant="error", id="halt")
+                yield Button(say("shell.halt"), compact=True, variant="error", id="halt")
                 yield Static(id="slave-state", markup=False)
             with ContentSwitcher(initial="before", id="slave-views"):
                 with VerticalScroll(id="before"):

@@ -40,6 +40,7 @@ _BRIEF = 100
 """Columns below which large counts are rounded."""
 
 _BAR = 12
+_OF_FRAMES = frozenset({"filter", "partner", "call", "mark", "note", "clock", "goto", "follow"})
 _CLOCKS = (Clock.RELATIVE, Clock.DELTA, Clock.UTC)
 _KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 
@@ -75,7 +76,7 @@ class TrafficScreen(Place):
         Binding("r", "partner", "traffic.partner", id="traffic.partner", tooltip="traffic.partner.tip"),
         Binding("c", "call", "traffic.call", id="traffic.call", tooltip="traffic.call.tip"),
         Binding("w", "why", "traffic.why", id="traffic.why", tooltip="traffic.why.tip"),
-        Binding("n", "proof(1)", "traffic.next", id="traffic.next", show=False, tooltip="traffic.next.tip"),
+        Binding("n", "proof(1)", "traffic.next", id="traffic.next", tooltip="traffic.next.tip"),
         Binding(
             "N",
             "proof(-1)",
@@ -148,6 +149,16 @@ class TrafficScreen(Place):
     def _hear(self, told: Progress | Verdict | Matches) -> None:
         """Take what is told in another thread."""
         self.post_message(Heard(told))
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer what has to do with a frame only where there is one, and a way to stop only where it goes on."""
+        if action in _OF_FRAMES:
+            return self._view in _KINDS
+        if action == "proof":
+            return bool(self._proofs)
+        if action == "stop":
+            return self._feed.is_live and not self._feed.progress.ended
+        return True
 
     async def _close(self) -> None:
         self._feed.close()
@@ -328,12 +339,11 @@ class TrafficScreen(Place):
             self._look()
             self._show_frame()
         self._list.focus()
+        self.refresh_bindings()
         self._show_state()
 
     def action_filter(self) -> None:
         """Go to the filter."""
-        if self._view not in _KINDS:
-            self.action_view("frames")
         self.query_one("#filter", Input).focus()
 
     def action_back(self) -> None:
@@ -469,6 +479,7 @@ class TrafficScreen(Place):
             number = message.lines.finding()
             if number is not None and self._verdict.findings[number - 1].frames:
                 self._proofs = list(self._verdict.findings[number - 1].frames)
+                self.refresh_bindings()
                 self.frames.proofs = frozenset(self._proofs)
                 self.frames.repaint()
                 self.go_to_frame(self._proofs[0])
@@ -482,9 +493,7 @@ class TrafficScreen(Place):
     def action_proof(self, by: int) -> None:
         """Go to another frame that proves the finding chosen."""
         number = self._number()
-        if not self._proofs:
-            scope_of(self).tell(say("traffic.no_proof"))
-        elif by > 0:
+        if by > 0:
             later = [each for each in self._proofs if number is None or each > number]
             self.go_to_frame((later or self._proofs)[0])
         else:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import ClassVar
 
+from textual.binding import Binding, BindingType
 from textual.events import Resize
 
 from bcapscope.analysis.finding import Severity
@@ -20,6 +22,10 @@ _MOST_FRAMES = 12
 
 class FindingPage(Lines):
     """Shows findings as paragraphs; up and down go from line to line, enter chooses the finding."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "choose", "findings.choose", id="findings.choose", tooltip="findings.choose.tip"),
+    ]
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -60,15 +66,17 @@ class FindingPage(Lines):
 
     def _write(self) -> None:
         here = self.finding()
-        self._lines = [(self._sum, 0), ("", 0)] if self._sum else []
+        self._lines = [(f" {self._sum}", 0), ("", 0)] if self._sum else []
         depths: list[int] = []
         for number, cause in enumerate(self._causes, 1):
             depths.append(depths[cause.consequence_of - 1] + 1 if cause.consequence_of else 0)
             indent = " " * _STEP * min(depths[-1], _DEEPEST)
-            self._lines += [(indent + line, number) for line in self._finding(number, cause, len(indent))]
+            self._lines += [
+                (f" {indent}{line}", number) for line in self._finding(number, cause, len(indent))
+            ]
             self._lines.append(("", number))
         if not self._lines:
-            self._lines = [(say("traffic.empty.findings"), 0)]
+            self._lines = [(f" {say('traffic.empty.findings')}", 0)]
         self.changed(min(self.cursor, len(self._lines) - 1))
         if here is not None and here != self.finding():
             self.go_to(here)

@@ -13,11 +13,15 @@ from textual.widget import Widget
 from bcapscope.tui.words import CATALOGUE, say
 
 
+_ALWAYS = ("f12", "f1", "ctrl+p")
+"""Keys that have their place whatever else there is: HALT, help, the list of commands."""
+
+
 class KeyBar(Widget):
     """Shows keys with what they do, as many as there is room for; a click does it as well.
 
-    The keys of the widget that has the focus come first, those of the application last, and help and the list
-    of commands always have their place.
+    The keys of the widget that has the focus come first, those of the application last; those of `_ALWAYS` have
+    their place.
     """
 
     COMPONENT_CLASSES = {"keybar--key", "keybar--text"}  # noqa: RUF012 - as Textual has it
@@ -34,10 +38,10 @@ class KeyBar(Widget):
             for key, active in self.screen.active_bindings.items()
             if active.binding.show and active.binding.description in CATALOGUE
         ]
-        always = [each for each in found if each[2] in ("f1", "ctrl+p")]
+        always = [each for each in found if each[2] in _ALWAYS]
         room = self.size.width - sum(_width(key, text) for key, text, _ in always)
         for key, text, name in found:
-            if name in ("f1", "ctrl+p"):
+            if name in _ALWAYS:
                 continue
             room -= _width(key, text)
             if room < 0:

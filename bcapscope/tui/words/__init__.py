@@ -13,7 +13,9 @@ from types import MappingProxyType
 
 from bcapscope.tui.words import shell, tester, traffic, widgets
 
-CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType({**shell.WORDS, **tester.WORDS, **traffic.WORDS, **widgets.WORDS})
+CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {**shell.WORDS, **tester.WORDS, **traffic.WORDS, **widgets.WORDS}
+)
 """English and Japanese by key. Braces hold places for values, as in `str.format`."""
 
 

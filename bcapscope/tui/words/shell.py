@@ -46,5 +46,5 @@ WORDS: dict[str, tuple[str, str]] = {
         "The settings cannot be written to {path}: {reason}",
         "設定を {path} に書き込めません: {reason}",
     ),
-    "shell.small": ("too small, 60 × 16 is the least", "小さすぎます (最小 60 × 16)"),
+    "shell.close.hint": ("esc closes", "esc で閉じる"),
 }

@@ -118,7 +118,6 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.no_request": ("The request of this was not seen.", "要求は観測されていません。"),
     "traffic.no_finding": ("No finding names this frame.", "このフレームに関する診断はありません。"),
     "traffic.no_cause": ("This finding is a first cause.", "この診断が最初の原因です。"),
-    "traffic.no_proof": ("Choose a finding first.", "先に診断を選んでください。"),
     "traffic.hidden": (
         "Frame {number} is hidden by the filter, which was ended.",
         "フレーム {number} はフィルタで隠れていたため、フィルタを解除しました。",
@@ -163,6 +162,11 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.finding.frames": ("frames: {frames}", "フレーム: {frames}"),
     "traffic.finding.advice": ("what to do: {advice}", "対処: {advice}"),
     "traffic.finding.source": ("source: {source}", "出典: {source}"),
+    "findings.choose": ("Its frames", "根拠のフレーム"),
+    "findings.choose.tip": (
+        "Go to the first frame that proves the finding",
+        "診断の根拠となる最初のフレームへ移動します",
+    ),
     "traffic.finding.follows": ("follows from {number}", "{number} に起因"),
     "traffic.stop": ("Stop capturing", "受信を停止"),
     "traffic.stop.tip": ("Capture no more; what was seen stays", "受信を停止します。見た内容は残ります"),

@@ -1,0 +1,69 @@
+"""Settings: kept whole or not at all, and never fatal."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from bcapscope.tui.settings import MOST_RECENT, Settings, load, remembered, save
+
+
+def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "screen.yaml"
+    settings = Settings(theme="light", captures=["a.pcap", "b c.pcapng"], connection={"host": "10.0.0.1"})
+    save(settings, path)
+    assert load(path) == (settings, "")
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_there_are_none_yet(tmp_path: Path) -> None:
+    assert load(tmp_path / "none.yaml") == (Settings(), "")
+
+
+@pytest.mark.parametrize(
+    "content", [b"theme: [", b"theme: 3", b"- a", b"\xff\x00", b"hosts: no"]
+)
+def test_a_broken_file_is_told_of(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "screen.yaml"
+    path.write_bytes(content)
+    settings, why = load(path)
+    assert settings == Settings()
+    assert why
+    assert "\n" not in why
+
+
+def test_a_file_from_a_later_version_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "screen.yaml"
+    path.write_text("theme: safe\nnew: 1\n")
+    assert load(path)[0].theme == "safe"
+
+
+def test_a_folder_is_told_of(tmp_path: Path) -> None:
+    assert load(tmp_path)[1] == "Is a directory"
+
+
+def test_what_cannot_be_written_leaves_the_old_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "screen.yaml"
+    save(Settings(theme="light"), path)
+
+    def refuse(source: object, target: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(OSError, match="No space"):
+        save(Settings(theme="safe"), path)
+    assert load(path)[0].theme == "light"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_latest_comes_first_and_only_once() -> None:
+    items: list[str] = []
+    for number in (*range(MOST_RECENT + 5), 7):
+        items = remembered(str(number), items)
+    assert items[:3] == ["7", str(MOST_RECENT + 4), str(MOST_RECENT + 3)]
+    assert len(items) == MOST_RECENT
+    assert len(set(items)) == MOST_RECENT

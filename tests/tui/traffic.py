@@ -1,0 +1,59 @@
+"""Driving the screen that shows traffic in tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+from textual.pilot import Pilot
+from textual.widgets import Static
+
+from bcapscope.tui.app import Scope, Spot
+from bcapscope.tui.screens.traffic import TrafficScreen
+from bcapscope.tui.traffic.feed import Feed
+from bcapscope.tui.words import Language
+from tests.tui.pilot import Act, drive, make, until
+
+
+@contextmanager
+def shown(
+    path: Path, follow: bool = False, settings: Path | None = None, language: Language = Language.ENGLISH
+) -> Iterator[tuple[Scope, Feed]]:
+    """Make the application with a capture; its processes are ended at the end."""
+    feed = Feed(path=str(path), follow=follow)
+    try:
+        spot = Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, path.name))
+        yield make(spot, language=language, settings=settings), feed
+    finally:
+        feed.close()
+
+
+def act_on(path: Path, act: Act, size: tuple[int, int] = (80, 24)) -> None:
+    """Show a capture, wait until all of it was read, and act."""
+    with shown(path) as (app, feed):
+
+        async def when_read(pilot: Pilot[None]) -> None:
+            await read(pilot, feed)
+            await act(pilot)
+
+        drive(app, when_read, size)
+
+
+async def read(pilot: Pilot[None], feed: Feed) -> None:
+    """Wait until all was read and shown."""
+    await until(pilot, lambda: feed.progress.ended)
+    await until(pilot, lambda: "●" not in screen(pilot)._states()[2])
+
+
+def screen(pilot: Pilot[None]) -> TrafficScreen:
+    """Return the screen, whatever lies above it."""
+    return cast(
+        TrafficScreen, next(each for each in pilot.app.screen_stack if isinstance(each, TrafficScreen))
+    )
+
+
+def about(pilot: Pilot[None]) -> str:
+    """Return what is said of the frame under the cursor."""
+    return str(screen(pilot).query_one("#about", Static).content)
