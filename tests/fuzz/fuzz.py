@@ -24,11 +24,13 @@ MAX_LENGTH = {
     "text": 4096,
     "simulator": 4096,
     "trajectory": 4096,
+    "rules": 4096,
 }
 ELSEWHERE = {
     "render": "tests.fuzz.rendering",
     "simulator": "tests.fuzz.simulating",
     "trajectory": "tests.fuzz.playing",
+    "rules": "tests.fuzz.ruling",
 }
 """Modules of the targets that are not in `tests.fuzz.targets`."""
 

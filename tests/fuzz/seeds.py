@@ -196,6 +196,27 @@ def trajectory_seeds() -> list[bytes]:
 
 _FORMATS = (("slvSendFormat", 0), ("slvRecvFormat", 0x14), ("slvGetMode", 0))
 
+
+def rules_seeds() -> list[bytes]:
+    """A short talk, in pieces, under every kind of rules."""
+    handle, pose = Variant(VT.I4, 1), Variant.array(VT.R4, (1.0, 20.0))
+    moves = [
+        encode(serial, serial // 2 * 2, 64, (handle, Variant(VT.BSTR, "slvMove"), pose)) for serial in (2, 3)
+    ]
+    steps = []
+    for serial, raw in enumerate((*moves, encode(9, 0, 70, (handle,))), 2):
+        cut = raw[:30], raw[30:]
+        steps += [
+            (0, cut[0]),
+            (0, cut[1]),
+            (4 * 4 + 1, encode(serial, 0, 0, (pose,))),
+            (2, b""),
+            (4 * 9 + 3, b""),
+        ]
+    talk = b"".join(bytes((what, len(data))) + data for what, data in (*steps, (0, b"garbage" + moves[0])))
+    return [bytes((choice,)) + talk for choice in (*range(0, 256, 16), *range(16))]
+
+
 SEEDS = {
     "frame": frame_seeds,
     "stream": stream_seeds,
@@ -204,4 +225,5 @@ SEEDS = {
     "text": text_seeds,
     "simulator": simulator_seeds,
     "trajectory": trajectory_seeds,
+    "rules": rules_seeds,
 }
