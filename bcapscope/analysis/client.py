@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias, TypeVar
 from bcapscope.analysis.generation import NO_CLUE, better, clue_of_call
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, describe, is_failure
-from bcapscope.protocol.slavemode import Generation, mode_value
+from bcapscope.protocol.slavemode import Generation, SlaveMode, mode_value, slave_mode
 from bcapscope.protocol.variant import Value, Variant
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.handles import Thing
@@ -186,6 +186,11 @@ class Client:
         """The controller's generation, as far as what was said tells it."""
         asked = self.robslave is not None or self.robslave_missing is not None
         return Generation.RC7 if asked else self.clue.generation
+
+    @property
+    def slave_mode(self) -> SlaveMode | None:
+        """The slave mode that it has entered, by the controller's generation; None while it is off."""
+        return slave_mode(self.mode, self.generation or Generation.RC8) if self.mode else None
 
     def take_point(self, call: Exchange) -> None:
         """Take a set point into account that was answered with S_OK."""

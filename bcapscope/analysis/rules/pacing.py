@@ -12,7 +12,7 @@ from bcapscope.analysis.rules.rule import MS, Incident, Kind, Report, Rule, Watc
 from bcapscope.analysis.speech import Speech, called, counted, name_of, span
 from bcapscope.analysis.stay import Starved, Stay
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
-from bcapscope.protocol.slavemode import Generation, ModeKind, slave_mode
+from bcapscope.protocol.slavemode import ModeKind
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.question import Question
 
@@ -183,7 +183,7 @@ class Pacing(Watcher):
 def _slack(client: Client) -> int:
     """Return how long the controller's buffer lasts, in nanoseconds, as far as the mode is known."""
     entered = client.mode_call
-    mode = slave_mode(client.mode, client.generation or Generation.RC8) if client.mode and entered else None
+    mode = client.slave_mode if entered else None
     return (
         max(mode.slots, 1) * 8 * MS if mode is not None and mode.kind is not ModeKind.OFF else _DEFAULT_SLACK
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from bcapscope.analysis.client import Client, Clients
+from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import MS, SECOND, Incident, Report, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, counted, name_of, span, times
+from bcapscope.protocol.slavemode import PERIOD_MS
 from bcapscope.traffic.exchange import Exchange, FrameObservation, Stray
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.verdict import Verdict
@@ -122,6 +123,7 @@ TO_NOTHING = Rule(
 )
 
 _QUIET = 20 * MS
+_TURN = PERIOD_MS * MS + 2 * MS
 _MOST_ASKING = 65536
 
 
@@ -163,7 +165,7 @@ class Replies(Watcher):
                 self._unanswered(call)
         elif verdict is Verdict.REPLY_LOST and call.lost_replies:
             self._lost(call)
-        elif call.retries:
+        elif call.retries and not _waited_its_turn(call, client):
             self._retried(call)
 
     def stray(self, stray: Stray) -> None:
@@ -319,6 +321,18 @@ class Replies(Watcher):
             return f"{called(call)} was answered only at try {len(call.requests)}"
 
         self.tell(RETRIED, call, say, then)
+
+
+def _waited_its_turn(call: Exchange, client: Client) -> bool:
+    """Tell whether a set point was only answered when it was taken, as it is in a waiting mode.
+
+    With the time-out of 2 ms that DENSO recommends for these modes it is sent again meanwhile, and if one of
+    those packets was lost, that did no harm.
+    """
+    mode, latency = client.slave_mode, call.latency
+    if mode is None or not mode.paces or latency is None:
+        return False
+    return command_of(call.question) == "slvmove" and latency <= _TURN
 
 
 def _try_of(call: Exchange, reply: FrameObservation) -> FrameObservation:

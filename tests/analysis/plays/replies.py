@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bcapscope.protocol.variant import VT, Variant
 from tests.analysis.plays.scene import Scene
-from tests.analysis.scenes import HOME, ROBOT, Story, Talker, good
+from tests.analysis.scenes import HOME, ROBOT, Play, Story, Talker, good
 from tests.samples.calls import i4, r8s, text
 
 _POSE = r8s(*HOME)
@@ -122,6 +122,26 @@ def _retried(story: Story) -> None:
     client.close(1100)
 
 
+def _waits_in_slave_mode(takes: float) -> Play:
+    """Set points in a waiting mode, tried each 2 ms, of which one takes so many ms."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        client.enter(40)
+        for number in range(20):
+            begin, wait = 50 + 16 * number, takes if number == 10 else 7.9
+            first = client.ask(begin, "Robot_Execute", *_MOVE)
+            tries = [first]
+            for late in range(2, int(wait) + 1, 2):
+                tries.append(client.ask(begin + late, "Robot_Execute", *_MOVE, reserved=first))
+            client.answer(begin + wait, tries[-1], _POSE, reserved=first)
+        client.leave(400)
+
+    return play
+
+
 def _very_late(story: Story) -> None:
     client = story.client()
     client.open()
@@ -203,6 +223,13 @@ SCENES = (
         (9, 10, 11),
         ("Motor 5 of your client was sent twice", "1 s after the first try"),
         good,
+    ),
+    Scene(
+        "retried",
+        _waits_in_slave_mode(13.9),
+        (65, 66, 67, 68, 69, 70, 71, 72),
+        ("was sent 7 times before it was answered, 14 ms after the first try",),
+        _waits_in_slave_mode(7.9),
     ),
     Scene("very-late-reply", _very_late, (90,), ("Another reply to call 5 (serial 5)",), _late),
     Scene("reply-to-nothing", _to_nothing, (9,), ("serial 700",), _begins_with_reply),
