@@ -108,6 +108,7 @@ class Visit:
         self._pacer: Pacer | None = None
         self._index = 0
         self._gone = False
+        self._was_off: dict[str, bool] = {}
 
     async def perform(self) -> Ended:
         """Do all of it; return how it ended."""
@@ -166,11 +167,11 @@ class Visit:
         station = self._station
         async with AsyncExitStack() as stack:
             self._show(State.PREPARING)
-            if await station.run_robslave():
+            if self._as_found("RobSlave", await station.run_robslave()):
                 stack.push_async_callback(self._undo, station.stop_robslave)
             if await station.take_arm():
                 stack.push_async_callback(self._undo, station.give_arm)
-            if await station.motor_on():
+            if self._as_found("motor", await station.motor_on()):
                 stack.push_async_callback(self._undo, station.motor_off)
             await self._approach(trajectory.kind, trajectory.vector(0))
             if self._plan.log is not None:
@@ -183,6 +184,10 @@ class Visit:
             stack.push_async_callback(self._undo, self._leave)
             await station.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)
+
+    def _as_found(self, name: str, was_off: bool) -> bool:
+        """Tell whether something is to be switched off in the end: if it was off when we came."""
+        return self._was_off.setdefault(name, was_off)
 
     async def _approach(self, kind: PoseType, first: Point) -> None:
         """Bring the robot to the first point, unless it is there."""
@@ -256,13 +261,19 @@ class Visit:
         Raises:
             ControllerError: it is not.
         """
-        self._desk.deliver(Trouble(str(error), await self._station.errors()))
-        text = "Clear the error, or clear it and begin again: RobSlave, first set point, slave mode?"
-        answer = self._ask(Topic.CLEAR, text, (NO, CLEAR, AGAIN))
-        if answer == NO:
-            raise error
-        self._show(State.CLEARING)
-        await self._station.clear_errors()
+        told = error
+        while True:
+            self._desk.deliver(Trouble(str(told), await self._station.errors()))
+            text = "Clear the error, or clear it and begin again: RobSlave, first set point, slave mode?"
+            answer = self._ask(Topic.CLEAR, text, (NO, CLEAR, AGAIN))
+            if answer == NO:
+                raise error
+            self._show(State.CLEARING)
+            try:
+                await self._station.clear_errors()
+                break
+            except ControllerError as refusal:
+                told = refusal
         if answer == CLEAR:
             raise error
 

@@ -293,6 +293,39 @@ def test_after_clearing_it_begins_again_with_robslave_and_the_first_point() -> N
     ]
 
 
+def test_what_was_on_when_the_player_came_is_on_when_it_goes_errors_or_not() -> None:
+    stage = Stage(start=Start(motor=True), answers={Topic.CLEAR: AGAIN})
+    machine = stage.simulator.machine
+    pressed: list[bool] = []
+
+    def press(_: int) -> None:
+        if len(set_points(stage)) > 150 and not pressed:
+            pressed.append(True)
+            machine.press_emergency_stop(stage.channel.now())
+            machine.emergency = False
+
+    stage.desk.at_poll = press
+    assert stage.play(plan(0x202, may_approach=True)).outcome is Outcome.DONE
+    assert pressed
+    assert machine.motor_is_on(stage.channel.now())
+
+
+def test_clearing_is_offered_again_where_it_was_refused() -> None:
+    stage = Stage(answers={Topic.CLEAR: CLEAR})
+    machine = stage.simulator.machine
+
+    def press(_: int) -> None:
+        if len(set_points(stage)) > 150 and not machine.alarms.active:
+            machine.press_emergency_stop(stage.channel.now())
+        if stage.desk.asked.count(Topic.CLEAR) == 2:
+            machine.emergency = False
+
+    stage.desk.at_poll = press
+    assert stage.play(plan(0x202)).outcome is Outcome.REFUSED
+    assert stage.desk.asked.count(Topic.CLEAR) == 2
+    assert not machine.emergency
+
+
 @pytest.mark.parametrize("armed", [True, False])
 def test_a_real_controller_needs_arming(armed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bcapscope.client.reach.SIMULATOR_TEXT", "what no simulator says")
