@@ -53,3 +53,15 @@ def test_the_first_defect_of_the_c_server_can_be_switched_off() -> None:
     scenario = read_scenario(shipped()["forgetful-server"] + "defects: []\n")
     findings, _ = diagnose_bytes(perform(scenario))
     assert [finding.rule for finding in findings] == ["retried"]
+
+
+@pytest.mark.parametrize("over", ["udp", "tcp"])
+@pytest.mark.parametrize(
+    ("profile", "mode"),
+    [("rc7", mode) for mode in (0x002, 0x102)] + [("rc8", mode) for mode in (0x002, 0x102, 0x202)],
+)
+def test_a_session_in_any_slave_mode_has_nothing_wrong(profile: str, mode: int, over: str) -> None:
+    scenario = read_scenario(f"title: x\nprofile: {profile}\nclient: {{mode: {mode}, over: {over}}}")
+    findings, seen = diagnose_bytes(perform(scenario))
+    assert findings == ()
+    assert seen.calls > 150
