@@ -26,6 +26,9 @@ _FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
 _MOST_BYTES = 60_000
 """Of a TCP segment; longer ones become several packets."""
 
+_SEQUENCE_NS = 4000
+"""A new connection between the same ends begins with numbers that go on as fast (RFC 9293, 3.4.1)."""
+
 _MOST_WAYS = 4096
 """Pairs of hosts whose addresses are kept packed."""
 
@@ -85,7 +88,8 @@ class Recording:
 
     def opened(self, client: Address, server: Address, time: int, *, where: Interface = _NOWHERE) -> None:
         """Write that a TCP connection was made, as the three packets that this takes."""
-        self._sequence[client, server] = self._sequence[server, client] = 0
+        first = time // _SEQUENCE_NS & 0xFFFFFFFF
+        self._sequence[client, server] = self._sequence[server, client] = first
         self._bare(client, server, _SYN, time, where)
         self._bare(server, client, _SYN | _ACK, time, where)
         self._bare(client, server, _ACK, time, where)

@@ -218,8 +218,8 @@ def robots(folder: Path, seconds: float) -> None:
     ):
         children = Path(f"/proc/{proxy.pid}/task/{proxy.pid}/children").read_text().split()
         processes = [proxy.pid, *map(int, children)]
-        sent, heard, took = _drive(port, seconds, lambda: _memory(processes))
-        print(f"  at the end    {_memory(processes)}")
+        sent, heard, took = _drive(port, seconds, lambda: private_memory(processes))
+        print(f"  at the end    {private_memory(processes)}")
     print(f"{ROBOTS} robots, {seconds:.0f} s: {sent} set points, {sent - heard} without an answer")
     print(f"  p50 {percentile(took, 0.5):.1f}  p99.9 {percentile(took, 0.999):.1f} µs from the tick on")
 
@@ -251,12 +251,12 @@ def _drive(port: int, seconds: float, memory: Callable[[], str]) -> tuple[int, i
     return sent, heard, took
 
 
-def _memory(processes: list[int]) -> str:
-    """Tell how much memory each process has for itself (smaps_rollup of proc(5))."""
+def private_memory(processes: list[int]) -> str:
+    """Tell how much memory each process has written for itself (smaps_rollup of proc(5))."""
     parts = []
     for pid in processes:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-        sizes = [int(line.split()[1]) for line in lines if line.startswith("Private")]
+        sizes = [int(line.split()[1]) for line in lines if line.startswith("Private_Dirty")]
         parts.append(f"{Path(f'/proc/{pid}/comm').read_text().strip()} {pid}: {sum(sizes) / 1000:.1f} MB")
     return ", ".join(parts)
 

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.capture.recording import Recording
+from bcapscope.capture.file import open_capture
+from bcapscope.capture.packet import Interface
+from bcapscope.capture.recording import RAW, Recording
 from bcapscope.protocol.frame import encode
 from tests.cli.run import run
 
@@ -43,3 +45,27 @@ def test_a_long_segment_becomes_several(tmp_path: Path) -> None:
     ran = run("decode", path)
     assert ran.code == 0, ran.err
     assert len(ran.lines) == 5000
+
+
+def test_a_connection_is_made_and_ended_on_an_interface_with_a_name(tmp_path: Path) -> None:
+    file, where = BytesIO(), Interface(RAW, "clients")
+    recording = Recording(file)
+    client, server = ("10.0.0.2", 50001), ("10.0.0.1", 6000)
+    for start in (0, 10**9):
+        recording.opened(client, server, TIME + start, where=where)
+        recording.segment(client, server, REQUEST, TIME + start + 1, where=where, comment="a rule")
+        recording.segment(server, client, REPLY, TIME + start + 2, where=where)
+        recording.finished(client, server, TIME + start + 3, where=where)
+        recording.finished(server, client, TIME + start + 4, where=where, reset=True)
+        recording.ended(client, server)
+    path = tmp_path / "a.pcapng"
+    path.write_bytes(file.getvalue())
+    with open_capture(str(path)) as capture:
+        packets = list(capture)
+    assert {packet[3].name for packet in packets} == {"clients"}
+    assert [packet[1][33] for packet in packets[:7]] == [2, 18, 16, 24, 24, 17, 20]  # flags
+    assert [packet[4] for packet in packets[3:5]] == [("a rule",), ()]
+    ran = run("decode", path)
+    assert (ran.code, len(ran.lines)) == (0, 4), ran.err
+    assert ran.lines[0].endswith("# a rule")
+    assert "!!" not in ran.out

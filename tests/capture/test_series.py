@@ -1,0 +1,104 @@
+"""A recording in one file, or in a ring of them."""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+import pytest
+
+from bcapscope.capture.file import open_capture
+from bcapscope.capture.packet import Packet
+from bcapscope.capture.series import Bounds, Series, parse_bounds
+
+CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
+
+
+def packets(path: Path) -> list[Packet]:
+    with open_capture(str(path)) as capture:
+        return list(capture)
+
+
+def write(series: Series, count: int) -> None:
+    for number in range(count):
+        series.recording.datagram(CLIENT, SERVER, bytes(333), number)
+        series.flush()
+
+
+@pytest.mark.parametrize(
+    ("text", "bounds"),
+    [
+        ("10x100MB", Bounds(10, 100_000_000)),
+        ("2x10kB", Bounds(2, 10_000)),
+        ("24x1h", Bounds(24, 0, 3600)),
+        ("3x5min,1GB", Bounds(3, 10**9, 300)),
+    ],
+)
+def test_bounds(text: str, bounds: Bounds) -> None:
+    assert parse_bounds(text) == bounds
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "10", "x1MB", "1x1MB", "3x", "3x1", "3x1MB,", "3x1MB,2MB", "3x0s", "3x5kB", "٣x1MB", "3x1 MB"],
+)
+def test_no_bounds(text: str) -> None:
+    with pytest.raises(ValueError, match=r"ring|size|second"):
+        parse_bounds(text)
+
+
+def test_nothing_is_there_before_it_is_flushed(tmp_path: Path) -> None:
+    series = Series(tmp_path / "a.pcapng")
+    series.recording.datagram(CLIENT, SERVER, b"one", 1)
+    series.flush()
+    series.recording.datagram(CLIENT, SERVER, b"two", 2)
+    assert [packet[1][28:] for packet in packets(tmp_path / "a.pcapng")] == [b"one"]
+    series.flush()
+    series.recording.datagram(CLIENT, SERVER, b"three", 3)
+    series.close()
+    assert len(packets(tmp_path / "a.pcapng")) == 2
+
+
+def test_a_file_that_is_there_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "a.pcapng").write_bytes(b"mine")
+    with pytest.raises(FileExistsError):
+        Series(tmp_path / "a.pcapng")
+
+
+def test_the_oldest_of_a_ring_are_removed_and_each_can_be_read_alone(tmp_path: Path) -> None:
+    series = Series(tmp_path / "a.pcapng", Bounds(3, size=20_000))
+    for number in range(100):
+        series.recording.datagram(CLIENT, SERVER, number.to_bytes(2) * 500, number)
+        series.flush()
+    series.close()
+    assert sorted(series.paths) == sorted(tmp_path.iterdir())
+    assert [path.name[:8] for path in series.paths] == ["a_00004_", "a_00005_", "a_00006_"]
+    found = [packet[0] for path in series.paths for packet in packets(path)]
+    assert found == list(range(100 - len(found), 100))
+    assert all(path.stat().st_size < 22_000 for path in series.paths)
+
+
+def test_a_ring_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("bcapscope.capture.series.time.monotonic", lambda: now[0])
+    series = Series(tmp_path / "a.pcapng", Bounds(5, seconds=60))
+    for number in range(10):
+        now[0] += 25
+        series.recording.datagram(CLIENT, SERVER, b"x", number)
+        series.flush()
+        series.flush()  # of nothing, makes no file
+    series.close()
+    assert [len(packets(path)) for path in series.paths] == [3, 3, 3, 1]
+
+
+def test_where_there_is_no_room_the_file_ends_with_a_whole_block(tmp_path: Path) -> None:
+    series = Series(tmp_path / "a.pcapng")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            write(series, 100)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    series.close()
+    assert 20 < len(packets(tmp_path / "a.pcapng")) < 30

@@ -1,0 +1,84 @@
+"""What was said, from what the relay tells."""
+
+from __future__ import annotations
+
+import json
+
+from bcapscope.protocol.frame import Malformed, encode
+from bcapscope.proxy.ring import Kind, Record
+from bcapscope.proxy.witness import Met, Witness, met
+from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
+
+ENDS = [["10.0.0.2", 50001], ["10.0.0.3", 5008], ["10.0.0.3", 50002], ["10.0.0.1", 5007]]
+REQUEST, REPLY = encode(7, 0, 2), encode(7, 0, 0)
+
+
+def opened(transport: str, client: int = 1) -> Record:
+    return Record(Kind.OPENED, False, client, 1, 0, json.dumps([transport, *ENDS]).encode(), "")
+
+
+def data(up: bool, came: int, left: int, raw: bytes, note: str = "", *, client: int = 1) -> Record:
+    return Record(Kind.DATA, up, client, came, left, raw, note)
+
+
+def seen(*records: Record) -> list[tuple[Observation, str]]:
+    return list(Witness().observe(records))
+
+
+def test_who_met_whom() -> None:
+    ends = [Endpoint(host, port) for host, port in ENDS if isinstance(host, str) and isinstance(port, int)]
+    assert met(opened("tcp")) == Met(Transport.TCP, *ends)
+
+
+def test_requests_as_they_came_and_replies_as_they_left() -> None:
+    found = seen(opened("udp"), data(True, 10, 20, REQUEST + REQUEST), data(False, 30, 40, REPLY, "late"))
+    assert [(each.number, each.time, each.flow.direction, note) for each, note in found] == [
+        (1, 10, Direction.REQUEST, ""),
+        (2, 10, Direction.REQUEST, ""),
+        (3, 40, Direction.RESPONSE, "late"),
+    ]
+    conversation = found[0][0].flow.conversation
+    assert (str(conversation.client), str(conversation.server)) == ("10.0.0.2:50001", "10.0.0.1:5007")
+
+
+def test_what_rules_lost_was_said_but_not_heard() -> None:
+    lost = seen(opened("udp"), data(True, 10, 0, REQUEST, "lost"), data(False, 30, 0, REPLY, "lost"))
+    assert [(each.flow.direction, note) for each, note in lost] == [(Direction.REQUEST, "lost")]
+    made_up = seen(opened("udp"), data(True, 0, 20, REQUEST), data(False, 0, 40, REPLY))
+    assert [each.time for each, _ in made_up] == [40]
+
+
+def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
+    found = seen(
+        opened("tcp"),
+        data(True, 10, 11, REQUEST[:5]),
+        data(True, 20, 21, REQUEST[5:] + REQUEST[:3]),
+        data(True, 30, 31, REQUEST[3:]),
+        data(False, 35, 36, REPLY[:4]),
+        Record(Kind.END, True, 1, 40, 0, b"", ""),
+        Record(Kind.GONE, False, 1, 50, 0, b"why", ""),
+    )
+    assert [(each.began, each.time) for each, _ in found] == [(10, 20), (20, 30), (36, 50)]
+    assert isinstance(found[2][0].item, Malformed)
+
+
+def test_long_streams_keep_few_times() -> None:
+    witness = Witness()
+    list(witness.observe([opened("tcp")]))
+    large = encode(1, 0, 1, ())[:1] + (1 << 20).to_bytes(4, "little") + bytes(1 << 19)
+    for start in range(0, len(large), 100):
+        list(witness.observe([data(True, start + 1, start + 2, large[start : start + 100])]))
+    way = witness._clients[1].ways[1]
+    assert len(way.marks) <= 1025
+
+
+def test_clients_are_known_until_they_are_gone() -> None:
+    witness = Witness()
+    list(witness.observe([opened("udp", 1), opened("tcp", 2)]))
+    assert sorted(witness.numbers.values()) == [1, 2]
+    conversation = witness.conversation(2)
+    assert conversation is not None
+    assert conversation.transport is Transport.TCP
+    list(witness.observe([Record(Kind.GONE, False, 2, 9, 0, b"", ""), data(True, 1, 2, REQUEST, client=2)]))
+    assert witness.conversation(2) is None
+    assert witness.count == 0
