@@ -138,7 +138,7 @@ class Machine:
         self.stopped_by = 0
         self.free_at = now
         self._motor_at: int | None = now if self.start.motor else None
-        for code in self.start.errors:
+        for code in (*self.start.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
             self.alarms.raise_(code, now)
 
     def date(self, now: int) -> float:
