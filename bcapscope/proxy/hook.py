@@ -66,7 +66,10 @@ class Policy(Protocol):
         """Take a datagram, or the next bytes of a stream, in the order in which they come."""
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Tell whether something of this direction is still to be sent; its end is passed on after that."""
+        """Tell whether something of this direction is still to be sent; its end is passed on after that.
+
+        The client may be gone by now.
+        """
 
     def is_full(self) -> bool:
         """Tell whether so much is held that no stream is to be read before `take` has given out some."""

@@ -67,6 +67,17 @@ def test_the_end_of_a_stream_waits_for_what_is_delayed() -> None:
         assert time.monotonic() - began >= 0.15
 
 
+def test_both_ends_wait_for_what_is_delayed_and_then_all_is_over() -> None:
+    with connected(live("delay=100ms")) as (proxy, client, server):
+        client.sendall(request(1))
+        server.sendall(reply(1))
+        client.shutdown(socket.SHUT_WR)
+        server.shutdown(socket.SHUT_WR)
+        assert read_all(server) == request(1)
+        assert read_all(client) == reply(1)
+        eventually(lambda: not proxy.relay.sessions)
+
+
 def test_the_end_of_a_half_open_client_is_not_heard() -> None:
     with connected(live("half-open if serial == 2")) as (proxy, client, server):
         client.sendall(request(1) + request(2) + request(3))

@@ -95,6 +95,7 @@ def test_a_client_that_is_gone_is_forgotten() -> None:
     made.gone(1, 0)
     assert made.take(10 * MS) == []
     assert made.intercept.held == []
+    assert not made.holds(1, UP)
 
 
 # streams
