@@ -1,0 +1,68 @@
+"""A terminal that stops, is closed, or shows a line at its bottom."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+_SCREEN = """
+import sys, time
+from bcapscope.cli import screen
+{setup}
+it = screen.Screen()
+{do}
+it.close()
+"""
+
+
+def ran(do: str, setup: str = "", stdout: int = subprocess.PIPE) -> tuple[str, str]:
+    """Run a program that has a screen; return what it wrote."""
+    code = _SCREEN.format(setup=setup, do=do)
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=stdout, stderr=subprocess.PIPE, check=True, timeout=60
+    )
+    return (done.stdout or b"").decode(), done.stderr.decode()
+
+
+def test_lines_and_sentences() -> None:
+    out, err = ran('it.show(["one", b"two", "三"]); it.tell("a sentence"); it.show([])')
+    assert (out, err) == ("one\ntwo\n三\n", "a sentence\n")
+
+
+def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    wait = 'time.sleep(0.2); it.show(["two"]); it.tell("still here")'
+    _, err = ran(f'it.show(["one"]); {wait}', stdout=writing)
+    os.close(writing)
+    sentence = "standard output is closed: nothing is shown there any more, the relay goes on"
+    assert err == f"{sentence}\nstill here\n"
+
+
+def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
+    reading, writing = os.pipe()
+    try:
+        do = (
+            "began = time.monotonic()\n"
+            'for number in range(50): it.show(["x" * 99] * 1000)\n'
+            "assert time.monotonic() - began < 10"
+        )
+        _, err = ran(do, "screen._LEAVES_WITHIN = 0.5", stdout=writing)
+        assert err == ""
+    finally:
+        os.close(reading)
+        os.close(writing)
+
+
+def test_what_there_was_no_time_for_is_counted() -> None:
+    out, err = ran('it.show(["x"] * 30)', "screen.MOST_WAITING = 20")
+    assert out == "x\n" * 20
+    assert err == "10 lines are not shown: there was no time to write them\n"
+
+
+def test_the_line_at_the_bottom_is_for_terminals_only() -> None:
+    setup = "sys.stderr.isatty = lambda: True"
+    do = 'it.status("12 calls"); time.sleep(0.3); it.tell("news"); time.sleep(0.3)'
+    assert ran(do, setup)[1] == "12 calls\r\x1b[Knews\n"
+    assert ran(do)[1] == "news\n"

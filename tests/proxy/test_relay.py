@@ -1,0 +1,197 @@
+"""What rules say is done: what is sent where, when, and what is told of it."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from bcapscope.proxy import relay as relay_module
+from bcapscope.proxy.hook import Action, Close, Decision, Send
+from bcapscope.proxy.poller import SelectPoller
+from bcapscope.proxy.ring import Count, Kind
+from bcapscope.traffic.observation import Conversation, Direction
+from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, port_of, running
+
+UP, DOWN = Direction.REQUEST, Direction.RESPONSE
+
+
+class Say:
+    """A policy that a function makes; what is held goes out after its time, with its notes."""
+
+    def __init__(self, decide: Callable[[int, Direction, bytes], Decision]) -> None:
+        self.decide = decide
+        self.held: list[tuple[int, Action]] = []
+        self.clients: list[str] = []
+        self.now = 0
+
+    def opened(self, client: int, conversation: Conversation, now: int) -> None:
+        self.clients.append(f"{client} {conversation.client.host} {conversation.transport}")
+
+    def receive(self, client: int, direction: Direction, data: bytes, now: int) -> Decision:
+        self.now = now
+        return self.decide(client, direction, data)
+
+    def hold(self, action: Action, milliseconds: float) -> None:
+        self.held.append((self.now + round(milliseconds * 1e6), action))
+
+    def holds(self, client: int, direction: Direction) -> bool:
+        return any(isinstance(each, Send) and each.toward is direction for _, each in self.held)
+
+    def is_full(self) -> bool:
+        return False
+
+    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
+        return ()
+
+    def gone(self, client: int, now: int) -> None:
+        self.clients.append(f"{client} gone")
+
+    def due(self) -> int | None:
+        return min((when for when, _ in self.held), default=None)
+
+    def take(self, now: int) -> Sequence[Action]:
+        ready = [action for when, action in self.held if when <= now]
+        self.held = [each for each in self.held if each[0] > now]
+        return ready
+
+    def close(self) -> None:
+        self.clients.append("closed")
+
+    def report(self) -> Sequence[str]:
+        return ()
+
+
+def test_drop_answer_and_pass() -> None:
+    def decide(client: int, direction: Direction, data: bytes) -> Decision:
+        if data == b"drop":
+            return Decision("dropped", ())
+        if data == b"answer":
+            return Decision("answered", (Send(client, DOWN, b"by the proxy", "made up"),))
+        return Decision("", (Send(client, direction, data),))
+
+    policy = Say(decide)
+    with datagrams() as server, running(port_of(server), "udp", policy=policy) as proxy:
+        with datagrams(to=proxy.address) as client:
+            for data in (b"drop", b"answer", b"pass"):
+                client.send(data)
+            heard, way = server.recvfrom(100)
+            assert heard == b"pass"
+            assert client.recv(100) == b"by the proxy"
+            server.sendto(b"pass back", way)
+            assert client.recv(100) == b"pass back"
+        eventually(lambda: len(proxy.of(Kind.DATA)) == 5)
+        told = [
+            (record.data, record.note, bool(record.came), bool(record.left)) for record in proxy.of(Kind.DATA)
+        ]
+        assert told == [
+            (b"drop", "dropped", True, False),
+            (b"answer", "answered", True, False),
+            (b"by the proxy", "made up", False, True),
+            (b"pass", "", True, True),
+            (b"pass back", "", True, True),
+        ]
+        assert proxy.relay.counts[Count.RULED] == 2
+    assert policy.clients == ["1 127.0.0.1 udp", "1 gone"]
+
+
+def test_what_is_held_goes_out_when_it_is_due() -> None:
+    policy = Say(lambda client, direction, data: Decision("held", ()))
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=policy) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"later")
+        eventually(lambda: policy.now)
+        policy.hold(Send(1, UP, b"second"), 60)
+        policy.hold(Send(1, UP, b"first"), 30)
+        assert server.recv(100) == b"first"
+        assert server.recv(100) == b"second"
+        eventually(lambda: len(proxy.of(Kind.DATA)) == 3)
+        came, first, second = (record.came or record.left for record in proxy.of(Kind.DATA))
+        assert first - came > 25e6
+        assert second - came > 50e6
+
+
+def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:
+    def decide(client: int, direction: Direction, data: bytes) -> Decision:
+        policy.hold(Send(client, direction, data), 80)
+        return Decision("", ())
+
+    policy = Say(decide)
+    with (
+        listening() as door,
+        running(port_of(door), "tcp", policy=policy) as proxy,
+        socket.create_connection(proxy.address, PATIENCE) as client,
+    ):
+        server, _ = door.accept()
+        with server:
+            server.settimeout(PATIENCE)
+            client.sendall(b"bytes, then the end")
+            client.shutdown(socket.SHUT_WR)
+            assert server.recv(100) == b"bytes, then the end"
+            assert server.recv(100) == b""
+
+
+@pytest.mark.parametrize("reset", [True, False])
+def test_rules_may_end_a_connection(reset: bool) -> None:
+    policy = Say(lambda client, direction, data: Decision("", (Close(client, reset, "the rule"),)))
+    with listening() as door, running(port_of(door), "tcp", policy=policy) as proxy:
+        with socket.create_connection(proxy.address, PATIENCE) as client:
+            server, _ = door.accept()
+            with server:
+                server.settimeout(PATIENCE)
+                client.sendall(b"x")
+                for sock in (client, server):
+                    if reset:
+                        with pytest.raises(ConnectionResetError):
+                            sock.recv(1)
+                    else:
+                        assert sock.recv(1) == b""
+        eventually(lambda: proxy.of(Kind.GONE))
+        assert proxy.of(Kind.GONE)[0].up is reset
+        assert "the rule" in proxy.told()
+
+
+def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(relay_module, "make_poller", SelectPoller)
+    monkeypatch.setattr(relay_module, "open_ticker", lambda seconds: None)
+    with listening() as door, datagrams(port_of(door)) as server, running(port_of(door)) as proxy:
+        with datagrams(to=proxy.address) as client:
+            client.send(b"datagram")
+            heard, way = server.recvfrom(100)
+            server.sendto(heard, way)
+            assert client.recv(100) == b"datagram"
+        with socket.create_connection(proxy.address, PATIENCE) as stream:
+            accepted, _ = door.accept()
+            with accepted:
+                accepted.settimeout(PATIENCE)
+                stream.sendall(b"stream")
+                assert accepted.recv(100) == b"stream"
+                stream.shutdown(socket.SHUT_WR)
+                assert accepted.recv(100) == b""
+                accepted.sendall(b"back")
+                assert stream.recv(100) == b"back"
+        eventually(lambda: len(proxy.of(Kind.DATA)) == 4)
+
+
+def test_memory_stays_flat() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        sizes = []
+        for _ in range(3):
+            for _ in range(2000):
+                client.send(b"ping")
+                _, way = server.recvfrom(100)
+                server.sendto(b"pong", way)
+                client.recv(100)
+            proxy.look()
+            proxy.records.clear()
+            sizes.append(len(proxy.relay.ring.notes) + len(proxy.relay.sessions) + len(proxy.relay._handlers))
+        assert max(sizes) < 16 + 1 + 4
+        assert proxy.relay.counts[Count.CAME_UP] >= 6000 - 16
