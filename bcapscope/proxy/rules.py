@@ -128,7 +128,7 @@ class Rules:
         return Decision("; ".join(dict.fromkeys(work.notes)), _joined(work.actions, way))
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Tell whether something of this direction is still to be sent; of a client that is gone nothing is."""
+        """Tell whether something of this direction is still to be sent; nothing of a client that is gone."""
         if client not in self._ways:
             return False
         way = self._ways[client][direction]
