@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -103,6 +104,8 @@ def command(
     was not written; 8 the controller refused something; 9 no answer; 10 nobody said that a robot may move;
     11 the trajectory is not fit to play; 130 stopped or halted.
     """
+    if os.name != "posix":
+        raise click.UsageError("the player's process and its signals need Linux, macOS or the like")
     for path in (log, record):
         if path is not None:
             check_free(path, overwrite=False)

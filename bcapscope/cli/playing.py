@@ -42,10 +42,11 @@ _CODES = {
     Outcome.HALTED: Exit.INTERRUPTED,
     Outcome.UNARMED: Exit.UNARMED,
     Outcome.DECLINED: Exit.UNARMED,
+    Outcome.UNFIT: Exit.UNFIT,
     Outcome.REFUSED: Exit.REFUSED,
     Outcome.UNANSWERED: Exit.UNANSWERED,
     Outcome.UNWRITABLE: Exit.UNWRITABLE,
-    Outcome.FAILED: Exit.REFUSED,
+    Outcome.FAILED: Exit.UNANSWERED,
 }
 _STOP = "s "
 _HALT = ("h", "\x1b\x1b")

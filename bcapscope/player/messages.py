@@ -247,6 +247,7 @@ class Outcome(StrEnum):
     HALTED = "halted"
     UNARMED = "unarmed"
     DECLINED = "declined"
+    UNFIT = "unfit"
     REFUSED = "refused"
     UNANSWERED = "unanswered"
     UNWRITABLE = "unwritable"

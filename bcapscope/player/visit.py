@@ -354,12 +354,12 @@ def _mode(plan: Plan, generation: Generation) -> SlaveMode:
     value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
     mode = slave_mode(value, generation)
     if mode is None or mode.pose_type is None:
-        raise EndedEarly(Outcome.FAILED, f"{generation} has no slave mode 0x{value:03X}")
+        raise EndedEarly(Outcome.UNFIT, f"{generation} has no slave mode 0x{value:03X}")
     if mode.pose_type is not plan.kind:
         reason = (
             f"slave mode 0x{value:03X} takes {mode.pose_type} type, the set points are of {plan.kind} type"
         )
-        raise EndedEarly(Outcome.FAILED, reason)
+        raise EndedEarly(Outcome.UNFIT, reason)
     return mode
 
 

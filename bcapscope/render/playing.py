@@ -19,6 +19,7 @@ _HEADLINES = {
     Outcome.HALTED: "halted",
     Outcome.UNARMED: "not played",
     Outcome.DECLINED: "not played",
+    Outcome.UNFIT: "not fit to play",
     Outcome.REFUSED: "ended by the controller",
     Outcome.UNANSWERED: "given up: no answer",
     Outcome.UNWRITABLE: "a file was not written",

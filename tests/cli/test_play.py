@@ -143,11 +143,13 @@ def test_files_are_not_written_over(tmp_path: Path) -> None:
     assert taken.read_bytes() == b"mine"
 
 
-def test_whoever_is_no_simulator_needs_arming() -> None:
-    def prepare(peer: Peer) -> None:
-        peer.answers["Variable_GetValue"] = 0, [Variant.array(VT.R8, (0.0, 0.0, 90.0, 0.0, 90.0, 0.0))]
+def stand_at_home(peer: Peer) -> None:
+    """Tell a pose, whatever variable is asked for; so it is no simulator, and its motor is on."""
+    peer.answers["Variable_GetValue"] = 0, [Variant.array(VT.R8, (0.0, 0.0, 90.0, 0.0, 90.0, 0.0))]
 
-    with udp_server(prepare) as server:
+
+def test_whoever_is_no_simulator_needs_arming() -> None:
+    with udp_server(stand_at_home) as server:
         ran = run("play", SWING, "127.0.0.1", "-p", str(server.port))
         (peer,) = server.peers.values()
     assert ran.code == 10, ran.out + ran.err
@@ -232,3 +234,18 @@ def test_questions_and_keys_on_a_terminal(port: int, gentle: Path) -> None:
     terminal.press("s")
     terminal.until("stopped on the way, at rest")
     assert terminal.close() == 0
+
+
+@pytest.mark.parametrize(("typed", "code"), [("127.0.0.1", 0), ("yes", 10)])
+def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code: int) -> None:
+    file = tmp_path / "still.csv"
+    file.write_text("0,0,90,0,90,0\n" * 10)
+    with udp_server(stand_at_home) as server:
+        terminal = Terminal("play", str(file), "127.0.0.1", "-p", str(server.port), "--mode", "async")
+        terminal.until("Type 127.0.0.1 if it may: ")
+        terminal.press(f"{typed}\n")
+        assert terminal.close() == code
+        (peer,) = server.peers.values()
+    moved = [call for call in peer.executed if "slvMove" in call]
+    assert len(moved) == (14 if code == 0 else 0)
+    assert peer.functions[-1] == "Service_Stop"

@@ -343,7 +343,7 @@ def test_a_typed_confirmation_arms_as_well(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_mode_that_the_controller_lacks_is_said() -> None:
     ended = Stage("rc7").play(plan(0x202))
-    assert (ended.outcome, ended.reason) == (Outcome.FAILED, "RC7 has no slave mode 0x202")
+    assert (ended.outcome, ended.reason) == (Outcome.UNFIT, "RC7 has no slave mode 0x202")
 
 
 def test_a_mode_of_another_pose_type_is_said() -> None:
