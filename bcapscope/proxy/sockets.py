@@ -147,13 +147,6 @@ def drops(sock: socket.socket) -> int:
     return 0
 
 
-def reset(sock: socket.socket) -> None:
-    """Close a stream by RST."""
-    with suppress(OSError):
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
-    sock.close()
-
-
 def endpoint_of(address: SocketAddress) -> Endpoint:
     """Return the host and port of an address."""
     return Endpoint(address[0], address[1])

@@ -10,9 +10,10 @@ from contextlib import suppress
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
 from bcapscope.proxy.relay import Relay, conversation
 from bcapscope.proxy.ring import Count, Kind
-from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, reason, reset, resolve
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, reason, resolve
 from bcapscope.proxy.spec import Listener
 from bcapscope.traffic.observation import Transport
+from bcapscope.transport.tcp import reset
 
 CONNECT_WITHIN = 10_000_000_000
 """ns."""
@@ -151,6 +152,11 @@ class TcpSession:
         relay.watch(server.fileno(), self._server_happened, WRITE)
         ends = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
         relay.meet(self, (*ends, port.to))
+
+    @property
+    def state(self) -> str:
+        """How the connection to the controller is."""
+        return "connected" if self._connected else "connecting"
 
     def fail(self, problem: int) -> None:
         """Give up: there is no way to the controller."""

@@ -15,7 +15,8 @@ from contextlib import suppress
 from typing import Protocol, TypeAlias
 
 from bcapscope.errors import BcapError
-from bcapscope.simulator.simulator import Output, Peer
+from bcapscope.simulator.simulator import Abort, Output, Peer
+from bcapscope.transport.tcp import reset
 
 LARGEST_DATAGRAM = 65535
 LARGEST_BACKLOG = 1 << 20
@@ -217,7 +218,7 @@ class Server:
                     with suppress(OSError):  # the client is gone, or its socket's buffer is full
                         self._udp.sendto(data, peer[1])
             elif not data or len(connection.backlog) > LARGEST_BACKLOG:
-                self._drop(connection)
+                self._drop(connection, by_reset=isinstance(data, Abort))
             else:
                 connection.backlog += data
                 if not connection.blocked:
@@ -239,7 +240,7 @@ class Server:
             connection.blocked = bool(backlog)
             self._arrange()
 
-    def _drop(self, connection: _Connection) -> None:
+    def _drop(self, connection: _Connection, by_reset: bool = False) -> None:
         if self._connections.pop(connection.socket, None) is None:
             return
         del self._by_peer[connection.peer]
@@ -247,7 +248,10 @@ class Server:
         if self._tap:
             self._tap.ended(connection.client, self.address)
         self._simulator.disconnect(connection.peer, time.monotonic_ns())
-        connection.socket.close()
+        if by_reset:
+            reset(connection.socket)
+        else:
+            connection.socket.close()
 
 
 def _listen(host: str, port: int) -> tuple[socket.socket, socket.socket]:

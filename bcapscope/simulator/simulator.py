@@ -29,6 +29,10 @@ Peer: TypeAlias = Hashable
 """Whatever names a client to the caller: an address, a connection."""
 
 
+class Abort(bytes):
+    """No data, which ends a connection, and that by reset."""
+
+
 class Output(NamedTuple):
     """Something to send.
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from bcapscope.faults.attempts import Attempts
+from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Closing, Message, Send
 from bcapscope.faults.message import Output as Verdict
 from bcapscope.faults.shaper import Shaper
@@ -19,7 +20,7 @@ from bcapscope.faults.striker import Striker
 from bcapscope.protocol.stream import Splitter
 from bcapscope.simulator.event import AnyEvent, Event
 from bcapscope.simulator.scenario import Scenario, Trouble
-from bcapscope.simulator.simulator import LARGEST_REQUEST, Output, Peer, Simulator
+from bcapscope.simulator.simulator import LARGEST_REQUEST, Abort, Output, Peer, Simulator
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 from bcapscope.traffic.question import Questions
 
@@ -197,7 +198,7 @@ class Stage:
         outputs: list[Output] = []
         for verdict in verdicts:
             if isinstance(verdict, Closing):
-                outputs += self._close(verdict.conversation, now)
+                outputs += self._close(verdict, now)
             elif verdict.flow.direction is Direction.REQUEST:
                 outputs += self._ask(verdict, now)
             else:
@@ -231,12 +232,12 @@ class Stage:
                 said += self._do(taken.outputs, now)
         return said
 
-    def _close(self, conversation: Conversation, now: int) -> list[Output]:
-        peer = self._peers.get(conversation)
+    def _close(self, closing: Closing, now: int) -> list[Output]:
+        peer = self._peers.get(closing.conversation)
         if peer is None:
             return []
         self.disconnect(peer, now)
-        return [Output(peer, b"")]
+        return [Output(peer, Abort() if closing.how is Ending.RESET else b"")]
 
     def _tell(self, touched: Iterable[str]) -> None:
         for each in touched:

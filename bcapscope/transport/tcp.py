@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+import struct
+from contextlib import suppress
 
 from bcapscope.transport.link import Address, Receiver
 
@@ -72,3 +75,10 @@ async def open_tcp(host: str, port: int, receiver: Receiver, timeout: float = 5.
     async with asyncio.timeout(timeout):
         _, link = await loop.create_connection(lambda: TcpLink(receiver), host, port)
     return link
+
+
+def reset(sock: socket.socket) -> None:
+    """Close a stream by RST."""
+    with suppress(OSError):
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
+    sock.close()

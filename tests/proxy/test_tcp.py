@@ -31,7 +31,7 @@ def connected() -> Iterator[tuple[socket.socket, socket.socket, Running]]:
 def receive(sock: socket.socket, size: int) -> bytes:
     """Receive so many bytes, or up to the end."""
     data = b""
-    while len(data) < size and (more := sock.recv(size - len(data))):
+    while len(data) < size and (more := sock.recv(min(size - len(data), 1 << 20))):
         data += more
     return data
 

@@ -10,8 +10,10 @@ import pytest
 
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.server import ListenError, Server
 from bcapscope.simulator.simulator import MOST_CLIENTS, Simulator
+from bcapscope.simulator.stage import Stage
 from bcapscope.simulator.values import bstr
 
 START = encode(1, 0, 1, [bstr("")])
@@ -106,3 +108,17 @@ def test_a_port_in_use_is_said(server: Server) -> None:
 def test_an_address_of_another_machine_is_said() -> None:
     with pytest.raises(ListenError, match=r"cannot listen on 192\.0\.2\.1 TCP port 5007"):
         Server(Simulator(PROFILES["rc8"]), "192.0.2.1", 5007)
+
+
+@pytest.mark.parametrize("how", ["fin", "reset"])
+def test_a_scenario_closes_a_connection(how: str) -> None:
+    scenario = read_scenario(f"title: x\nfaults: [{{action: close, how: {how}}}]")
+    now = time.monotonic_ns()
+    made = Server(Stage(scenario, Simulator(scenario.controller, now=now), now), "127.0.0.1", 0)
+    with client(made, socket.SOCK_STREAM) as sock:
+        if how == "fin":
+            assert exchange(made, sock, START) == b""
+        else:
+            with pytest.raises(ConnectionResetError):
+                exchange(made, sock, START)
+    made.close()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.scenario import shipped
-from bcapscope.simulator.simulator import MOST_CLIENTS
+from bcapscope.simulator.simulator import MOST_CLIENTS, Abort
 from bcapscope.simulator.stage import MOST_LINES
 from bcapscope.simulator.values import bstr, i4
 from tests.simulator.desk import MS, Desk, Operator, Person, joints
@@ -234,10 +234,13 @@ def test_a_wrong_serial_and_garbage() -> None:
     assert Frame(output.data).problems
 
 
-def test_a_connection_is_closed() -> None:
-    desk = Desk.of(faults("action: close, if: command == CurJnt"))
+@pytest.mark.parametrize("how", ["fin", "reset"])
+def test_a_connection_is_closed(how: str) -> None:
+    desk = Desk.of(faults(f"action: close, how: {how}, if: command == CurJnt"))
     operator = Operator(desk, tcp=True)
-    assert operator.send("Robot_Execute", operator.arm, bstr("CurJnt"), i4(0)) == [("client", b"")]
+    ((peer, data),) = operator.send("Robot_Execute", operator.arm, bstr("CurJnt"), i4(0))
+    assert (peer, data) == ("client", b"")
+    assert isinstance(data, Abort) is (how == "reset")
     assert desk.simulator.clients == 0
     assert operator.send("Service_Start", bstr("")) == []
 
