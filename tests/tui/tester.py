@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
+
 from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Input
@@ -13,23 +15,15 @@ from bcapscope.tui.ink import plain
 from bcapscope.tui.screens.tester import Start, Tester
 from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.words import Language
-from tests.tui.pilot import make, until
-
+from tests.tui.pilot import make, shown, until
 
 LONG = 20
 """Characters that nobody types."""
 
 
-def make_tester(
-    folder: Path,
-    host: str = "",
-    port: int = 5007,
-    tcp: bool = False,
-    option: str = "",
-    japanese: bool = False,
-) -> Scope:
+def make_tester(folder: Path, host: str = "", port: int = 5007, *, japanese: bool = False) -> Scope:
     """Make the application with the Tester alone; everything it writes goes to `folder`."""
-    start = Start(folder / "requests", folder / "audit", host, port, False, option)
+    start = Start(folder / "requests", folder / "audit", host, port)
     language = Language.JAPANESE if japanese else Language.ENGLISH
     spot = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
     return make(spot, language=language, settings=folder / "screen.yaml")
@@ -63,6 +57,14 @@ async def go(pilot: Pilot[None], selector: str, key: str = "tab") -> None:
     raise AssertionError(f"{selector} cannot be reached by {key}; the focus is on {pilot.app.focused}")
 
 
+async def focus(pilot: Pilot[None], selector: str) -> None:
+    """Put the focus on a widget, as a click does, once it is in sight."""
+    widget = screen(pilot).query_one(selector)
+    await until(pilot, lambda: widget.focusable)
+    widget.focus()
+    await until(pilot, lambda: pilot.app.focused is widget)
+
+
 async def connected(pilot: Pilot[None]) -> Tester:
     """Connect as one does: Enter on the button that has the focus."""
     here = screen(pilot)
@@ -71,6 +73,11 @@ async def connected(pilot: Pilot[None]) -> Tester:
     await until(pilot, lambda: here.desk.status.robot is not None)
     await until(pilot, lambda: here.halt_state is HaltState.READY)
     return here
+
+
+def sight(pilot: Pilot[None]) -> str:
+    """Return all that is in sight."""
+    return shown(cast(Scope, pilot.app))
 
 
 def result(pilot: Pilot[None], selector: str) -> str:

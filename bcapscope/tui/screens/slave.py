@@ -73,6 +73,11 @@ class SlaveScreen(Place):
         self._ready: Performance | None = None
         self._run: SlaveRun | None = None
 
+    @property
+    def run(self) -> SlaveRun | None:
+        """The run that is watched, or was last; None before the first."""
+        return self._run
+
     def content(self) -> ComposeResult:
         """Put the choice above what is known of it."""
         with Vertical(id="slave"):

@@ -1,0 +1,324 @@
+"""The Tester's screen: what the pages of b-CAP Tester do not have, and peers that are hostile or gone."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from pathlib import Path
+
+import numpy as np
+from textual.drivers.headless_driver import HeadlessDriver
+from textual.events import Key
+from textual.pilot import Pilot
+from textual.widgets import Button, Input, Select
+
+from bcapscope.player.messages import Outcome
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.tui.desk.builtin import JOINTS, builtin_simulator
+from bcapscope.tui.desk.halt import HaltState
+from bcapscope.tui.desk.record import Ending
+from bcapscope.tui.halting import halting
+from bcapscope.tui.ink import plain
+from bcapscope.tui.screens.slave import SlaveScreen
+from bcapscope.tui.tester.ask import ArmDialog
+from bcapscope.tui.tester.choice import Choice
+from bcapscope.tui.tester.connection import ConnectionPanel
+from bcapscope.tui.tester.history import HistoryLines
+from bcapscope.tui.tester.watchlist import WatchList
+from tests.client.peer import Answer
+from tests.client.server import udp_server
+from tests.tui.pilot import drive, until
+from tests.tui.tester import answered, connected, finish, focus, go, make_tester, result, screen, sight, write
+
+HOSTILE = "[/foo]\x1b[31m\u202e\ud800[red]" + "A" * 10_000
+COMMAND, RESULT = "#robot-forms .command", "#execute ResultView"
+ANSWERS: dict[str, Answer | None] = {
+    "Variable_GetValue": (0, [Variant(VT.BSTR, HOSTILE)]),
+    "Robot_Execute": (0, [Variant(VT.BSTR, HOSTILE)]),
+}
+
+
+async def execute(pilot: Pilot[None], command: str, parameter: str = "") -> None:
+    """Run a command of the robot."""
+    here = screen(pilot)
+    await focus(pilot, COMMAND)
+    await write(pilot, command)
+    here.query_one("#execute TypedValue Input", Input).value = parameter
+    await pilot.press("enter")
+
+
+def test_hostile_strings_are_shown_and_never_interpreted(tmp_path: Path) -> None:
+    with udp_server(lambda peer: peer.answers.update(ANSWERS)) as server:
+
+        async def act(pilot: Pilot[None]) -> None:
+            here = await connected(pilot)
+            assert not here.desk.status.identity.simulator
+            await execute(pilot, "slvGetMode")
+            text = await answered(pilot, RESULT, "[/foo]\\x1b[31m\\u202e\\ud800[red]AAA")
+            assert len(text) < 5000
+            for name in ("received", "history"):
+                here.query_one("#view", Choice).chosen = name
+                await pilot.pause()
+                assert "[/foo]" in sight(pilot)
+                assert "\x1b" not in sight(pilot)
+            await execute(pilot, "[/foo]\\x")
+            await until(pilot, lambda: isinstance(pilot.app.screen, ArmDialog))
+            assert "[/foo]" in sight(pilot)  # the type of the robot
+            await pilot.press("escape")
+            await finish(pilot)
+
+        drive(make_tester(tmp_path, "127.0.0.1", server.port), act, (120, 40))
+
+
+def test_nothing_that_moves_goes_out_before_one_has_armed(tmp_path: Path) -> None:
+    with udp_server() as server:
+
+        def moves() -> int:
+            calls = [call for peer in server.peers.values() for call in peer.executed]
+            return sum(call[0] == "Robot_Execute" and call[2] == "slvMove" for call in calls)
+
+        async def act(pilot: Pilot[None]) -> None:
+            here = await connected(pilot)
+            assert "SAFE" in sight(pilot)
+            await execute(pilot, "slvMove", "1,2,3,4,5,6")
+            await until(pilot, lambda: isinstance(pilot.app.screen, ArmDialog))
+            assert "Do not arm" in sight(pilot)
+            await pilot.press("enter")
+            await answered(pilot, RESULT, "Not sent")
+            assert moves() == 0
+            await pilot.press("enter")
+            await until(pilot, lambda: isinstance(pilot.app.screen, ArmDialog))
+            await pilot.press("tab", "enter")
+            await answered(pilot, RESULT, "1.00000, 2.00000")
+            assert moves() == 1
+            assert "ARMED 2:5" in sight(pilot)
+            await pilot.press("f8")
+            assert not here.desk.arming.is_armed(here.desk.now())
+            await finish(pilot)
+
+        drive(make_tester(tmp_path, "127.0.0.1", server.port), act)
+
+
+def test_a_call_that_is_not_answered_can_be_given_up(tmp_path: Path) -> None:
+    with udp_server(lambda peer: peer.answers.update({"Robot_Execute": None})) as server:
+
+        async def act(pilot: Pilot[None]) -> None:
+            await connected(pilot)
+            await execute(pilot, "slvGetMode")
+            await answered(pilot, RESULT, "waiting")
+            await pilot.press("escape")
+            await answered(pilot, RESULT, "given up")
+            await finish(pilot)
+
+        drive(make_tester(tmp_path, "127.0.0.1", server.port), act)
+
+
+def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        panel = here.query_one(ConnectionPanel)
+        here.query_one("#option", Input).value = "Timeout=abc"
+        assert isinstance(panel.wish(), str)
+        await until(pilot, lambda: "1 to 600000 is expected" in sight(pilot))
+        here.query_one("#option", Input).value = "Timeout=50,Retry=1"
+        await pilot.press("f5")
+        await until(pilot, lambda: "no answer to 2 tries" in sight(pilot))
+        assert "✗ service" in sight(pilot)
+        assert not here.query_one("#connect", Button).disabled
+        await finish(pilot)
+
+    drive(make_tester(tmp_path, "127.0.0.1", 9), act)
+
+
+def test_the_controller_goes_away_in_the_middle(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        with builtin_simulator() as place:
+            here = screen(pilot)
+            here.query_one("#port", Input).value = str(place.port)
+            here.query_one("#udp").value = False  # type: ignore[attr-defined]  # it is a Checkbox
+            await pilot.press("f5")
+            await until(pilot, lambda: here.halt_state is HaltState.READY)
+        await execute(pilot, "slvGetMode")
+        await until(pilot, lambda: not here.desk.status.is_connected)
+        await until(pilot, lambda: "closed the connection" in sight(pilot))
+        await pilot.press("f5")
+        await until(pilot, lambda: "connection refused" in sight(pilot))
+        await finish(pilot)
+
+    drive(make_tester(tmp_path, "127.0.0.1", 9), act, (120, 40))
+
+
+def test_halt_by_one_key_from_every_screen(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = await connected(pilot)
+        for keys in (["f12"], ["f1", "f12"], ["escape", "f9", "ctrl+backslash"]):
+            await until(pilot, lambda: here.halt_state is HaltState.READY)
+            await pilot.press(*keys)
+            await until(pilot, lambda: here.halt_state is HaltState.HALTED)
+        await pilot.press("escape")
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act)
+
+
+def test_the_driver_halts_before_the_event_loop_knows() -> None:
+    pressed = threading.Event()
+    passed: list[object] = []
+
+    class Terminal(HeadlessDriver):
+        def process_message(self, message: object) -> None:
+            passed.append(message)
+
+    driver = object.__new__(halting(Terminal, pressed.set))
+    driver.process_message(Key("a", "a"))
+    assert not pressed.is_set()
+    driver.process_message(Key("f12", None))
+    assert pressed.is_set()
+    assert len(passed) == 2
+
+
+def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = await connected(pilot)
+        await execute(pilot, "slvGetMode")
+        await answered(pilot, RESULT, "0")
+        here.query_one("#view", Choice).chosen = "history"
+        lines = here.query_one(HistoryLines)
+        lines.focus()
+        count = lines.count
+        await pilot.press("r")
+        await until(pilot, lambda: lines.count == count + 1)
+        assert lines.chosen is not None
+        assert lines.chosen.ending is Ending.ANSWERED
+        for key, text in (("x", "01 "), ("p", "from bcapscope.client"), ("c", "bcapscope call 127.0.0.1")):
+            await pilot.press(key)
+            assert pilot.app.clipboard.startswith(text)
+        await pilot.press("s")
+        await pilot.press(*"my-mode", "enter")
+        await until(pilot, lambda: list((tmp_path / "requests").glob("*my-mode.yaml")))
+        here.query_one("#history-filter", Input).value = "hresult != S_OK"
+        await until(pilot, lambda: lines.count == 0)
+        here.query_one("#history-filter", Input).value = "hresult !="
+        await until(pilot, lambda: here.query_one("#history-filter").has_class("-invalid"))
+        here.query_one("#history-filter", Input).value = "slvgetmode"
+        await until(pilot, lambda: lines.count == 2)
+        lines.focus()
+        await pilot.press("e")
+        await until(pilot, lambda: here.query("#function #field0"))
+        assert "slvGetMode" in [each.value for each in here.query("#function .value").results(Input)]
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act)
+
+
+def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = await connected(pilot)
+        here.query_one("#tabs", Choice).chosen = "variable"
+        await focus(pilot, "#variable .name")
+        await write(pilot, "I5")
+        await pilot.press("enter")
+        await until(pilot, lambda: here.desk.status.open[-1].label == "I5")
+        await go(pilot, "#variable .value")
+        await write(pilot, "x")
+        assert "expected: a whole number" in result(pilot, "#variable ResultView")
+        await write(pilot, "42")
+        await pilot.press("enter")
+        await answered(pilot, "#variable ResultView", "(EMPTY)")
+        await pilot.press("tab", "enter")
+        await answered(pilot, "#variable ResultView", "42")
+        await pilot.press("tab", "tab", "enter")
+        watch = here.query_one(WatchList)
+        await until(pilot, lambda: watch.count == 2 and "42.00000" in plain(watch.line(1)))
+        watch.focus()
+        await pilot.press("end", "delete")
+        await until(pilot, lambda: watch.count == 0)
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act)
+
+
+def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = await connected(pilot)
+        here.query_one("#tabs", Choice).chosen = "raw"
+        await focus(pilot, "#raw .value")
+        field = here.query_one("#raw .value", Input)
+        field.value = "01 1"
+        await answered(pilot, "#raw ResultView", "Pairs of hex")
+        field.value = "01 00 00 00 00 34 12 00 00 13 00 00 00 00 00 04"
+        await answered(pilot, "#raw ResultView", "Controller_GetAttribute, serial 4660")
+        await pilot.press("enter")
+        await answered(pilot, "#raw ResultView", "given up")
+        await until(pilot, lambda: "34 12" in sight(pilot))
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act)
+
+
+def trajectory(folder: Path) -> Path:
+    """Write a small swing of J6 that begins and ends where the simulator stands."""
+    path = folder / "swing.csv"
+    points = np.tile(np.array(JOINTS[:6]), (120, 1))
+    points[:, 5] += 1.0 - np.cos(np.linspace(0, 2 * np.pi, 120))
+    rows = "\n".join(",".join(f"{value:.6f}" for value in row) for row in points)
+    path.write_text(f"J1,J2,J3,J4,J5,J6\n{rows}\n")
+    return path
+
+
+def test_slave_mode_with_a_log_file_and_start(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await connected(pilot)
+        await pilot.press("f9")
+        await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
+        here = pilot.app.screen
+        assert isinstance(here, SlaveScreen)
+        here.query_one("#mode", Select).value = "async"
+        await write(pilot, str(trajectory(tmp_path)))
+        await until(pilot, lambda: not here.query_one("#start", Button).disabled)
+        assert "fit to play: 120 set points" in sight(pilot)
+        await pilot.press("f9")
+        await until(pilot, lambda: here.run is not None and here.run.progress is not None)
+        await until(pilot, lambda: here.run is not None and here.run.ended is not None)
+        assert here.run is not None
+        assert here.run.ended is not None
+        assert here.run.ended.outcome is Outcome.DONE
+        await until(pilot, lambda: "played to the end" in sight(pilot))
+        assert "commanded" in sight(pilot)
+        assert list((tmp_path / "audit").glob("slave-*.pcapng"))
+        await pilot.press("escape")
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act, (120, 40))
+
+
+def test_slave_mode_is_halted_and_the_screen_closed_in_order(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await connected(pilot)
+        await pilot.press("f9")
+        await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
+        here = pilot.app.screen
+        assert isinstance(here, SlaveScreen)
+        here.query_one("#mode", Select).value = "async"
+        here.query_one("#rounds", Input).value = "0"
+        await write(pilot, str(trajectory(tmp_path)))
+        await until(pilot, lambda: not here.query_one("#start", Button).disabled)
+        await pilot.press("f9")
+        await until(pilot, lambda: here.run is not None and here.run.course)
+        await pilot.press("f12")
+        await until(pilot, lambda: here.run is not None and (here.run.ended or here.run.question))
+        await asyncio.sleep(0)
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act)
+
+
+def test_japanese(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await connected(pilot)
+        text = sight(pilot)
+        assert "接続" in text
+        assert "ロボット" in text
+        await finish(pilot)
+
+    drive(make_tester(tmp_path, japanese=True), act)
