@@ -40,7 +40,6 @@ class Course:
         self.stopping = False
         self.of = len(trajectory) * rounds
         self._trajectory = trajectory
-        self._points: list[Point] = [tuple(row) for row in trajectory.points.tolist()]
         self._period = period
         self._limits = limits
         self._hold = hold
@@ -59,21 +58,24 @@ class Course:
             self._row = self._slower()
 
     def _whole(self) -> Iterator[Point]:
-        points, size = self._points, len(self._points)
-        yield from [points[0]] * self._hold
+        size = len(self._trajectory)
+        yield from [self._point(0)] * self._hold
         while not self.of or self.index < self.of:
             self.index += 1
-            yield points[(self.index - 1) % size]
-        yield from [points[-1]] * self._hold
+            yield self._point((self.index - 1) % size)
+        yield from [self._point(size - 1)] * self._hold
 
     def _slower(self) -> Iterator[Point]:
         if not self.index:
             return
-        last, size = self.index - 1, len(self._points)
+        last, size = self.index - 1, len(self._trajectory)
         again = not self.of or last // size < self.of // size - 1
         way = stop_after(self._trajectory, last % size, self._period, self._limits, loop=again)
-        points = [self._points[last % size], *(tuple(row) for row in way.tolist())]
+        points = [self._point(last % size), *(tuple(row) for row in way.tolist())]
         for point in points[1:]:
             self.index += 1
             yield point
         yield from [points[-1]] * self._hold
+
+    def _point(self, row: int) -> Point:
+        return tuple(self._trajectory.points[row].tolist())

@@ -7,7 +7,7 @@ So position, speed and acceleration stay continuous, and both ends are at rest.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import ceil, inf, isfinite
 
@@ -97,13 +97,14 @@ def stop_after(
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_SLOWEST / period), 2 * ahead)
-    bounded = all(limits.of(axis.name, axis.unit).acceleration < inf for axis in _turning(trajectory))
-    cycles = max(ceil((_QUICKEST if bounded else _UNKNOWN) / period), 2)
-    if longest < cycles:
-        return trajectory.points[row + 1 :]
     window = np.arange(row - 2, row + 2 + (longest + 1) // 2)
     places = window % len(trajectory) if loop else np.clip(window, 0, len(trajectory) - 1)
     near = trajectory.points[places]
+    turning = _turning(trajectory.axes, near)
+    bounded = all(limits.of(axis.name, axis.unit).acceleration < inf for axis in turning)
+    cycles = max(ceil((_QUICKEST if bounded else _UNKNOWN) / period), 2)
+    if longest < cycles:
+        return trajectory.points[row + 1 :]
     curve = Curve(trajectory.kind, np.arange(len(near), dtype=np.float64), near)
     allowed = max(1.0, excess(trajectory.kind, near, period, limits))
     while True:
@@ -115,10 +116,10 @@ def stop_after(
         cycles = min(ceil(cycles * _LONGER), longest)
 
 
-def _turning(trajectory: Trajectory) -> list[Axis]:
+def _turning(axes: Sequence[Axis], points: Array) -> list[Axis]:
     """List the axes that move at all."""
-    span = np.ptp(trajectory.points, axis=0)
-    return [axis for axis, width in zip(trajectory.axes, span, strict=True) if width > 0 and axis.unit]
+    span = np.ptp(points, axis=0)
+    return [axis for axis, width in zip(axes, span, strict=True) if width > 0 and axis.unit]
 
 
 class _Way:
