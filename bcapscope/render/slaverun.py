@@ -15,6 +15,9 @@ from bcapscope.render.palette import PLAIN, Palette
 if TYPE_CHECKING:  # what the player's messages are made of reaches sockets
     from bcapscope.player.messages import Progress
 
+_TALLEST = 16
+"""Rows of one chart at most: a taller one tells no more."""
+
 Course = Sequence[tuple[float, Sequence[float], Sequence[float]]]
 """Elapsed seconds, what was commanded, what came back."""
 
@@ -38,7 +41,7 @@ def axis_charts(
         height: rows of all charts together.
         palette: `number` is for what was commanded, `good` for what came back.
     """
-    each = max(4, height // max(1, len(axes)))
+    each = min(_TALLEST, max(4, height // max(1, len(axes))))
     for axis in axes:
         commanded = [(time, point[axis]) for time, point, _ in course if axis < len(point)]
         actual = [(time, pose[axis]) for time, _, pose in course if axis < len(pose)]

@@ -18,7 +18,7 @@ from textual.dom import DOMNode
 from textual.driver import Driver
 from textual.reactive import reactive
 
-from bcapscope.tui.halting import halting
+from bcapscope.tui.halting import HALT_KEYS, halting
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.settings import default_path, load, save
 from bcapscope.tui.themes import THEMES, styles_of
@@ -67,15 +67,8 @@ class Scope(App[None]):
     """Textual's own offers what is Textual's; ours knows every action, see `Place`."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", id="quit", priority=True, tooltip="shell.quit.tip"),
-        Binding(
-            "f12,ctrl+backslash",
-            "halt",
-            "shell.halt",
-            id="halt",
-            key_display="f12",
-            priority=True,
-            tooltip="shell.halt.tip",
-        ),
+        Binding(HALT_KEYS[0], "halt", "shell.halt", id="halt", priority=True, tooltip="shell.halt.tip"),
+        *(Binding(key, "halt", "", show=False, priority=True) for key in HALT_KEYS[1:]),
         Binding(
             "ctrl+t", "next_theme", "shell.next_theme", id="theme", show=False, tooltip="shell.theme.tip"
         ),

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from bcapscope.player.realtime import undisturbed
 from bcapscope.simulator.kinematics import Joints
 from bcapscope.simulator.machine import Start
 from bcapscope.simulator.profile import PROFILES
@@ -95,8 +96,9 @@ def serve(profile: str) -> None:
     try:
         sys.stdout.write(f"{server.address[1]}\n")
         sys.stdout.flush()
-        while not ended.is_set():
-            server.step(_STEP)
+        with undisturbed():  # a controller keeps its 8 ms, whatever else this machine has to do
+            while not ended.is_set():
+                server.step(_STEP)
     finally:
         server.close()
 

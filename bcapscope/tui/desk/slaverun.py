@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
+from msgspec import structs
+
 from bcapscope.player.limits import UNKNOWN, simulator_limits
 from bcapscope.player.messages import (
     Ended,
@@ -60,7 +62,9 @@ class SlaveRun:
     def take(self, message: Message) -> str | None:
         """Take note of a message; return the answer to a question that the user need not be asked."""
         if isinstance(message, Progress):
-            self.progress = message
+            before = self.progress
+            told = message if message.of or before is None else structs.replace(before, state=message.state)
+            self.progress = told
             if message.commanded:
                 self.course.append((message.elapsed, message.commanded, message.returned))
         elif isinstance(message, Peer):

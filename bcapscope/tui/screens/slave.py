@@ -18,7 +18,7 @@ from textual.widgets import Button, Checkbox, ContentSwitcher, Input, Select, St
 from bcapscope.player.messages import Topic
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.render.escape import printable
-from bcapscope.render.playing import peer_line
+from bcapscope.render.playing import peer_line, trouble_lines
 from bcapscope.render.preflight import PreflightRenderer
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.desk import Desk
@@ -245,9 +245,10 @@ class SlaveScreen(Place):
         if question.topic is Topic.ARM and self._desk.arming.is_armed(self._desk.now()):
             self._stage.answer("yes")
             return
-        facts = [printable(question.text)]
-        if run.peer is not None:
-            facts.append(peer_line(run.peer))
+        facts = [line for trouble in run.troubles[-1:] for line in trouble_lines(trouble)]
+        if question.topic is not Topic.CLEAR:
+            facts = [] if run.peer is None else [peer_line(run.peer)]
+        facts += ["", printable(question.text)]
         choice = await self.app.push_screen_wait(ChoiceDialog(facts, question.choices))
         self._stage.answer(choice or question.choices[0])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -11,6 +11,7 @@ from textual.containers import Container
 from textual.widgets import Static
 
 from bcapscope.protocol.poses import AXES
+from bcapscope.render.columns import wrapped
 from bcapscope.render.playing import ended_lines, trouble_lines
 from bcapscope.render.slaverun import axis_charts, cycle_lines, figure_lines, progress_bar
 from bcapscope.tui.app import scope_of
@@ -25,8 +26,8 @@ class SlaveLive(Container, can_focus=True):
     """Watches one run."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("right,down", "axes(1)", "tester.axes", id="slave.axes", tooltip="tester.axes.tip"),
-        Binding("left,up", "axes(-1)", "", show=False),
+        Binding("right", "axes(1)", "tester.axes", id="slave.axes", tooltip="tester.axes.tip"),
+        Binding("left", "axes(-1)", "", show=False),
     ]
 
     def __init__(self, *, id: str | None = None) -> None:
@@ -83,14 +84,20 @@ class SlaveLive(Container, can_focus=True):
         progress = run.progress
         width = self.query_one("#figures").size.width
         if run.ended is not None:
-            yield from (f"{INK.name}{line}{INK.reset}" for line in ended_lines(run.ended))
+            yield from _folded(ended_lines(run.ended), INK.name, width)
         if progress is not None:
             yield progress_bar(progress, max(1, width - 2), INK)
             yield from figure_lines(progress, run.slack, INK)
         for trouble in run.troubles[-3:]:
-            yield from (f"{INK.bad}{line}{INK.reset}" for line in trouble_lines(trouble))
+            yield from _folded(trouble_lines(trouble), INK.bad, width)
         if progress is not None and progress.cycle:
             yield ""
             yield from cycle_lines(progress, run.plan.period / 1e6, INK)
         if run.readiness:
-            yield f"{INK.dim}{run.readiness}{INK.reset}"
+            yield from _folded([run.readiness], INK.dim, width)
+
+
+def _folded(lines: Iterable[str], ink: str, width: int) -> Iterator[str]:
+    """Break lines that are longer than there is room."""
+    for line in lines:
+        yield from (f"{ink}{part}{INK.reset}" for part in wrapped(line, max(20, width - 2)))
