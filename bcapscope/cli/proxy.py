@@ -9,6 +9,7 @@ import click
 
 from bcapscope.capture.series import Bounds, parse_bounds
 from bcapscope.cli import options
+from bcapscope.cli.attended import announce, attended_option
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import check_free
 from bcapscope.cli.output import narrate
@@ -81,6 +82,7 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
 @options.color
 @click.option("-q", "--quiet", is_flag=True, help="Show nothing of what passes.")
 @rule_options
+@attended_option
 @click.pass_context
 def command(
     context: click.Context,
@@ -99,6 +101,7 @@ def command(
     color: str,
     quiet: bool,
     rules: RuleWishes,
+    attended: bool,
 ) -> None:
     """Pass on what b-CAP clients and controllers say to each other, and see it.
 
@@ -129,15 +132,25 @@ def command(
         check_free(record, False)
     policy = rules.make()
     proxy, control = Proxy(Wishes(record, ring, look, color), policy), None
+    listening: list[str] = []
+    recording = str(record.resolve()) if record is not None and ring is None else None
     try:
         for line in rules.words():
             narrate(line)
-        control = None if policy is None else rules.plug_in(policy, proxy.relay)
+        control = (
+            None
+            if policy is None
+            else rules.plug_in(policy, proxy.relay, {"recording": recording, "listening": listening})
+        )
         addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
         proxy.start_watching()
         for listener, address in zip(listeners, addresses, strict=True):
             words = " and ".join(each.upper() for each in listener.transports)
             narrate(f"{address} {words} > {listener.to}; {reach(address.host)}{_allowed(allow)}")
+            listening.append(f"{address} > {listener.to}")
+        if attended:
+            announce(listening)
+            proxy.attend()
         proxy.run()
     except (ListenError, ControlError) as error:
         narrate(str(error))

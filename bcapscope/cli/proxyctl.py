@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import sys
 from collections.abc import Mapping
 from contextlib import closing
@@ -14,13 +13,12 @@ import orjson
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.protocol.frame import parse_datagram
-from bcapscope.proxy.control_socket import ControlError, reach_control
+from bcapscope.proxy.control_client import Answer, ControlClient, ControlRefused
+from bcapscope.proxy.control_socket import ControlError
 from bcapscope.render.escape import printable
 from bcapscope.render.line import LineRenderer
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from bcapscope.traffic.question import Question
-
-_LARGEST_ANSWER = 64 << 20
 
 
 @click.group("ctl", short_help="Ask and tell a proxy that runs.")
@@ -42,36 +40,23 @@ class _Ctl:
         self._address = address
         self._as_json = as_json
 
-    def ask(self, **question: object) -> Mapping[str, Any] | None:
+    def ask(self, **question: object) -> Answer | None:
         """Ask; give the answer, None if it was printed already. A refusal ends the program."""
-        try:
-            with closing(reach_control(self._address)) as sock:
-                line = _exchange(sock, orjson.dumps(question) + b"\n")
-        except ControlError as error:
-            narrate(str(error))
-            sys.exit(Exit.UNREADABLE)
-        except OSError as error:
-            narrate(f"{self._address}: {(error.strerror or str(error)).lower()}")
-            sys.exit(Exit.UNREADABLE)
-        answer: Mapping[str, Any] = orjson.loads(line)
+        with closing(ControlClient(self._address)) as proxy:
+            try:
+                answer = proxy.ask(question)
+            except ControlError as error:
+                narrate(str(error))
+                sys.exit(Exit.UNREADABLE)
+            except ControlRefused as error:
+                if self._as_json:
+                    click.echo(orjson.dumps(error.answer).decode())
+                else:
+                    narrate(str(error))
+                sys.exit(Exit.REFUSED)
         if self._as_json:
-            click.echo(line.decode())
-        elif not answer["ok"]:
-            narrate(str(answer["error"]))
-        if not answer["ok"]:
-            sys.exit(Exit.REFUSED)
+            click.echo(orjson.dumps(answer).decode())
         return None if self._as_json else answer
-
-
-def _exchange(sock: socket.socket, line: bytes) -> bytes:
-    sock.sendall(line)
-    answer = bytearray()
-    while not answer.endswith(b"\n"):
-        data = sock.recv(1 << 16)
-        if not data or len(answer) > _LARGEST_ANSWER:
-            raise ControlError("the proxy ended before it answered")
-        answer += data
-    return bytes(answer[:-1])
 
 
 @command.command("rules", short_help="List the faults.")
@@ -183,6 +168,16 @@ def _edit(ctl: _Ctl, number: int, changes: tuple[str, ...], data: str | None) ->
 def _drop(ctl: _Ctl, number: int) -> None:
     """Drop a message that waits."""
     ctl.ask(do="drop", number=number)
+
+
+@command.command("clients", short_help="List the clients.")
+@click.pass_obj
+def _clients(ctl: _Ctl) -> None:
+    """List who is there: since when, what came from each side, and how the way to the controller is."""
+    answer = ctl.ask(do="clients")
+    for client in answer["clients"] if answer else ():
+        way = f"{client['client']} > {client['server']} {client['transport']} {client['upstream']}"
+        click.echo(f"{way}  for {client['since_s']:.1f} s, {client['up']} up, {client['down']} down")
 
 
 @command.command("stats", short_help="Give figures.")

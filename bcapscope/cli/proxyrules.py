@@ -6,12 +6,13 @@ import functools
 import random
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import click
+from click.core import ParameterSource
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
@@ -26,7 +27,7 @@ from bcapscope.proxy.control_socket import ControlServer
 from bcapscope.proxy.guard import Guard, Target, read_target
 from bcapscope.proxy.intercept import PATIENCE, Intercept
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring import Count
+from bcapscope.proxy.ring import Count, Figure
 from bcapscope.proxy.rules import Rules
 from bcapscope.render.call import counted
 
@@ -45,6 +46,7 @@ class RuleWishes:
         patience: ns that a held message waits.
         scripts: paths.
         control: address of the control socket; "" for none.
+        typed: the options as they were typed, for another process; without that of the control socket.
     """
 
     faults: tuple[AnyFault, ...]
@@ -54,6 +56,7 @@ class RuleWishes:
     patience: int
     scripts: tuple[str, ...]
     control: str
+    typed: tuple[str, ...]
 
     def make(self) -> Rules | None:
         """Make the rules, with the monotonic clock's time of now; None where nothing has to look.
@@ -77,8 +80,13 @@ class RuleWishes:
             epoch=epoch,
         )
 
-    def plug_in(self, rules: Rules, relay: Relay) -> ControlServer | None:
+    def plug_in(self, rules: Rules, relay: Relay, about: Mapping[str, object]) -> ControlServer | None:
         """Let the rules speak through the relay, and give the control socket that listens beside it, if any.
+
+        Args:
+            rules: that were made.
+            relay: which asks them.
+            about: what else is told on the control socket, as it then is.
 
         Raises:
             ControlError: there can be no such socket.
@@ -89,9 +97,14 @@ class RuleWishes:
 
         def figures() -> dict[str, object]:
             counts = {count.name.lower(): relay.counts[count] for count in Count}
-            return {"clients_now": len(relay.sessions), **counts}
+            held = {figure.name.lower(): relay.ring.figures[figure] for figure in Figure}
+            return {"clients_now": len(relay.sessions), **counts, "held_up_ns": held, **about}
 
-        server = ControlServer(self.control, Desk(rules, figures), relay)
+        def upstream(number: int) -> str:
+            session = relay.sessions.get(number)
+            return "" if session is None else session.state
+
+        server = ControlServer(self.control, Desk(rules, figures, upstream), relay)
         narrate(f"control: bcapscope proxy ctl {server.address}")
         return server
 
@@ -113,7 +126,8 @@ def rule_options(function: F) -> F:
     @functools.wraps(function)
     def command(**arguments: Any) -> Any:
         own = {name: arguments.pop(name) for name in _NAMES}
-        return function(rules=_wishes(**own), **arguments)
+        typed = click.get_current_context().meta.get(_TYPED, ())
+        return function(rules=_wishes(typed=tuple(typed), **own), **arguments)
 
     decorated: Any = command
     for option in reversed(_OPTIONS):
@@ -133,6 +147,7 @@ def _wishes(
     hold: Duration,
     scripts: tuple[str, ...],
     control: str | None,
+    typed: tuple[str, ...],
 ) -> RuleWishes:
     every = (*faults, *(fault for each in rule_files for fault in each))
     names = [fault.name for fault in every if fault.name]
@@ -140,6 +155,9 @@ def _wishes(
     if twice is not None:
         raise click.UsageError(f"two faults have the name {twice}")
     guarded = read_only or block or allow_command
+    typed += ("--read-only",) if read_only else ()
+    typed += ("--seed", f"{seed}") if seed is not None else ()
+    typed += tuple(word for path in scripts for word in ("--script", path))
     return RuleWishes(
         faults=every,
         seed=random.randrange(1_000_000) if seed is None else seed,
@@ -148,13 +166,25 @@ def _wishes(
         patience=hold,
         scripts=scripts,
         control=control or "",
+        typed=typed,
     )
+
+
+_TYPED = f"{__name__}.typed"
+"""Where click keeps what was typed, until a command begins."""
 
 
 def _reader(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
     """Make a callback of click that reads what was typed, each of them where there are several."""
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+        if context.get_parameter_source(parameter.name or "") is not ParameterSource.DEFAULT:
+            typed = context.meta.setdefault(_TYPED, [])
+            typed += [
+                word
+                for each in (value if isinstance(value, tuple) else (value,))
+                for word in (parameter.opts[0], each)
+            ]
         try:
             if isinstance(value, tuple):
                 return tuple(read(each) for each in value)

@@ -21,7 +21,8 @@ from bcapscope.proxy.ports import open_ports
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import HEADER, RingWriter
 from bcapscope.proxy.spec import Listener
-from bcapscope.proxy.udp import UdpSession
+from bcapscope.proxy.tcp import TcpPort
+from bcapscope.proxy.udp import UdpPort, UdpSession
 from bcapscope.traffic.observation import Endpoint
 
 RING_SIZE = 16 << 20
@@ -31,6 +32,8 @@ _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
 """Seconds that the watching process has."""
+
+_STDIN = 0
 
 _SILENT = 30_000_000_000
 """ns after which a client is taken to have gone, once the terminal is closed."""
@@ -58,12 +61,13 @@ class Proxy:
         self._link, self._other_end = self._context.Pipe()
         self._watcher: multiprocessing.process.BaseProcess | None = None
         self._watched = False
+        self._ports: list[TcpPort | UdpPort] = []
         self._ending = 0.0
         self._hung_up = False
         self._goodbyes: list[tuple[int, str, list[str]]] = []
 
     def listen(self, listener: Listener, forget_after: int) -> Endpoint:
-        """Listen; return where.
+        """Listen; return where. Clients are taken when it runs.
 
         Args:
             listener: where, and where to.
@@ -74,7 +78,7 @@ class Proxy:
             NoWay: the controller's name is unknown.
         """
         address, ports = open_ports(self.relay, listener, forget_after)
-        self.relay.listen(ports)
+        self._ports += ports
         return address
 
     def start_watching(self) -> None:
@@ -97,6 +101,11 @@ class Proxy:
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
             self.relay.watch(self._link.fileno(), lambda _: self._hear())
 
+    def attend(self) -> None:
+        """Do as when the terminal is closed once standard input ends: whoever started the proxy is gone."""
+        if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
+            self.relay.watch(_STDIN, self._listen_to_starter)
+
     def run(self) -> None:
         """Pass bytes on until told to end, then end in order; `start_watching` came before."""
         for name in ("SIGINT", "SIGTERM"):
@@ -106,6 +115,7 @@ class Proxy:
         with undisturbed() as grade:
             if not grade.realtime:
                 self._say(grade.text.encode())
+            self.relay.listen(self._ports)
             self.relay.run(self._look_around)
             self.relay.close_ports()
             self._say_goodbye()
@@ -138,6 +148,11 @@ class Proxy:
     def _hang_up(self, number: int, frame: FrameType | None) -> None:
         """Go on without a terminal until no client is left; a signal handler."""
         self._hung_up = True
+
+    def _listen_to_starter(self, _: int) -> None:
+        if not os.read(_STDIN, 1024):
+            self.relay.unwatch(_STDIN)
+            self._hung_up = True
 
     def _look_around(self) -> None:
         """Do what is due about once a second."""

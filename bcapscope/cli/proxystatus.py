@@ -50,9 +50,21 @@ class Delays:
 
     def brief(self) -> str:
         """Return the median and the worst thousandth of both directions, in a few words."""
-        both = (self._histograms[up].distribution() for up, _ in _NAMES)
-        parts = [f"{each.p50:.0f}/{each.p999:.0f}" for each in both if each is not None]
-        return f"held {' '.join(parts)} µs" if parts else ""
+        parts = []
+        for up, name in ((True, "up"), (False, "down")):
+            spread = self._histograms[up].distribution()
+            if spread is not None:
+                parts.append(f"{name} {spread.p50:.0f}/{spread.p999:.0f}")
+        return f"held p50/p99.9 µs {', '.join(parts)}" if parts else ""
+
+    def figures(self) -> list[int]:
+        """Return what `ring.Figure` lists."""
+        found: list[int] = []
+        for up, _ in _NAMES:
+            spread = self._histograms[up].distribution()
+            values = (0.0,) * 4 if spread is None else (spread.p50, spread.p99, spread.p999, spread.most)
+            found += [round(value * 1000) for value in values]
+        return [*found, self._slow]
 
     def lines(self) -> Iterator[str]:
         """Sum up."""

@@ -115,7 +115,7 @@ class Watcher:
         self._advice = ""
         self._calls = self._retries = 0
         self._backlog: deque[list[Record]] = deque()
-        self._next_status = 0
+        self._next_status = self._shown = 0
         self._counts_then: tuple[int, ...] = ()
 
     def run(self, relay: Connection) -> None:
@@ -207,17 +207,24 @@ class Watcher:
         warning = self._delays.warning()
         if warning:
             self._screen.tell(f"{warning}; {self._advice}")
-        if self._screen.has_status and now >= self._next_status:
+        if now >= self._next_status:
             self._status(now)
 
     def _status(self, now: int) -> None:
+        """Tell how it goes: the relay, for whoever asks it, and the terminal."""
+        for place, figure in enumerate(self._delays.figures()):
+            self._reader.figures[place] = figure
+        self._next_status = now + _STATUS_EVERY
+        if self._screen.has_status:
+            self._show_status(now)
+
+    def _show_status(self, now: int) -> None:
         counts = tuple(self._reader.counts)
-        seconds = (now - self._next_status + _STATUS_EVERY) / 1e9
+        seconds = (now - self._shown) / 1e9
         parts = [counted(self._calls, "call"), f"{self._retries} retries"]
         parts += [rates(counts, self._counts_then, seconds), self._delays.brief(), *losses(counts)]
         self._screen.status(" · ".join(part for part in parts if part))
-        self._counts_then = counts
-        self._next_status = now + _STATUS_EVERY
+        self._counts_then, self._shown = counts, now
 
     def _goodbyes(self) -> bytes:
         """Return how the relay can end the sessions that are open: JSON, client and frames in hex."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import click
 import msgspec
 
+from bcapscope.cli.attended import announce, attended_option
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.cli.scenarios import choose_scenario, introduction, list_scenarios
@@ -69,6 +70,7 @@ _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit
     help="Write what passes to a new capture.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Do not write a line a call.")
+@attended_option
 def command(
     *,
     profile: str | None,
@@ -79,6 +81,7 @@ def command(
     port: int,
     record: str | None,
     quiet: bool,
+    attended: bool,
 ) -> None:
     """Answer b-CAP clients over UDP and TCP as a DENSO controller does, until Ctrl-C.
 
@@ -106,7 +109,10 @@ def command(
     narrate(_greeting(simulator, server))
     if scenario is not None:
         narrate(introduction(scenario))
-    _run(simulator, server, log)
+    if attended:
+        announce(["%s:%d" % server.address])
+    keys = _Keys(_actions(simulator, server), attended)
+    serve_in_order(server, log, keys.take, keys.watched)
     log.flush()
     dropped = f"{simulator.dropped} datagrams dropped, no sound requests or of clients too many"
     narrate(f"{log.calls} calls; {dropped}")
@@ -119,11 +125,6 @@ def _chosen(scenario: Scenario | None, profile: str | None, defects: tuple[str, 
     chosen = scenario or Scenario(title="", profile=Kind(profile or Kind.RC8))
     own = tuple(map(Defective, defects)) or chosen.defects
     return msgspec.structs.replace(chosen, defects=own)
-
-
-def _run(simulator: Simulator, server: Server, log: Log) -> None:
-    keys = _Keys(_actions(simulator, server))
-    serve_in_order(server, log, keys.take, keys.watched)
 
 
 def _greeting(simulator: Simulator, server: Server) -> str:
@@ -153,8 +154,9 @@ def _actions(simulator: Simulator, server: Server) -> dict[str, Callable[[], Non
 class _Keys:
     """Commands typed, or piped, while it runs."""
 
-    def __init__(self, actions: dict[str, Callable[[], None]]) -> None:
+    def __init__(self, actions: dict[str, Callable[[], None]], attended: bool) -> None:
         self._actions = actions
+        self._attended = attended
         self._rest = b""
         self.watched = [0] if _can_be_read() else []
 
@@ -163,6 +165,8 @@ class _Keys:
         data = os.read(descriptor, 1024)
         if not data:
             self.watched.clear()
+            if self._attended:
+                _quit()
         *lines, self._rest = (self._rest + data)[-1024:].split(b"\n")
         for line in lines:
             self._do(line.decode(errors="replace").strip().casefold())

@@ -9,6 +9,7 @@
     {"do": "forward", "number": 3}
     {"do": "edit", "number": 3, "hex": "01 …"}   or "rewrite": "set arg[2][0]=10"
     {"do": "drop", "number": 3}
+    {"do": "clients"}                            who is there, and how the way to the controller is
     {"do": "stats"}
 
 The answer has "ok": true and what was asked for, or "ok": false and "error".
@@ -30,7 +31,7 @@ from bcapscope.faults.rewriting import Rewriter
 from bcapscope.protocol.frame import Frame, parse_datagram
 from bcapscope.protocol.functions import function_name
 from bcapscope.proxy.intercept import Held
-from bcapscope.proxy.rules import Rules
+from bcapscope.proxy.rules import Attendance, Rules
 
 LONGEST_LINE = 1 << 20
 """Bytes; a message in hexadecimal digits has 1006 on UDP and seldom more than 20,000 on TCP."""
@@ -100,12 +101,27 @@ class DropHeld(_Ask, frozen=True, kw_only=True, tag="drop"):
     number: int
 
 
+class ListClients(_Ask, frozen=True, kw_only=True, tag="clients"):
+    """List the clients."""
+
+
 class Stats(_Ask, frozen=True, kw_only=True, tag="stats"):
     """Give figures."""
 
 
 Ask: TypeAlias = (
-    ListRules | Add | Remove | On | Off | SetIntercept | ListHeld | Forward | Edit | DropHeld | Stats
+    ListRules
+    | Add
+    | Remove
+    | On
+    | Off
+    | SetIntercept
+    | ListHeld
+    | Forward
+    | Edit
+    | DropHeld
+    | ListClients
+    | Stats
 )
 
 
@@ -124,15 +140,22 @@ class Reply(NamedTuple):
 class Desk:
     """Answers questions, without sockets or clocks."""
 
-    def __init__(self, rules: Rules, figures: Callable[[], Mapping[str, object]] = dict) -> None:
+    def __init__(
+        self,
+        rules: Rules,
+        figures: Callable[[], Mapping[str, object]] = dict,
+        upstream: Callable[[int], str] = lambda number: "",
+    ) -> None:
         """Take the rules that are asked for.
 
         Args:
             rules: of the proxy.
             figures: gives those of the relay, for `stats`.
+            upstream: tells of a client's number how its way to the controller is.
         """
         self._rules = rules
         self._figures = figures
+        self._upstream = upstream
 
     def answer(self, line: bytes, now: int) -> Reply:
         """Do what a line of JSON asks for."""
@@ -167,6 +190,9 @@ class Desk:
                 rules.send_on(ask.number, now, self._edited(ask))
             case DropHeld():
                 rules.drop(ask.number)
+            case ListClients():
+                found = (_client(each, self._upstream(each.number), now) for each in rules.clients())
+                return {"clients": list(found)}
             case Stats():
                 return self._stats()
         return {}
@@ -208,6 +234,7 @@ class Desk:
         return {
             "struck": rules.shaper.counts,
             "refused": rules.refused,
+            "guard": rules.guard is not None,
             "intercept": intercept.condition.text if intercept.condition else None,
             "held": len(intercept.held),
             "held_so_far": intercept.count,
@@ -233,6 +260,27 @@ def _rule(rules: Rules, name: str) -> dict[str, object]:
     }
 
 
+def _client(client: Attendance, upstream: str, now: int) -> dict[str, object]:
+    conversation = client.conversation
+    return {
+        "number": client.number,
+        "client": str(conversation.client),
+        "server": str(conversation.server),
+        "transport": conversation.transport,
+        "upstream": upstream,
+        "since_s": round((now - client.since) / 1e9, 3),
+        "up": client.up,
+        "heard_s": _ago(client.heard, now),
+        "down": client.down,
+        "answered_s": _ago(client.answered, now),
+    }
+
+
+def _ago(then: int, now: int) -> float | None:
+    """Tell how many seconds ago something was; None for never."""
+    return round((now - then) / 1e9, 3) if then else None
+
+
 def _held(held: Held, now: int) -> dict[str, object]:
     question = held.question
     return {
@@ -252,4 +300,3 @@ def _held(held: Held, now: int) -> dict[str, object]:
 
 def _line(answer: Mapping[str, object]) -> bytes:
     return orjson.dumps(answer, default=str) + b"\n"
-

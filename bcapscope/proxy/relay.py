@@ -43,6 +43,10 @@ class Session(Protocol):
     conversation: Conversation
     heard: int
 
+    @property
+    def state(self) -> str:
+        """How the way to the controller is: open, connecting, connected, refused."""
+
     def send(self, up: bool, data: bytes) -> int:
         """Send, to the controller or to the client; return when, 0 if not all of it went out yet."""
 

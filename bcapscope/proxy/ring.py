@@ -22,7 +22,7 @@ BATCH = 16
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
-_WRITTEN, _READ, _COUNTS = 0, 1, 8  # places in the header, in 8 bytes
+_WRITTEN, _READ, _COUNTS, _FIGURES = 0, 1, 8, 64  # places in the header, in 8 bytes
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 
@@ -69,6 +69,21 @@ class Count(IntEnum):
     """Datagrams and pieces of streams that a rule touched."""
 
 
+class Figure(IntEnum):
+    """What the watcher finds out and leaves for the relay to tell: how long it holds what passes, in ns."""
+
+    P50_UP = 0
+    P99_UP = 1
+    P999_UP = 2
+    MOST_UP = 3
+    P50_DOWN = 4
+    P99_DOWN = 5
+    P999_DOWN = 6
+    MOST_DOWN = 7
+    SLOW = 8
+    """How often it was longer than a set point may wait: times, not ns."""
+
+
 _CAME, _LEFT = (int(Count.CAME_DOWN), int(Count.CAME_UP)), (int(Count.LEFT_DOWN), int(Count.LEFT_UP))
 _DATA = int(Kind.DATA)
 
@@ -102,10 +117,12 @@ class _Ring:
         self._space = memory[HEADER:]
         self._size = len(self._space)
         self.counts = self._marks[_COUNTS : _COUNTS + len(Count)]
+        self.figures = self._marks[_FIGURES : _FIGURES + len(Figure)]
 
     def release(self) -> None:
         """Let go of the memory."""
         self.counts.release()
+        self.figures.release()
         self._marks.release()
         self._space.release()
 
@@ -119,6 +136,7 @@ class RingWriter(_Ring):
 
     Attributes:
         counts: by `Count`; the relay's own, to be added to in place.
+        figures: by `Figure`; the watcher's.
         notes: datagrams that are not written yet; whoever notes one looks whether they are `BATCH`.
     """
 
@@ -236,6 +254,7 @@ class RingReader(_Ring):
 
     Attributes:
         counts: by `Count`; the relay's.
+        figures: by `Figure`; the watcher's own.
     """
 
     def __init__(self, memory: memoryview) -> None:

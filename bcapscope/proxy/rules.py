@@ -7,6 +7,7 @@ its bytes pass as they come.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 from bcapscope.faults.answers import Manners
 from bcapscope.faults.fault import Ending
@@ -35,20 +36,45 @@ class _Way:
         client: whose.
         splitter: of a stream, while something must see its frames.
         begun: bytes have passed.
+        pieces: datagrams, or reads of a stream, that came.
+        last: when the last of them came; ns.
     """
 
-    __slots__ = ("begun", "client", "flow", "splitter")
+    __slots__ = ("begun", "client", "flow", "last", "pieces", "splitter")
 
     def __init__(self, client: Client, flow: Flow) -> None:
         self.client = client
         self.flow = flow
         self.splitter: Splitter | None = None
         self.begun = False
+        self.pieces = self.last = 0
 
     @property
     def is_stream(self) -> bool:
         """Whether frames must be cut out of it."""
         return self.flow.conversation.transport is Transport.TCP
+
+
+class Attendance(NamedTuple):
+    """A client that is there.
+
+    Attributes:
+        number: of the client.
+        conversation: between the client and the controller.
+        since: ns.
+        up: datagrams, or reads of a stream, that came from the client.
+        heard: when the last of them came, ns; 0 for never.
+        down: those that came from the controller.
+        answered: when the last of them came, ns; 0 for never.
+    """
+
+    number: int
+    conversation: Conversation
+    since: int
+    up: int
+    heard: int
+    down: int
+    answered: int
 
 
 class _Work:
@@ -99,6 +125,7 @@ class Rules:
         self.tell: Callable[[str], None] = lambda text: None
         self._epoch = epoch
         self._ways: dict[int, dict[Direction, _Way]] = {}
+        self._since: dict[int, int] = {}
         self._numbers: dict[Conversation, int] = {}
         self._outbox: list[Action] = []
         self._messages = 0
@@ -112,11 +139,14 @@ class Rules:
         told = Client(client, conversation.client, conversation.server, conversation.transport)
         self._ways[client] = {side: _Way(told, Flow(conversation, side)) for side in Direction}
         self._numbers[conversation] = client
+        self._since[client] = now
         self.addons.connected(told)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> Decision:
         """Decide about a datagram, or the next bytes of a stream."""
         way = self._ways[client][direction]
+        way.pieces += 1
+        way.last = now
         looks = self._looks
         if not looks and way.splitter is None and self.shaper.idle(now):
             way.begun = True
@@ -156,7 +186,7 @@ class Rules:
         ways = self._ways.pop(client)
         way = ways[Direction.REQUEST]
         conversation = way.flow.conversation
-        del self._numbers[conversation]
+        del self._numbers[conversation], self._since[client]
         self._manners.forget(conversation)
         self.shaper.forget(conversation)
         self.intercept.forget(client)
@@ -200,6 +230,20 @@ class Rules:
         return lines
 
     # for the control socket and the screen
+
+    def clients(self) -> Iterator[Attendance]:
+        """Yield who is there."""
+        for number, ways in self._ways.items():
+            up, down = ways[Direction.REQUEST], ways[Direction.RESPONSE]
+            yield Attendance(
+                number,
+                up.flow.conversation,
+                self._since[number],
+                up.pieces,
+                up.last,
+                down.pieces,
+                down.last,
+            )
 
     def changed(self, now: int) -> None:
         """Take notice that faults or the intercept have changed; what was kept for them only goes on."""

@@ -6,6 +6,7 @@ import select
 import socket
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 from bcapscope.protocol.hresult import S_EXECUTING
 from bcapscope.proxy.relay import Handler, Relay, conversation
@@ -35,6 +36,7 @@ GIVE_WAY_AFTER = 10_000_000_000
 """ns of silence after which a client makes room for a new one when there are too many, as in the official
 server (orin_bcap C/src/bcap_server.c)."""
 
+_MOST_OLD = 10_000
 _TRIES = 2
 _PATIENCE = 0.3
 """Seconds for the answer to a try."""
@@ -76,7 +78,10 @@ class UdpPort:
         self._dropped = 0
 
     def open(self) -> None:
-        """Begin to take clients."""
+        """Begin to take clients; what came before is as if nobody had listened, since it may be old."""
+        with suppress(OSError):
+            for _ in range(_MOST_OLD):
+                self.sender.recv(LARGEST)
         self.relay.watch(
             self.sender.fileno(), self._passing() if self.relay.policy is None else self._ruled()
         )
@@ -215,6 +220,11 @@ class UdpSession:
         self._dropped = 0
         relay.watch(upstream.fileno(), self._passing() if relay.policy is None else self._ruled())
         relay.meet(self, (client, facing(port.sender, address), endpoint_of(upstream.getsockname()), port.to))
+
+    @property
+    def state(self) -> str:
+        """How the way to the controller is, as far as datagrams can tell."""
+        return "refused" if self._port.refused else "open"
 
     def send(self, up: bool, data: bytes) -> int:
         """Send a datagram; return when, 0 if the system would not."""

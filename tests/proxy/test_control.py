@@ -93,6 +93,7 @@ def test_figures_are_given() -> None:
         "ok": True,
         "struck": {"drop": 1},
         "refused": 0,
+        "guard": False,
         "intercept": "serial == 5",
         "held": 0,
         "held_so_far": 0,
@@ -155,3 +156,24 @@ def test_who_does_not_speak_json_is_no_client_of_ours() -> None:
 )
 def test_any_line_is_answered(line: bytes) -> None:
     assert "ok" in json.loads(Desk(rules()).answer(line, 0).line)
+
+
+def test_who_is_there_is_told() -> None:
+    made = rules()
+    desk = Desk(made, upstream={1: "open"}.__getitem__)
+    made.receive(1, UP, request(1), 500 * MS)
+    (client,) = ask(desk, 2000 * MS, do="clients")["clients"]
+    assert client == {
+        "number": 1,
+        "client": "10.0.0.2:50001",
+        "server": "10.0.0.1:5007",
+        "transport": "udp",
+        "upstream": "open",
+        "since_s": 2.0,
+        "up": 1,
+        "heard_s": 1.5,
+        "down": 0,
+        "answered_s": None,
+    }
+    made.gone(1, 0)
+    assert ask(desk, do="clients") == {"ok": True, "clients": []}
