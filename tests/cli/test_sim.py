@@ -148,12 +148,13 @@ def test_a_scenario_is_played_recorded_and_diagnosed(tmp_path: Path, transport: 
     title = "\u202ex"
     own.write_text(f"title: {title}\nstart: {{arm_taken: true}}\nfaults: [{{action: delay, time: 1ms}}]\n")
     with simulator("--scenario", str(own), "--seed", "3", "--record", str(path)) as (process, port):
+        assert process.stderr is not None
+        assert process.stderr.readline() == "scenario: \\u202ex\n"
         ran = run("call", "127.0.0.1", "-p", str(port), transport, "Robot_Execute", "TakeArm")
         assert ran.code == 8, ran.err
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
+        out, _ = process.communicate(timeout=30)
     assert "# delay: delayed by 1 ms\n" in out
-    assert "scenario: \\u202ex\n" in err
     findings = run("diagnose", path, "--port", str(port), "--json").lines
     assert '"rule":"arm-taken-by-other"' in findings[0].replace(" ", "")
 
