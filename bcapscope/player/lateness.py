@@ -62,12 +62,12 @@ class Lateness:
         p50, p99, p999 = found
         return Spread(self._count, p50, p99, p999, self._most)
 
-    def bins(self) -> tuple[tuple[int, int], ...]:
-        """Tell how many values each bin holds, by its upper edge, of at most `MOST_TOLD` bins that hold most."""
+    def bins(self) -> tuple[tuple[int, int, int], ...]:
+        """Tell least and greatest value and count of each bin; of the `MOST_TOLD` that hold most."""
         filled = [(count, number) for number, count in enumerate(self._bins) if count]
         if len(filled) > MOST_TOLD:
             filled = sorted(filled, reverse=True)[:MOST_TOLD]
-        return tuple(sorted((_upper_edge(number), count) for count, number in filled))
+        return tuple(sorted((_lower_edge(number), _upper_edge(number), count) for count, number in filled))
 
     def exact(self) -> Spread:
         """Tell exact percentiles where all values are still there; takes its time."""
@@ -88,6 +88,10 @@ def _bin(value: int) -> int:
         return max(value, 0)
     shift = value.bit_length() - 5
     return min((shift << 4) + (value >> shift), _BINS - 1)
+
+
+def _lower_edge(number: int) -> int:
+    return _upper_edge(number - 1) + 1 if number else 0
 
 
 def _upper_edge(number: int) -> int:

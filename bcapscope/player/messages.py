@@ -168,7 +168,7 @@ class Progress(msgspec.Struct, frozen=True, tag=True):
         returned: the pose that came back last.
         sent: last frame that went out.
         received: last frame that came in.
-        cycle: how many set points came how long after the one before: upper edge of a bin, ns, and count.
+        cycle: how many set points came how long after the one before: least and greatest ns of a bin, count.
     """
 
     state: State
@@ -182,7 +182,7 @@ class Progress(msgspec.Struct, frozen=True, tag=True):
     returned: Point = ()
     sent: bytes = b""
     received: bytes = b""
-    cycle: tuple[tuple[int, int], ...] = ()
+    cycle: tuple[tuple[int, int, int], ...] = ()
 
 
 class Packet(msgspec.Struct, frozen=True, tag=True):

@@ -9,7 +9,7 @@ from bcapscope.analysis.distribution import Bin
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
 from bcapscope.render.braille import Curve, chart
-from bcapscope.render.histogram import edges_around, histogram
+from bcapscope.render.histogram import histogram
 from bcapscope.render.palette import PLAIN, Palette
 
 if TYPE_CHECKING:  # what the player's messages are made of reaches sockets
@@ -67,16 +67,11 @@ def _title(
     return text
 
 
-def cycle_lines(progress: Progress, period: float, palette: Palette = PLAIN) -> Iterator[str]:
-    """Draw the histogram of the times from one set point to the next, ms.
-
-    Args:
-        progress: told last.
-        period: ms that it should be.
-        palette: colours.
-    """
-    bins = [Bin(edge / 1e6, edge / 1e6, count) for edge, count in progress.cycle]
-    yield from histogram(bins, edges_around(period), palette)
+def cycle_lines(progress: Progress, palette: Palette = PLAIN) -> Iterator[str]:
+    """Draw the histogram of the times from one set point to the next, ms, a row for each bin that is told."""
+    bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
+    edges = sorted({edge for each in bins for edge in (each.low, each.high)})
+    yield from histogram(bins, edges, palette)
 
 
 def figure_lines(
@@ -111,8 +106,8 @@ def figure_lines(
         slots, whole, rest = slack
         shown = palette.good if rest > whole / 3 else palette.bad
         yield (
-            f"buffer (model): {slots} × 8 ms; at the longest pause {shown}{max(0.0, rest):.1f} ms{reset} "
-            f"of {whole:.0f} ms were left"
+            f"buffer (model): {slots} × 8 ms, at the longest pause {shown}{max(0.0, rest):.1f} ms{reset} "
+            f"of {whole:.0f} left"
         )
 
 

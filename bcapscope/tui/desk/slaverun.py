@@ -100,7 +100,7 @@ class SlaveRun:
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:
             return None
         whole = float(mode.slots * PERIOD_MS)
-        longest = progress.cycle[-1][0] / 1e6
+        longest = progress.cycle[-1][1] / 1e6
         return mode.slots, whole, whole - max(0.0, longest - PERIOD_MS)
 
     def _look(self, peer: Peer) -> None:

@@ -92,7 +92,7 @@ class SlaveLive(Container, can_focus=True):
             yield from _folded(trouble_lines(trouble), INK.bad, width)
         if progress is not None and progress.cycle:
             yield ""
-            yield from cycle_lines(progress, run.plan.period / 1e6, INK)
+            yield from cycle_lines(progress, INK)
         if run.readiness:
             yield from _folded([run.readiness], INK.dim, width)
 

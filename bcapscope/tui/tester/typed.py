@@ -18,7 +18,7 @@ class TypedValue(Horizontal):
     """A list of types and a field; tells when what is typed does not go with the type."""
 
     class Changed(Message):
-        """Type or text is another.
+        """The user has changed type or text.
 
         Attributes:
             problem: what is wrong with the text, and what is expected; empty where nothing stands there yet.
@@ -80,7 +80,8 @@ class TypedValue(Horizontal):
         message.stop()
         problem = self.checked.problem if self.query_one(Input).value else ""
         self.query_one(Input).set_class(bool(problem), "-invalid")
-        self.post_message(self.Changed(self, problem))
+        if self.has_focus_within:
+            self.post_message(self.Changed(self, problem))
 
     @on(Input.Submitted)
     def _submit(self, message: Input.Submitted) -> None:

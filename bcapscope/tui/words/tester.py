@@ -35,7 +35,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.step.link": ("way", "経路"),
     "tester.step.service": ("service", "サービス"),
     "tester.step.controller": ("controller", "コントローラ"),
-    "tester.step.identity": ("identity", "識別"),
+    "tester.step.identity": ("type", "型式"),
     "tester.step.robot": ("robot", "ロボット"),
     "tester.host.missing": ("Type the controller's address", "コントローラのアドレスを入力してください"),
     "tester.port.wrong": ("The port is a number from 1 to 65535", "ポートは 1 から 65535 の数値です"),
