@@ -20,10 +20,11 @@ from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.sockets import ListenError, NoWay
-from bcapscope.proxy.spec import SpecError, parse_listeners
+from bcapscope.proxy.spec import Listener, SpecError, parse_listeners
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import FilterError
+from bcapscope.traffic.observation import Endpoint
 
 
 def _bounds(context: click.Context, parameter: click.Parameter, value: str | None) -> Bounds | None:
@@ -133,25 +134,23 @@ def command(
     policy = rules.make()
     proxy, control = Proxy(Wishes(record, ring, look, color), policy), None
     listening: list[str] = []
-    recording = str(record.resolve()) if record is not None and ring is None else None
+    state = {"recording": _name(record, ring), "listening": listening}
     try:
         for line in rules.words():
             narrate(line)
-        control = (
-            None
-            if policy is None
-            else rules.plug_in(policy, proxy.relay, {"recording": recording, "listening": listening})
-        )
+        control = None if policy is None else rules.plug_in(policy, proxy.relay, state)
         addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
         proxy.start_watching()
-        for listener, address in zip(listeners, addresses, strict=True):
-            words = " and ".join(each.upper() for each in listener.transports)
-            narrate(f"{address} {words} > {listener.to}; {reach(address.host)}{_allowed(allow)}")
-            listening.append(f"{address} > {listener.to}")
-        if attended:
-            announce(listening)
-            proxy.attend()
-        proxy.run()
+
+        def greet() -> None:
+            for listener, address in zip(listeners, addresses, strict=True):
+                narrate(_greeting(listener, address) + _allowed(allow))
+                listening.append(f"{address} > {listener.to}")
+            if attended:
+                announce(listening)
+                proxy.attend()
+
+        proxy.run(greet)
     except (ListenError, ControlError) as error:
         narrate(str(error))
         sys.exit(Exit.UNREADABLE)
@@ -165,6 +164,16 @@ def command(
 
 
 command.add_command(ctl)
+
+
+def _name(record: Path | None, ring: Bounds | None) -> str | None:
+    """Name the recording, if it is one file."""
+    return None if record is None or ring is not None else str(record.resolve())
+
+
+def _greeting(listener: Listener, address: Endpoint) -> str:
+    words = " and ".join(each.upper() for each in listener.transports)
+    return f"{address} {words} > {listener.to}; {reach(address.host)}"
 
 
 def _allowed(allow: tuple[str, ...]) -> str:

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 from types import FrameType
@@ -106,8 +107,12 @@ class Proxy:
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
             self.relay.watch(_STDIN, self._listen_to_starter)
 
-    def run(self) -> None:
-        """Pass bytes on until told to end, then end in order; `start_watching` came before."""
+    def run(self, greet: Callable[[], None]) -> None:
+        """Pass bytes on until told to end, then end in order; `start_watching` came before.
+
+        Args:
+            greet: called when clients are taken.
+        """
         for name in ("SIGINT", "SIGTERM"):
             signal.signal(getattr(signal, name), self._end)
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -116,6 +121,7 @@ class Proxy:
             if not grade.realtime:
                 self._say(grade.text.encode())
             self.relay.listen(self._ports)
+            greet()
             self.relay.run(self._look_around)
             self.relay.close_ports()
             self._say_goodbye()
