@@ -63,9 +63,7 @@ def test_it_plays_and_records(port: int, gentle: Path, tmp_path: Path) -> None:
     calls = run("calls", record, "--json", "--port", str(port), "-f", 'command == "slvMove"')
     outcomes = Counter(json.loads(line)["outcome"] for line in calls.lines)
     assert outcomes["answered"] > 150  # the simulator of a busy machine may owe some
-    back = run("play", log, "127.0.0.1", "-p", str(port), "--tcp", "--dry-run")
-    assert back.code == 0, back.err + back.out
-    assert "control log" in back.out
+    assert log.read_text(encoding="utf-8").startswith("[J1 - 指令値],")
 
 
 def test_a_dry_run_moves_nothing(port: int) -> None:
@@ -86,17 +84,10 @@ def test_the_summary_as_json(port: int, tmp_path: Path) -> None:
     assert set(found["lateness_ms"]) == {"p50", "p99", "p999", "most"}
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (("--interval", "4"), "which would move the robot at 2 times the speed"),
-        (("--loop", "2", "--index", "1", "--speed", "9", "--limit", "J6=0..10"), "J6"),
-    ],
-)
-def test_what_is_not_fit_is_not_played(port: int, words: tuple[str, ...], reason: str) -> None:
-    ran = play(port, SWING, *words)
+def test_what_is_not_fit_is_not_played() -> None:
+    ran = play(1, SWING, "--loop", "2", "--index", "1", "--speed", "9", "--limit", "J6=0..10")
     assert ran.code == 11
-    assert reason in ran.out
+    assert "J6" in ran.out
     assert "not fit to play" in ran.out
 
 
@@ -114,7 +105,6 @@ def test_limits_of_the_simulated_arm_hold_for_it(port: int, tmp_path: Path) -> N
     [
         (("--mode", "0x999"), "neither sync, async nor a number"),
         (("--limit", "J1=fast"), "is no range"),
-        (("--index", "2"), "holds 1"),
     ],
 )
 def test_a_command_line_without_sense(words: tuple[str, ...], reason: str) -> None:

@@ -23,6 +23,7 @@ from bcapscope.transport.link import Address
 
 MS = 1_000_000
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
+_SLVMOVE = "slvMove".encode("utf-16-le")
 TARGET = Target("simulator")
 
 
@@ -31,6 +32,7 @@ class SimulatedChannel:
 
     Attributes:
         sent: frames that the player sent, with the time.
+        points: how many of them are set points, retries included.
         delay: ns that a packet takes.
         silent_from: time from which on nothing arrives any more; None for never.
     """
@@ -42,6 +44,7 @@ class SimulatedChannel:
     def __init__(self, simulator: Simulator, loss: float = 0.0, delay: int = MS // 10) -> None:
         self.simulator = simulator
         self.sent: list[tuple[int, Frame]] = []
+        self.points = 0
         self.silent_from: int | None = None
         self._time = 0
         self.delay = delay
@@ -60,6 +63,7 @@ class SimulatedChannel:
 
     def send(self, data: bytes) -> None:
         self.sent.append((self._time, Frame(data)))
+        self.points += _SLVMOVE in data
         self._push(self._up, data)
 
     def receive(self, until: int) -> bytes | None:
