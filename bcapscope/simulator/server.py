@@ -30,7 +30,7 @@ _LINGER = 60_000
 _give_way: Callable[[], None] = getattr(os, "sched_yield", lambda: time.sleep(0))
 
 _AT_ONCE = 64  # datagrams that are taken before TCP has its turn
-_RECEIVE_BUFFER = 1 << 20
+_PORTION = 512  # bytes that are taken of a connection before the others have their turn
 
 Address: TypeAlias = tuple[str, int]
 _Source: TypeAlias = "socket.socket | int"
@@ -195,7 +195,7 @@ class Server:
         if connection is None:
             return
         try:
-            data = sock.recv(LARGEST_DATAGRAM)
+            data = sock.recv(_PORTION)
         except BlockingIOError:
             return
         except OSError:
@@ -277,8 +277,6 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
         sock.setblocking(False)
         if kind == socket.SOCK_STREAM:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        else:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         sock.bind(address)
         if kind == socket.SOCK_STREAM:
             sock.listen(32)

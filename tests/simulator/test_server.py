@@ -100,6 +100,18 @@ def test_a_client_that_does_not_read_stops_nobody(server: Server) -> None:
         assert Frame(exchange(server, good, START)).code == 0
 
 
+def test_a_client_that_asks_for_much_at_once_lets_others_have_their_turn() -> None:
+    calls = []
+    simulator = Simulator(PROFILES["rc8"], now=time.monotonic_ns(), report=lambda peer, _: calls.append(peer))
+    server = Server(simulator, "127.0.0.1", 0)
+    with client(server, socket.SOCK_STREAM) as greedy, client(server, socket.SOCK_DGRAM) as good:
+        exchange(server, greedy, START)
+        greedy.sendall(START * 1000)
+        assert Frame(exchange(server, good, START)).code == 0
+        assert len(calls) < 100
+    server.close()
+
+
 def test_a_port_in_use_is_said(server: Server) -> None:
     with pytest.raises(ListenError, match=f"port {server.address[1]}: Address already in use"):
         Server(Simulator(PROFILES["rc8"]), *server.address)
