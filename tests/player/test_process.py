@@ -138,7 +138,7 @@ def test_a_halt_ends_it_at_once(sim: Sim) -> None:
     assert player.ended.outcome is Outcome.HALTED
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signals_stop_it_too(sim: Sim, number: signal.Signals) -> None:
     with Player(plan(sim)) as player:
         playing(player)
