@@ -142,10 +142,11 @@ def command(
         addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
         proxy.start_watching()
 
+        greetings = [_greeting(*pair) for pair in zip(listeners, addresses, strict=True)]
+        listening += [f"{address} > {each.to}" for each, address in zip(listeners, addresses, strict=True)]
+
         def greet() -> None:
-            for listener, address in zip(listeners, addresses, strict=True):
-                narrate(_greeting(listener, address) + _allowed(allow))
-                listening.append(f"{address} > {listener.to}")
+            narrate("\n".join(greetings))
             if attended:
                 announce(listening)
                 proxy.attend()
@@ -173,8 +174,5 @@ def _name(record: Path | None, ring: Bounds | None) -> str | None:
 
 def _greeting(listener: Listener, address: Endpoint) -> str:
     words = " and ".join(each.upper() for each in listener.transports)
-    return f"{address} {words} > {listener.to}; {reach(address.host)}"
-
-
-def _allowed(allow: tuple[str, ...]) -> str:
-    return f", of whom only {', '.join(allow)} may" if allow else ""
+    only = f", of whom only {', '.join(map(str, listener.allow))} may" if listener.allow else ""
+    return f"{address} {words} > {listener.to}; {reach(address.host)}{only}"
