@@ -43,11 +43,17 @@ class Observer:
         comments: of the packets that have any, by number; the latest `COMMENTS_LIMIT` packets.
     """
 
-    def __init__(self, ports: Collection[int] = PORTS) -> None:
-        """Take the ports on which servers listen; other conversations are told by what is said in them."""
+    def __init__(self, ports: Collection[int] = PORTS, leg: str = "") -> None:
+        """Begin.
+
+        Args:
+            ports: on which servers listen; other conversations are told by what is said in them.
+            leg: only what was captured on interfaces whose names begin so is looked at.
+        """
         self.counts = Counts()
         self.comments: dict[int, tuple[str, ...]] = {}
         self._conversations: dict[Conversation, None] = {}
+        self._leg = leg
         self._datagrams = Datagrams(ports, self.counts)
         self._connections = Connections(ports, self.counts)
         self._fragments = Fragments()
@@ -68,7 +74,7 @@ class Observer:
         """
         counts, broken = self.counts, None
         number, packet, time = counts.items, counts.packets, 0
-        interface, ethernet = None, False
+        interface, ethernet, wanted = None, False, True
         flow_of, new = self._datagrams.flows.get, tuple.__new__
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
@@ -78,6 +84,9 @@ class Observer:
                     self._keep(packet, comments)
                 if source is not interface:
                     interface, ethernet = source, source.linktype == ETHERNET
+                    wanted = source.name.startswith(self._leg)
+                if not wanted:
+                    continue
                 if ethernet and len(data) >= _SMALLEST_IN_ETHERNET:  # nearly all packets of a session
                     kind, version, total, part, protocol, key, size = unpack(data)
                     flow = flow_of(key)

@@ -2,4 +2,5 @@
 
 import os
 
-os.environ.setdefault("TEXTUAL_FPS", "120")  # what a key did is drawn after 8 ms at most; Textual reads it once
+# What a key did is drawn after 8 ms at most; Textual reads this once.
+os.environ.setdefault("TEXTUAL_FPS", "120")

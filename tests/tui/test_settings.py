@@ -22,9 +22,7 @@ def test_there_are_none_yet(tmp_path: Path) -> None:
     assert load(tmp_path / "none.yaml") == (Settings(), "")
 
 
-@pytest.mark.parametrize(
-    "content", [b"theme: [", b"theme: 3", b"- a", b"\xff\x00", b"hosts: no"]
-)
+@pytest.mark.parametrize("content", [b"theme: [", b"theme: 3", b"- a", b"\xff\x00", b"hosts: no"])
 def test_a_broken_file_is_told_of(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "screen.yaml"
     path.write_bytes(content)

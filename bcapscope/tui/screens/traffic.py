@@ -151,7 +151,7 @@ class TrafficScreen(Place):
         self.post_message(Heard(told))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what has to do with a frame only where there is one, and a way to stop only where it goes on."""
+        """Offer what has to do with a frame only where there is one, to stop only what goes on."""
         if action in _OF_FRAMES:
             return self._view in _KINDS
         if action == "proof":
@@ -567,7 +567,7 @@ class TrafficScreen(Place):
         if not packets or self._feed.journal is None:
             scope_of(self).tell(say("traffic.nothing_to_save"), "warning")
             return
-        source = Path(self._feed.job.path or "live.pcapng")
+        source = self._feed.name
         proposed = source.with_name(f"{source.name.removesuffix('.gz').rpartition('.')[0]}-notes.pcapng")
         prompt = Prompt(say("traffic.save.title"), say("traffic.save.hint"), str(proposed))
         target = await self.app.push_screen_wait(prompt)

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -27,12 +28,16 @@ _GRACE = 2.0
 
 def new_folder() -> Path:
     """Make a folder for a journal where the platform keeps what may be lost, and remove those left over."""
-    root = platformdirs.user_cache_path("bcapscope", appauthor=False)
+    root = _root()
     root.mkdir(parents=True, exist_ok=True)
     for left in root.glob(f"{_PREFIX}*"):
         if not _is_used(left):
             shutil.rmtree(left, ignore_errors=True)
     return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=root))
+
+
+def _root() -> Path:
+    return platformdirs.user_cache_path("bcapscope", appauthor=False)
 
 
 def _is_used(folder: Path) -> bool:
@@ -62,11 +67,17 @@ class Feed:
     """
 
     def __init__(
-        self, *, path: str = "", interface: str = "", follow: bool = False, ports: tuple[int, ...] = ()
+        self,
+        *,
+        path: str = "",
+        interface: str = "",
+        follow: bool = False,
+        ports: tuple[int, ...] = (),
+        leg: str = "",
     ):
-        """Begin to read a capture, finished or still being written, or on an interface."""
+        """Begin to read a capture, finished or still being written, or on an interface; see `Job`."""
         folder = new_folder()
-        self.job = Job(str(folder), path, interface, follow, ports)
+        self.job = Job(str(folder), path, interface, follow, ports, leg)
         self.journal: Journal | None = None
         self.calls: Callbook | None = None
         self.progress = Progress()
@@ -78,8 +89,14 @@ class Feed:
         self._reader = self._start("reading")
         self._searcher: subprocess.Popen[bytes] | None = None
         self._asks = 0
+        self._threads: list[threading.Thread] = []
         send(_pipe(self._reader.stdin), self.job)
-        threading.Thread(target=self._hear, daemon=True, name="reports").start()
+        self._listen(self._hear)
+
+    def _listen(self, hear: Callable[..., None], *words: object) -> None:
+        thread = threading.Thread(target=hear, args=words, daemon=True, name="feed")
+        self._threads.append(thread)
+        thread.start()
 
     def _start(self, module: str, *words: str) -> subprocess.Popen[bytes]:
         argv = [sys.executable, "-m", f"bcapscope.tui.traffic.{module}", *words]
@@ -91,6 +108,13 @@ class Feed:
     def is_live(self) -> bool:
         """Whether more may be seen at any time."""
         return bool(self.job.interface) or self.job.follow
+
+    @property
+    def name(self) -> Path:
+        """The capture that is read, for names of others; what lies where it will be removed has none."""
+        path = Path(self.job.path)
+        lasts = self.job.path and not path.is_relative_to(_root())
+        return path if lasts else Path("live.pcapng")
 
     def attach(self, tell: Told) -> None:
         """Have everything told to `tell`, in another thread; what came before is told now."""
@@ -113,11 +137,11 @@ class Feed:
     def _hear(self) -> None:
         """Hand on what the reader tells; tell if it ends without having said so."""
         ended = False
-        for message in receive(
-            _pipe(self._reader.stdout), cast("type[Progress | Verdict]", Progress | Verdict)
-        ):
-            ended = isinstance(message, Progress) and message.ended
-            self._pass(message)
+        kind = cast("type[Progress | Verdict]", Progress | Verdict)
+        with _pipe(self._reader.stdout) as reports:
+            for message in receive(reports, kind):
+                ended = isinstance(message, Progress) and message.ended
+                self._pass(message)
         if not ended:
             self._pass(Progress(ended=True, trouble=self._last_words()))
 
@@ -141,21 +165,22 @@ class Feed:
             The number that `Matches` will have as their generation.
         """
         self._asks += 1
+        ask = Ask(self._asks, kind, expression)
+        if self._searcher is not None and self._searcher.poll() is not None:
+            _end(self._searcher)
+            self._searcher = None
         if self._searcher is None:
             if not expression:
                 return self._asks
             self._searcher = self._start("searching", str(self._folder))
-            threading.Thread(target=self._hear_matches, daemon=True, name="matches").start()
-        try:
-            send(_pipe(self._searcher.stdin), Ask(self._asks, kind, expression))
-        except OSError:
-            self._searcher = None
+            self._listen(self._hear_matches, self._searcher)
+        with suppress(OSError):  # it died in this moment; what is asked next begins it anew
+            send(_pipe(self._searcher.stdin), ask)
         return self._asks
 
-    def _hear_matches(self) -> None:
-        searcher = self._searcher
-        if searcher is not None:
-            for message in receive(_pipe(searcher.stdout), Matches):
+    def _hear_matches(self, searcher: subprocess.Popen[bytes]) -> None:
+        with _pipe(searcher.stdout) as answers:
+            for message in receive(answers, Matches):
                 self._pass(message)
 
     def save(self, target: str, notes: dict[int, str]) -> str:
@@ -175,13 +200,11 @@ class Feed:
 
     def stop(self) -> None:
         """Read no more; what was read stays."""
-        if self._reader.stdin is not None and not self._reader.stdin.closed:
-            self._reader.stdin.close()
+        _let_go(self._reader)
 
     def close(self) -> None:
         """End all processes and remove the journal."""
         self._tell = lambda message: None
-        self.stop()
         for process in (self._reader, self._searcher):
             if process is not None:
                 _end(process)
@@ -189,19 +212,26 @@ class Feed:
             self.journal.close()
         if self.calls is not None:
             self.calls.close()
+        for thread in self._threads:
+            thread.join(_GRACE)
         self._errors.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    if process.stdin is not None and not process.stdin.closed:
-        process.stdin.close()
+    _let_go(process)
     process.terminate()
     try:
         process.wait(_GRACE)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def _let_go(process: subprocess.Popen[bytes]) -> None:
+    """Tell a process that nothing more is wanted."""
+    with suppress(OSError):  # it ended before it had read all
+        _pipe(process.stdin).close()
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:

@@ -68,7 +68,7 @@ class Reading:
         folder = Path(job.folder)
         self._journal = JournalWriter(folder)
         self._calls = CallbookWriter(folder)
-        self._observer = Observer(frozenset(job.ports) or PORTS)
+        self._observer = Observer(frozenset(job.ports) or PORTS, job.leg)
         self._tracker = Tracker()
         self._handles = Handles()
         self._judge: Judge | None = None

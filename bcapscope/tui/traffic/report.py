@@ -25,6 +25,7 @@ class Job(msgspec.Struct, frozen=True):
         interface: of this machine, to capture live on; "" for none.
         follow: the capture is still being written.
         ports: where servers listen; none for 5007.
+        leg: only what was captured on interfaces whose names begin so.
     """
 
     folder: str
@@ -32,6 +33,7 @@ class Job(msgspec.Struct, frozen=True):
     interface: str = ""
     follow: bool = False
     ports: tuple[int, ...] = ()
+    leg: str = ""
 
 
 class Progress(msgspec.Struct, tag=True, frozen=True):

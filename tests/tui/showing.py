@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
 
 from textual.pilot import Pilot
 from textual.widgets import Static
@@ -49,9 +48,7 @@ async def read(pilot: Pilot[None], feed: Feed) -> None:
 
 def screen(pilot: Pilot[None]) -> TrafficScreen:
     """Return the screen, whatever lies above it."""
-    return cast(
-        TrafficScreen, next(each for each in pilot.app.screen_stack if isinstance(each, TrafficScreen))
-    )
+    return next(each for each in pilot.app.screen_stack if isinstance(each, TrafficScreen))
 
 
 def about(pilot: Pilot[None]) -> str:

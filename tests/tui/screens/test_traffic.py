@@ -1,0 +1,326 @@
+"""Traffic, key by key."""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+from pathlib import Path
+
+import pytest
+from textual.color import Color
+from textual.pilot import Pilot
+from textual.widgets import Input, Static
+
+from bcapscope.capture.file import open_capture
+from bcapscope.capture.packetfile import PacketWriter
+from bcapscope.capture.recording import Recording
+from bcapscope.protocol.frame import encode
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.tui.words import Language, speak
+from tests.cli.run import CAPTURES, run
+from tests.render.scenes import HOSTILE
+from tests.tui.pilot import drive, until
+from tests.tui.pilot import shown as drawn
+from tests.tui.showing import about, act_on, read, screen, shown
+
+SESSION, STORY = CAPTURES / "slave-session.pcapng", CAPTURES / "retry-story.pcapng"
+CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
+TIME = 1_700_000_000_000_000_000
+
+
+def note(pilot: Pilot[None]) -> str:
+    """Return the last message that was shown."""
+    return list(pilot.app._notifications)[-1].message
+
+
+def test_frames_calls_findings_slave_mode_statistics() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        text = drawn(pilot.app)  # type: ignore[arg-type]  # the only app there is
+        assert "1 Frames 518" in text
+        assert "Service_Start" in text
+        assert "01 2e 00 00 00 01 00 01" in text
+        for key, word in (
+            ("2", "ms  frames 1 > 2"),
+            ("3", "type-not-checked"),
+            ("4", "Stay 1"),
+            ("5", "by 192.168.0.10:50001"),
+        ):
+            await pilot.press(key)
+            await until(pilot, lambda word=word: word in drawn(pilot.app))  # type: ignore[misc, arg-type]
+        await pilot.click("#views", offset=(3, 0))
+        assert screen(pilot)._view == "frames"
+
+    act_on(SESSION, act, (160, 48))
+
+
+def test_from_frame_to_reply_to_call_to_finding_and_back() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        assert "Frame 1, request of call 1 · answered in 6" in about(pilot)
+        await pilot.press("r")
+        assert "Frame 6, reply of call 1" in about(pilot)
+        await pilot.press("r")
+        assert "Frame 4, retry of call 1" in about(pilot)
+        await pilot.press("c")
+        assert screen(pilot)._view == "calls"
+        await pilot.press("right", "down", "down", "enter")
+        assert "Frame 2, retry of call 1" in about(pilot)
+        await pilot.press("w")
+        assert screen(pilot)._view == "findings"
+        await pilot.press("w")
+        assert "first cause" in note(pilot)
+        await pilot.press("enter")
+        assert "Frame 1," in about(pilot)
+        await pilot.press("n", "n")
+        assert "Frame 3," in about(pilot)
+        await pilot.press("N")
+        assert "Frame 2," in about(pilot)
+        assert sorted(screen(pilot).frames.proofs) == [1, 2, 3, 4, 5, 6]
+
+    act_on(STORY, act)
+
+
+def test_the_filter_finds_as_one_types_and_tells_what_is_wrong() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        await pilot.press("slash", *"serial > 25")
+        await until(pilot, lambda: here.frames.count == run_count("serial > 25"))
+        await pilot.press(*" and")
+        error = here.query_one("#filter-error", Static)
+        assert error.display
+        assert "^" in str(error.content)
+        assert here.frames.count == run_count("serial > 25")
+        await pilot.press(*" kind == response")
+        await until(pilot, lambda: here.frames.count == run_count("serial > 25 and kind == response"))
+        assert not error.display
+        await pilot.press("enter", "end")
+        assert "Frame 518," in about(pilot)
+        await pilot.press("escape")
+        assert here.frames.count == 518
+        assert "Frame 518," in about(pilot)
+
+    act_on(SESSION, act)
+
+
+def run_count(expression: str) -> int:
+    """Count with the command line."""
+    return len(run("decode", SESSION, "-f", expression).lines)
+
+
+def test_following_client_handle_chain_and_command() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        field = here.query_one("#filter", Input)
+        await pilot.press("X")
+        await until(pilot, lambda: here.frames.count == 2)
+        assert field.value == "frame in (1, 2)"
+        await pilot.press("escape", "C")
+        await until(pilot, lambda: here.frames.count == 518)
+        await pilot.press("escape", "H")
+        assert "no handle" in note(pilot)
+        here.go_to_frame(9)
+        await pilot.press("K")
+        assert field.value == 'function == Robot_Execute and command == "Motor"'
+        await pilot.press("escape")
+        here.go_to_frame(9)
+        await pilot.press("H")
+        assert here._view == "calls"
+        assert field.value.endswith("arg[0] == 2")
+        await until(pilot, lambda: here.calls.count > 200)
+
+    act_on(SESSION, act)
+
+
+def test_going_to_a_number_or_a_moment() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        for typed, wanted in (("300", "Frame 300,"), ("4.37s", "Frame 513,"), ("999999", "Frame 518,")):
+            await pilot.press("ctrl+g", *typed, "enter")
+            await until(pilot, lambda wanted=wanted: wanted in about(pilot))  # type: ignore[misc]
+        await pilot.press("ctrl+g", *"[/x]", "enter")
+        await until(pilot, lambda: "neither a number" in note(pilot))
+        await pilot.press("ctrl+g", "escape")
+        assert "Frame 518," in about(pilot)
+
+    act_on(SESSION, act)
+
+
+def test_marks_and_notes_are_saved_in_a_new_file(tmp_path: Path) -> None:
+    source = tmp_path / "a.pcapng.gz"
+    source.write_bytes(gzip.compress(STORY.read_bytes()))
+    before = source.read_bytes()
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("down", "m", "down", "e", *"look [/here]", "enter")
+        await until(pilot, lambda: screen(pilot).frames.marks == {2: "", 3: "look [/here]"})
+        assert "# look [/here]" in about(pilot)
+        await pilot.press("s")
+        await pilot.pause()
+        assert pilot.app.screen.query_one("#prompt-input", Input).value == str(tmp_path / "a-notes.pcapng")
+        await pilot.press("enter")
+        await until(pilot, lambda: "Saved" in note(pilot))
+        await pilot.press("s", "enter")
+        await until(pilot, lambda: "exists" in note(pilot))
+
+    act_on(source, act)
+    assert source.read_bytes() == before
+    with open_capture(tmp_path / "a-notes.pcapng") as capture:
+        comments = [packet[4] for packet in capture]
+    assert comments[1][-1:] == ("marked",)
+    assert comments[2][-1:] == ("look [/here]",)
+
+
+def test_bytes_and_fields_light_each_other() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        await pilot.press("enter", "down", "down")
+        assert pilot.app.focused is here.query_one("#fields")
+        lit = here.query_one("#bytes")
+        assert lit._lit == (0, 5, 7)  # type: ignore[attr-defined]  # serial
+        await pilot.press("tab", *["right"] * 5)
+        assert lit._lit == (0, 9, 13)  # type: ignore[attr-defined]  # function id
+        tree = here.query_one("#fields")
+        assert "function id" in tree.line(tree.cursor)  # type: ignore[attr-defined]
+
+    act_on(STORY, act, (160, 48))
+
+
+def test_live_traffic_is_followed_until_one_looks_at_something(tmp_path: Path) -> None:
+    path = tmp_path / "growing.pcapng"
+    with open_capture(SESSION) as capture:
+        packets = list(capture)
+    file = path.open("wb", buffering=0)
+    writer = PacketWriter(file)
+    for packet in packets[:100]:
+        writer.write(packet)
+    with shown(path, follow=True) as (app, _):
+
+        async def act(pilot: Pilot[None]) -> None:
+            here = screen(pilot)
+            await until(pilot, lambda: here.frames.number == 100)
+            for packet in packets[100:200]:
+                writer.write(packet)
+            await until(pilot, lambda: here.frames.number == 200)
+            await pilot.press("up")
+            for packet in packets[200:]:
+                writer.write(packet)
+            await until(pilot, lambda: here.frames.count == 518)
+            assert here.frames.number == 199
+            await pilot.press("S")
+            await until(pilot, lambda: here._feed.progress.ended)
+
+        drive(app, act)
+    file.close()
+
+
+@pytest.mark.parametrize("size", [(60, 16), (80, 24), (200, 50)])
+def test_any_size_and_another_one(size: tuple[int, int]) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        for columns, rows in (size, (100, 30), size):
+            await pilot.resize_terminal(columns, rows)
+            await pilot.pause()
+            lines = drawn(pilot.app).splitlines()  # type: ignore[arg-type]
+            assert len(lines) == rows
+            assert "Help" in lines[-1]
+            assert "Frame 1," in drawn(pilot.app)  # type: ignore[arg-type]
+
+    act_on(STORY, act, size)
+
+
+def test_no_such_capture_and_a_damaged_one(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.pcapng"
+    cut.write_bytes(SESSION.read_bytes()[:-10])
+
+    async def act(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: "breaks off" in note(pilot))
+        assert screen(pilot).frames.count == 517
+
+    act_on(cut, act)
+
+    async def nothing(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: "No such file" in note(pilot))
+        await pilot.press("r", "c", "w", "m", "X", "1", "2", "enter", "3", "enter", "s")
+        assert "no packets" in note(pilot)
+
+    missing = tmp_path / "gone.pcap"
+    shutil.copy(STORY, missing)
+    missing.unlink()
+    with shown(missing) as (app, feed):
+
+        async def when_ended(pilot: Pilot[None]) -> None:
+            await until(pilot, lambda: feed.progress.ended)
+            feed.progress = type(feed.progress)(ended=True)
+            await nothing(pilot)
+
+        drive(app, when_ended)
+
+
+def hostile(path: Path) -> None:
+    """Write a capture whose every string would do something."""
+    long = "[bold]" + "x" * 10_000 + "[/foo]"
+    with path.open("wb") as file:
+        recording = Recording(file)
+        for serial, name in enumerate((HOSTILE, "[/foo]", "[red]red", long, "$(x)`", "軸１\u202e"), 1):
+            values = [Variant(VT.I4, 1), Variant(VT.BSTR, name), Variant(VT.BSTR, name)]
+            recording.segment(CLIENT, SERVER, encode(serial, 0, 64, values), TIME + serial * 10**6)
+            answer = encode(serial, 0, 0x80070057, [Variant(VT.BSTR, name)])
+            recording.segment(SERVER, CLIENT, answer, TIME + serial * 10**6 + 1000)
+
+
+def test_hostile_strings_are_shown_and_never_obeyed(tmp_path: Path) -> None:
+    path = tmp_path / "[red]h[bold].pcapng"
+    hostile(path)
+
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        await pilot.press("down", "down")
+        text = drawn(pilot.app)  # type: ignore[arg-type]
+        assert "[/foo]" in text
+        seen = set(text)
+        for number in range(1, 13):
+            here.go_to_frame(number)
+            await pilot.press("enter", "a", "end", "escape")
+            for key in ("K", "escape", "2", "space", "space", "1", "m"):
+                await pilot.press(key)
+            seen |= set(drawn(pilot.app))  # type: ignore[arg-type]
+        for key in "345":
+            await pilot.press(key)
+            await pilot.pause()
+            seen |= set(drawn(pilot.app))  # type: ignore[arg-type]
+        assert [char for char in seen if char < " " or "\x7f" <= char < "\xa0"] in ([], ["\n"])
+        assert not seen & set("\u202e\u2028\ud800")
+
+    act_on(path, act, (160, 40))
+
+
+def test_no_color_shows_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    async def act(pilot: Pilot[None]) -> None:
+        app = pilot.app
+        ground = Color.parse(app.theme_variables["background"])
+        colors = {
+            color.get_truecolor()
+            for strip in app.screen._compositor.render_strips()
+            for segment in app._filters[-1].apply(list(strip), ground)
+            if segment.style is not None
+            for color in (segment.style.color, segment.style.bgcolor)
+            if color is not None
+        }
+        assert colors
+        assert all(red == green == blue for red, green, blue in colors)
+        assert all(style.color is None for style in app.inks.values())  # type: ignore[attr-defined]
+
+    act_on(STORY, act)
+
+
+def test_japanese() -> None:
+    with shown(STORY, language=Language.JAPANESE) as (app, feed):
+
+        async def act(pilot: Pilot[None]) -> None:
+            await read(pilot, feed)
+            text = drawn(app)
+            assert "フレーム 6" in text
+            assert "フィルタ" in text
+            assert "コール 1 の request" in text
+
+        drive(app, act)
+    speak(Language.ENGLISH)

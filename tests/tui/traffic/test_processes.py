@@ -1,0 +1,209 @@
+"""Reading, judging, searching and saving, each as its process does it."""
+
+from __future__ import annotations
+
+import io
+import os
+import threading
+import time
+from array import array
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import cast
+
+import pytest
+
+from bcapscope.capture.callbook import Callbook
+from bcapscope.capture.file import open_capture
+from bcapscope.capture.journal import Journal
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.tui.traffic import reading as readings
+from bcapscope.tui.traffic.reading import Reading
+from bcapscope.tui.traffic.report import Ask, Job, Matches, Progress, Saving, Verdict, receive, send
+from bcapscope.tui.traffic.saving import save
+from bcapscope.tui.traffic.searching import Searching
+from tests.cli.run import CAPTURES, run
+
+LIMIT = 20.0
+
+
+def read(folder: Path, path: Path) -> list[Progress | Verdict]:
+    """Read a capture as the process does and return what it tells."""
+    reports = BytesIO()
+    Reading(Job(str(folder), str(path)), reports, threading.Event()).run()
+    return told(reports)
+
+
+def told(reports: BytesIO) -> list[Progress | Verdict]:
+    reports.seek(0)
+    return list(receive(reports, cast("type[Progress | Verdict]", Progress | Verdict)))
+
+
+def lines(folder: Path) -> tuple[int, int]:
+    journal = Journal(folder)
+    calls = Callbook(folder, journal)
+    try:
+        return journal.refresh(), calls.refresh()
+    finally:
+        journal.close()
+        calls.close()
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # the process ends with its job
+@pytest.mark.parametrize("name", ["exchanges.pcap", "slave-mode-lost.pcapng"])
+def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) -> None:
+    path = CAPTURES / name
+    verdict, end = read(tmp_path, path)[-2:]
+    assert isinstance(end, Progress)
+    assert end.ended
+    assert isinstance(verdict, Verdict)
+    frames = run("decode", path).lines
+    calls = run("calls", path).lines
+    assert lines(tmp_path) == (len(frames), len(calls))
+    assert verdict.sum == run("diagnose", path).lines[-1]
+    assert verdict.stays
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.pcapng"
+    cut.write_bytes((CAPTURES / "slave-session.pcapng").read_bytes()[:-10])
+    for name, path, why in (("a", cut, "breaks off"), ("b", tmp_path / "none", "No such file")):
+        (tmp_path / name).mkdir()
+        *_, end = read(tmp_path / name, path)
+        assert isinstance(end, Progress)
+        assert why in end.trouble
+    assert lines(tmp_path / "a")[0] == 517
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(readings, "JUDGE", 0.0)
+    monkeypatch.setattr(readings, "FLUSH", 0.0)
+    data = (CAPTURES / "retry-story.pcapng").read_bytes()
+    path = tmp_path / "growing.pcapng"
+    path.write_bytes(data[: len(data) // 2])
+    (tmp_path / "journal").mkdir()
+    reports, ended = BytesIO(), threading.Event()
+    reading = Reading(Job(str(tmp_path / "journal"), str(path), follow=True), reports, ended)
+    thread = threading.Thread(target=reading.run)
+    thread.start()
+    try:
+        _wait(lambda: 0 < lines(tmp_path / "journal")[0] < 6)
+        with path.open("ab") as file:
+            file.write(data[len(data) // 2 :])
+        _wait(lambda: lines(tmp_path / "journal")[0] == 6)
+        assert thread.is_alive()
+    finally:
+        ended.set()
+        thread.join(LIMIT)
+    found = told(reports)
+    assert isinstance(found[-1], Progress)
+    assert found[-1].ended
+    assert len({verdict.sum for verdict in found if isinstance(verdict, Verdict)}) >= 2
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_nothing_more_is_read_when_nothing_more_is_wanted(tmp_path: Path) -> None:
+    ended, reports = threading.Event(), BytesIO()
+    ended.set()
+    Reading(Job(str(tmp_path), str(CAPTURES / "slave-session.pcapng")), reports, ended).run()
+    assert lines(tmp_path)[0] == readings._BATCH + 1
+
+
+def _wait(true: object) -> None:
+    assert callable(true)
+    end = time.monotonic() + LIMIT
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Path:
+    read(tmp_path, CAPTURES / "slave-session.pcapng")
+    return tmp_path
+
+
+class _Search:
+    """A search in a thread, with pipes as its process has them."""
+
+    def __init__(self, folder: Path) -> None:
+        answers_out, answers_in = os.pipe()
+        self.answers = os.fdopen(answers_out, "rb")
+        self._written = os.fdopen(answers_in, "wb")
+        self.searching = Searching(folder, self._written)
+        self.thread = threading.Thread(target=self.searching.run, daemon=True)
+        self.thread.start()
+
+    def ask(self, generation: int, kind: str, expression: str) -> None:
+        self.searching._asked = Ask(generation, kind, expression)
+        self.searching._new.set()
+
+    def found(self, generation: int, there: int) -> list[int]:
+        rows = array("I")
+        for message in receive(self.answers, Matches):
+            if message.generation == generation:
+                rows.frombytes(message.rows)
+                if message.searched == there:
+                    return list(rows)
+        raise AssertionError("the search ended")
+
+
+@pytest.fixture
+def search(journal: Path) -> Iterator[_Search]:
+    made = _Search(journal)
+    yield made
+    made.ask(0, "frame", "")
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize(
+    ("kind", "there", "command", "expression"),
+    [
+        ("frame", 518, "decode", "command == Motor or hresult != S_OK"),
+        ("frame", 518, "decode", "serial > 250"),
+        ("call", 257, "calls", "latency > 30ms"),
+        ("call", 257, "calls", 'command ~ "slv"'),
+    ],
+)
+def test_the_search_finds_what_the_command_line_finds(
+    search: _Search, kind: str, there: int, command: str, expression: str
+) -> None:
+    search.ask(1, RecordKind.FRAME, "length > 0")
+    search.ask(2, kind, expression)
+    wanted = run(command, CAPTURES / "slave-session.pcapng", "-f", expression).lines
+    assert search.found(2, there) == [int(line.split()[0]) for line in wanted]
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_saving_makes_a_new_file_only(tmp_path: Path) -> None:
+    source, target = CAPTURES / "retry-story.pcapng", tmp_path / "new.pcapng"
+    assert save(Saving(str(source), str(target), {2: "why?"}, 4)) == ""
+    with open_capture(target) as capture:
+        found = [packet[4] for packet in capture]
+    assert len(found) == 4
+    assert [number for number, comments in enumerate(found, 1) if "why?" in comments] == [2]
+    before = target.read_bytes()
+    assert "exists" in save(Saving(str(source), str(target), {}))
+    assert target.read_bytes() == before
+    assert "No such file" in save(Saving(str(source), str(tmp_path / "no" / "a"), {}))
+    assert "cannot be opened" in save(Saving(str(tmp_path / "none"), str(tmp_path / "b"), {}))
+
+
+def test_messages_come_through_a_pipe_that_gives_little_at_a_time() -> None:
+    class Slow(io.RawIOBase):
+        def __init__(self, data: bytes) -> None:
+            self.rest = data
+
+        def read(self, size: int = -1) -> bytes:
+            data, self.rest = self.rest[: min(size, 3)], self.rest[min(size, 3) :]
+            return data
+
+    stream = BytesIO()
+    asks = [Ask(1, "frame", "軸 == 1"), Ask(2, "call", "")]
+    for ask in asks:
+        send(stream, ask)
+    assert list(receive(Slow(stream.getvalue()), Ask)) == asks
