@@ -41,7 +41,7 @@ def test_keys_are_there_once() -> None:
 
 
 def _letters(node: ast.expr) -> bool:
-    """Tell whether an expression is a literal with a word in it; `Timeout=300` is b-CAP's, in any language."""
+    """Tell whether an expression is a literal with a word in it; `Timeout=300` is b-CAP in any language."""
     if isinstance(node, ast.JoinedStr):
         return any(_letters(part) for part in node.values)
     return isinstance(node, ast.Constant) and isinstance(node.value, str) and bool(_WORD.search(node.value))

@@ -148,9 +148,13 @@ class Lines(ScrollView, can_focus=True):
 
     def on_resize(self, event: Resize) -> None:
         """Keep the cursor in sight."""
-        self._columns = event.size.width
         self._measure()
         self._see_cursor()
+
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Draw what is in sight; the width is asked for once, not for every line."""
+        self._columns = self.size.width
+        return super().render_lines(crop)
 
     def render_line(self, y: int) -> Strip:
         """Draw one line of what is in sight."""
