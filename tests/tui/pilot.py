@@ -25,11 +25,11 @@ T = TypeVar("T")
 Input.cursor_blink = False  # type: ignore[assignment]  # pictures must not depend on the moment
 
 
-def drive(app: Scope, act: Act, size: tuple[int, int] = (80, 24)) -> None:
-    """Run `act` on the screen, `size` being columns and rows."""
+def drive(app: Scope, act: Act, size: tuple[int, int] = (80, 24), limit: float = LIMIT) -> None:
+    """Run `act` on the screen, `size` being columns and rows, for `limit` seconds at most."""
 
     async def run() -> None:
-        async with asyncio.timeout(LIMIT), app.run_test(size=size) as pilot:
+        async with asyncio.timeout(limit), app.run_test(size=size) as pilot:
             app.animation_level = "none"
             await pilot.pause()
             await act(pilot)

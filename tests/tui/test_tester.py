@@ -31,6 +31,9 @@ from tests.tui.pilot import drive, until
 from tests.tui.tester import answered, connected, finish, focus, go, make_tester, result, screen, sight, write
 
 HOSTILE = "[/foo]\x1b[31m\u202e\ud800[red]" + "A" * 10_000
+LONG_LIMIT = 60.0
+"""Seconds for a test in which a player is started and plays."""
+
 COMMAND, RESULT = "#robot-forms .command", "#execute ResultView"
 ANSWERS: dict[str, Answer | None] = {
     "Variable_GetValue": (0, [Variant(VT.BSTR, HOSTILE)]),
@@ -221,7 +224,7 @@ def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
         await until(pilot, lambda: here.desk.status.open[-1].label == "I5")
         await go(pilot, "#variable .value")
         await write(pilot, "x")
-        assert "expected: a whole number" in result(pilot, "#variable ResultView")
+        await until(pilot, lambda: "expected: a whole number" in result(pilot, "#variable ResultView"))
         await write(pilot, "42")
         await pilot.press("enter")
         await answered(pilot, "#variable ResultView", "(EMPTY)")
@@ -289,7 +292,7 @@ def test_slave_mode_with_a_log_file_and_start(tmp_path: Path) -> None:
         await pilot.press("escape")
         await finish(pilot)
 
-    drive(make_tester(tmp_path), act, (120, 40))
+    drive(make_tester(tmp_path), act, (120, 40), LONG_LIMIT)
 
 
 def test_slave_mode_is_halted_and_the_screen_closed_in_order(tmp_path: Path) -> None:
@@ -310,7 +313,7 @@ def test_slave_mode_is_halted_and_the_screen_closed_in_order(tmp_path: Path) -> 
         await asyncio.sleep(0)
         await finish(pilot)
 
-    drive(make_tester(tmp_path), act)
+    drive(make_tester(tmp_path), act, limit=LONG_LIMIT)
 
 
 def test_japanese(tmp_path: Path) -> None:

@@ -72,6 +72,7 @@ class SlaveScreen(Place):
         self._first = path
         self._ready: Performance | None = None
         self._run: SlaveRun | None = None
+        self._dialog: ChoiceDialog | None = None
 
     @property
     def run(self) -> SlaveRun | None:
@@ -221,7 +222,8 @@ class SlaveScreen(Place):
         finally:
             await self._stage.end()
             desk.rest(desk.status.slave_mode != 0)
-            self._busy(False)
+            if self.query("#start"):  # else the screen is being closed
+                self._busy(False)
 
     async def _follow(self, run: SlaveRun) -> None:
         live = self.query_one(SlaveLive)
@@ -233,13 +235,13 @@ class SlaveScreen(Place):
                 if answer is not None:
                     self._stage.answer(answer)
             if run.question is not None:
-                await self._ask(run)
+                self._ask(run)
             self._state(run.progress.state if run.progress else say("tester.waiting"), INK.number)
             live.show(run)
         self._end(run)
 
-    async def _ask(self, run: SlaveRun) -> None:
-        """Let the user answer a question of the player's."""
+    def _ask(self, run: SlaveRun) -> None:
+        """Let the user answer a question of the player's, while what it tells is read on."""
         question, run.question = run.question, None
         assert question is not None
         if question.topic is Topic.ARM and self._desk.arming.is_armed(self._desk.now()):
@@ -249,11 +251,14 @@ class SlaveScreen(Place):
         if question.topic is not Topic.CLEAR:
             facts = [] if run.peer is None else [peer_line(run.peer)]
         facts += ["", printable(question.text)]
-        choice = await self.app.push_screen_wait(ChoiceDialog(facts, question.choices))
-        self._stage.answer(choice or question.choices[0])
+        choices = question.choices
+        self._dialog = ChoiceDialog(facts, choices)
+        self.app.push_screen(self._dialog, lambda choice: self._stage.answer(choice or choices[0]))
 
     def _end(self, run: SlaveRun) -> None:
         assert run.ended is not None
+        if self._dialog is not None and self._dialog.is_current:
+            self._dialog.dismiss(None)  # nobody waits for the answer any more
         if run.preflight is not None and not run.preflight.is_fit:
             width = self.query_one("#before").size.width - 2
             self._report(list(PreflightRenderer(INK, width).lines(run.preflight)))
