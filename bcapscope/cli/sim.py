@@ -11,6 +11,7 @@ import click
 import msgspec
 
 from bcapscope.cli.attended import announce, attended_option
+from bcapscope.cli.behaviours import list_behaviours
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.cli.scenarios import choose_scenario, introduction, list_scenarios
@@ -43,6 +44,14 @@ _HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit
     expose_value=False,
     callback=list_scenarios,
     help="List the scenarios and end.",
+)
+@click.option(
+    "--behaviours",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=list_behaviours,
+    help="List what it does as real controllers do, how sure we are, and the sources; end.",
 )
 @click.option("--seed", type=int, help="Of what a scenario draws by lot, instead of its own.")
 @click.option(

@@ -111,6 +111,14 @@ def test_who_reaches_it_is_said() -> None:
     assert "everyone on every network of this machine reaches it" in done.stderr
 
 
+def test_behaviours_are_listed_with_their_sources() -> None:
+    ran = run("sim", "--behaviours")
+    assert ran.code == 0
+    lines = ran.out.splitlines()
+    assert lines[0].split()[:2] == ["BEHAVIOUR", "CERTAINTY"]
+    assert any(line.startswith("needs_robslave ") and "documented" in line for line in lines)
+
+
 def test_scenarios_are_listed_with_a_sentence_each() -> None:
     ran = run("sim", "--scenarios")
     assert (ran.code, ran.err) == (0, "")

@@ -1,0 +1,47 @@
+"""Every behaviour that can be told from the code is in the table, and nothing else of its kind."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import fields
+from pathlib import Path
+
+from bcapscope import simulator
+from bcapscope.simulator.behaviours import BEHAVIOURS, Certainty
+from bcapscope.simulator.profile import Profile
+
+_ENDS = ("RefusedError", "Answer", "Fault", "fail", "reply", "stop")
+"""What is called with a result."""
+
+NAMES = [behaviour.name for behaviour in BEHAVIOURS]
+
+
+def _results() -> set[str]:
+    """Collect the constants that calls end in."""
+    found = set()
+    for path in Path(simulator.__path__[0]).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in _ENDS:
+                names = (each for argument in node.args for each in ast.walk(argument))
+                found |= {each.id for each in names if isinstance(each, ast.Name) and each.id.isupper()}
+    return found - {"S_OK", "DONE"}
+
+
+def test_each_field_of_a_profile_has_its_source() -> None:
+    assert {field.name for field in fields(Profile)} - {"name", "title"} <= set(NAMES)
+
+
+def test_each_result_has_its_source() -> None:
+    assert len(_results()) > 25
+    assert _results() <= set(NAMES)
+
+
+def test_no_behaviour_is_told_twice_or_without_a_source() -> None:
+    assert len(set(NAMES)) == len(NAMES)
+    assert all(behaviour.text and behaviour.source for behaviour in BEHAVIOURS)
+    assert {behaviour.certainty for behaviour in BEHAVIOURS} == set(Certainty)
+
+
+def test_no_result_is_told_of_that_is_not_in_the_code() -> None:
+    code = "\n".join(path.read_text() for path in Path(simulator.__path__[0]).glob("*.py"))
+    assert all(code.count(name) > 1 for name in NAMES if name.isupper())
