@@ -6,7 +6,8 @@ in ShoheiKobata/orin_bcap_python_samples):
 * **Async, mode 1**: we do. Deadlines are absolute, one a period. The reply may take until shortly before the
   next deadline; then the call is given up and the next set point sent, since the newest one wins and a try
   again only wastes bandwidth. Its reply still counts as word of the controller when it comes late, and one
-  that refuses ends the play. After `SILENCE` without any word the controller counts as gone.
+  that refuses ends the play. When the newest set point that is known to be answered is older than `SILENCE`,
+  the controller has a row of them before it, or is gone; then nothing more is sent until it is through.
 * **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due `_PREPARING`
   after the reply, so that it always goes out equally long after. While the reply does not come the call is
   tried again, each `Pace.timeout`; a reply to an earlier try is discarded. When all tries are used up nothing
@@ -37,7 +38,7 @@ from bcapscope.protocol.slavemode import ModeKind, SlaveMode
 from bcapscope.protocol.variant import VT, Variant
 
 SILENCE = 100_000_000
-"""ns without any reply after which a controller counts as gone: a dozen of its periods.
+"""ns without word of a controller after which it counts as behind, or gone: a dozen of its periods.
 
 On TCP it is the time-out of a call, since TCP itself takes longer than this to send again what was lost.
 """
@@ -52,9 +53,7 @@ FASTEST = 0.98
 """Share of the period that a controller may ask for on average: clocks differ by far less than 2%."""
 
 _START = 5_000_000
-_PREPARING = (
-    300_000  # ns that are kept free before a deadline, for reading the reply and making the next packet
-)
+_PREPARING = 300_000  # ns kept free before a deadline, for reading the reply and making the next packet
 _PATIENCE = 8_000_000
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
@@ -119,7 +118,8 @@ class Pacer:
         self._silence = SILENCE if exchanger.link.datagrams else move.pace.timeout
         self._throttle = _Throttle(round(FASTEST * move.period), move.mode.slots + 1)
         self._last = 0
-        self._unheard: int | None = None  # when the first set point was sent that nothing was heard after
+        self._word = 0  # when the newest of the set points was sent that are known to be answered
+        self._waited = False
         self._sent = self._retries = self._late = self._answered = 0
         self._repeated = self._shifted = self._held = 0
 
@@ -140,7 +140,7 @@ class Pacer:
             HaltedError: `idle` said so.
             OSError: the link is gone.
         """
-        due = self._exchanger.link.now() + _START
+        due = self._word = self._exchanger.link.now() + _START
         for point in self._course:
             self.commanded = point
             due = self._one(self._move.arguments(point), due)
@@ -171,8 +171,6 @@ class Pacer:
             self.cycle.add(sent - self._last)
         self._last = sent
         self._sent += 1
-        if self._unheard is None:
-            self._unheard = sent
         self._throttle.sent(sent)
         self._idle(sent)
         return sent
@@ -197,35 +195,33 @@ class Pacer:
             ControllerError: a set point before this one was refused, as we hear only now.
         """
         self._retries += len(settled.attempts) - 1
+        self._hear_late()
         reply: Frame | None = None
         if not isinstance(settled, TimedOut):
             self._answered += 1
+            self._word = settled.attempts[-1].sent
             reply = settled.reply
-        elif self._move.mode.kind in _BY_CLOCK:
-            if self._is_silent():
-                raise ExchangeTimeout(_NAME, settled.attempts)
-        else:
+        elif self._move.mode.kind not in _BY_CLOCK or settled.attempts[-1].sent - self._word > SILENCE:
             reply = self._overdue(settled)
-        self._hear_late()
         if reply is None:
             return None
-        self._unheard = None
         self.reply = reply
         code: int = reply.code
         return code
 
     def _overdue(self, settled: TimedOut) -> Frame:
-        """Wait on for the reply when all tries are used up."""
-        serials = [attempt.serial for attempt in settled.attempts]
-        found = self._exchanger.overdue(serials, settled.attempts[0].sent + self._silence)
+        """Wait on for the reply, and send nothing meanwhile."""
+        attempts = settled.attempts
+        found = self._exchanger.overdue([each.serial for each in attempts], attempts[0].sent + self._silence)
         if found is None:
-            raise ExchangeTimeout(_NAME, settled.attempts)
+            raise ExchangeTimeout(_NAME, attempts)
+        self._exchanger.late.remove(found)
+        self._hear_late()
+        self._late += 1
         self._answered += 1
+        self._word = attempts[-1].sent
+        self._waited = True
         return found.reply
-
-    def _is_silent(self) -> bool:
-        """Tell whether the controller is gone; times when we ourselves were held up do not count."""
-        return self._unheard is not None and self._exchanger.link.now() - self._unheard > self._silence
 
     def _hear_late(self) -> None:
         late = self._exchanger.late
@@ -236,7 +232,7 @@ class Pacer:
             self._late += 1
             if by_clock:
                 self._answered += 1
-                self._unheard = None
+                self._word = max(self._word, each.sent)
                 code = each.reply.code
                 if is_failure(code):
                     raise ControllerError(_NAME, code, hresult_name(code), describe(code).text)
@@ -251,6 +247,9 @@ class Pacer:
 
     def _next(self, due: int, code: int | None) -> int:
         """Return the deadline of the next set point."""
+        if self._waited:
+            self._waited = False
+            return self._exchanger.link.now() + _PREPARING
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
             return due + self._move.period
         ready, free = self._exchanger.link.now() + _PREPARING, self._throttle.free

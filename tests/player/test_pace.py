@@ -85,8 +85,8 @@ def play(controller: Controller, chosen: SlaveMode, hold: int = 0) -> Pacer:
     rows = np.zeros((POINTS, 8))
     rows[:, 0] = np.arange(POINTS)
     course = Course(Trajectory(PoseType.J, rows, Source("", "")), 0.008, UNKNOWN, 1, hold)
-    pace = Pace(2 * MS, 0 if chosen.overwrites else 7)
-    exchanger = BlockingExchanger(controller, Convention.SEED)
+    pace = Pace(2 * MS, 0 if chosen.overwrites else 7) if controller.datagrams else Pace(5000 * MS, 0)
+    exchanger = BlockingExchanger(controller, Convention.SEED if controller.datagrams else Convention.TCP0)
     pacer = Pacer(exchanger, Move(1, VT.R8, chosen, pace, 8 * MS), course, lambda _: None, 100)
     pacer.play()
     return pacer
@@ -175,3 +175,16 @@ def test_the_first_and_the_last_point_are_held() -> None:
     assert pacer.counts.sent == POINTS + 8
     point: Point = pacer.commanded
     assert point[0] == POINTS - 1
+
+
+def test_a_controller_that_falls_behind_is_waited_for() -> None:
+    controller = Controller()
+    controller.datagrams = False
+    controller.takes = dict.fromkeys(range(100), 150 * MS)
+    pacer = play(controller, mode(0x102))
+    assert controller.points == list(range(POINTS))
+    waits = [gap for gap in gaps(controller) if gap > 8]
+    assert waits
+    assert all(gap > 140 for gap in waits)
+    assert pacer.counts.unanswered < 150 / 8 + 1
+    assert pacer.lateness.exact().most == 0
