@@ -16,7 +16,8 @@ attended_option = click.option(
 )
 
 
-def announce(addresses: Sequence[str]) -> None:
-    """Tell that these addresses are listened on now."""
-    sys.stdout.buffer.write(orjson.dumps(list(addresses)) + b"\n")
+def announce(listening: Sequence[str], control: str = "") -> None:
+    """Tell that these addresses are listened on now, and where it can be told what to do."""
+    told = {"listening": list(listening), "control": control}
+    sys.stdout.buffer.write(orjson.dumps(told) + b"\n")
     sys.stdout.buffer.flush()

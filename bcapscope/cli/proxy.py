@@ -148,7 +148,7 @@ def command(
         def greet() -> None:
             narrate("\n".join(greetings))
             if attended:
-                announce(listening)
+                announce(listening, control.address if control else "")
                 proxy.attend()
 
         proxy.run(greet)

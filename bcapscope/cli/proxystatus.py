@@ -7,11 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from bcapscope.analysis.distribution import Distribution, Histogram
-from bcapscope.proxy.ring import Count, Kind, Record
+from bcapscope.proxy.ring import SET_POINT, Count, Kind, Record
 from bcapscope.render.call import counted
-
-SET_POINT = 2_000_000
-"""ns in which a set point has to be answered (DENSO Wave 2009, How to use the Slave mode)."""
 
 _NAMES = ((True, "to the controller"), (False, "to the client"))
 

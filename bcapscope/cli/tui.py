@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
+from click.core import ParameterSource
 
 from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
+from bcapscope.cli.proxyrules import RuleWishes, rule_options
+from bcapscope.cli.tuilive import ProxyWishes, show_proxy, show_simulator
 from bcapscope.client.paces import PORT
 from bcapscope.render.escape import printable
 
@@ -37,6 +40,26 @@ class Wanted(NamedTuple):
 @click.argument("path", metavar="[HOST|FILE]", required=False, type=click.Path())
 @options.interface
 @options.ports
+@click.option(
+    "--proxy",
+    is_flag=False,
+    flag_value="",
+    metavar="[ADDRESS]",
+    help="Show a proxy: one of its own, with --listen, --to and rules as `bcapscope proxy` has them, or the "
+    "one that was started with `--control ADDRESS`.",
+)
+@click.option("--listen", metavar="HOST:PORT", multiple=True, help="Of the proxy, see `bcapscope proxy`.")
+@click.option("--to", metavar="HOST:PORT", multiple=True, help="Of the proxy: the controller.")
+@click.option(
+    "--record",
+    metavar="FILE.pcapng",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Of the proxy: keep what passes.",
+)
+@click.option(
+    "--sim", is_flag=True, help="Start a simulator on loopback, port 5007 or -p, and show what it is asked."
+)
+@click.option("--scenario", metavar="NAME|FILE.yaml", help="Of that simulator; `bcapscope sim --scenarios`.")
 @click.option("--tcp/--udp", "tcp", help="What to talk to a controller over; UDP unless given.")
 @click.option("--option", metavar="TEXT", default="", help="Of the connection, as in the field: Timeout=300.")
 @click.option(
@@ -49,7 +72,10 @@ class Wanted(NamedTuple):
 @click.option(
     "--requests", metavar="FOLDER", type=click.Path(path_type=Path), help="Where saved requests are kept."
 )
+@rule_options
+@click.pass_context
 def command(
+    context: click.Context,
     *,
     path: str | None,
     interface: str | None,
@@ -58,19 +84,43 @@ def command(
     option: str,
     profile: str,
     requests: Path | None,
+    proxy: str | None,
+    listen: tuple[str, ...],
+    to: tuple[str, ...],
+    record: Path | None,
+    sim: bool,
+    scenario: str | None,
+    rules: RuleWishes,
 ) -> None:
-    """Test a controller, or show a capture, or what passes on an interface.
+    """Test a controller, or show a capture, or what passes on an interface, a proxy, a simulator.
 
     With HOST, the Tester: connect, execute, robots, variables, tasks, slave mode, every byte. With no host it
     talks to a built-in simulator. With a FILE or -i: frames, calls, findings, slave mode, statistics.
+    With --proxy the same of what passes, and on a second screen clients, rules and held messages; with --sim
+    of what a simulator is asked.
 
     F1 tells the keys, Ctrl-P lists all that can be done, F12 halts the robot, Ctrl-Q ends. Labels are in
     English or Japanese (LANG).
 
-    Exit codes: 0 it was ended; 2 the command line makes no sense; 4 the capture cannot be opened.
+    Exit codes: 0 it was ended; 2 the command line makes no sense; 4 the capture cannot be opened, an address
+    not be listened on, or no proxy be found; 6 the recording cannot be written; 9 there is no controller of
+    that name.
     """
-    if path and interface:
-        raise click.UsageError("name a host or a capture, or an interface with -i")
+    if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
+        raise click.UsageError("name a host or a capture, or one of -i, --proxy and --sim")
+    if proxy is None and (listen or to or record or rules.typed or rules.control):
+        raise click.UsageError("--listen, --to, --record and rules are those of a proxy: add --proxy")
+    if scenario is not None and not sim:
+        raise click.UsageError("--scenario is that of a simulator: add --sim")
+    if proxy is not None:
+        show_proxy(ProxyWishes(proxy, listen, to, record, rules))
+        return
+    if sim:
+        typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
+        words = ["--profile", profile] if typed else []
+        words += ["--scenario", scenario] if scenario else []
+        show_simulator(ports[0] if ports else PORT, words)
+        return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
         narrate(f"{printable(path)}: no such file")

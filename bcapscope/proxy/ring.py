@@ -17,6 +17,9 @@ from bcapscope.proxy.sockets import Control, kernel_time
 HEADER = 4096
 """Bytes before the records: where writer and reader are, and the counts."""
 
+SET_POINT = 2_000_000
+"""ns in which a set point has to be answered (DENSO Wave 2009, How to use the Slave mode)."""
+
 BATCH = 16
 """Datagrams that are noted before they are written together: writing costs time in which others may wait."""
 
@@ -81,7 +84,7 @@ class Figure(IntEnum):
     P999_DOWN = 6
     MOST_DOWN = 7
     SLOW = 8
-    """How often it was longer than a set point may wait: times, not ns."""
+    """How often it was longer than `SET_POINT`: times, not ns."""
 
 
 _CAME, _LEFT = (int(Count.CAME_DOWN), int(Count.CAME_UP)), (int(Count.LEFT_DOWN), int(Count.LEFT_UP))

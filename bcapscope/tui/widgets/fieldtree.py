@@ -90,6 +90,12 @@ class FieldTree(Lines):
         return (row.start, row.stop) if row is not None else (0, 0)
 
     @property
+    def offset_in_frame(self) -> int:
+        """Where the bytes begin that the cursor is on; 0 where there are none."""
+        row = self._entries[self._visible[self.cursor]].row if self._visible else None
+        return 0 if row is None else row.start
+
+    @property
     def count(self) -> int:
         """How many rows are not folded away."""
         return len(self._visible)

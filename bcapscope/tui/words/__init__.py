@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from enum import StrEnum
 from types import MappingProxyType
 
-from bcapscope.tui.words import shell, tester, traffic, widgets
+from bcapscope.tui.words import proxy, shell, tester, traffic, widgets
 
 CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {**shell.WORDS, **tester.WORDS, **traffic.WORDS, **widgets.WORDS}
+    {**proxy.WORDS, **shell.WORDS, **tester.WORDS, **traffic.WORDS, **widgets.WORDS}
 )
 """English and Japanese by key. Braces hold places for values, as in `str.format`."""
 

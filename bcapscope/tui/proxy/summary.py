@@ -1,0 +1,56 @@
+"""What is said above the lists of a proxy's screen: how long it holds what passes, and what was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bcapscope.proxy.ring import SET_POINT
+from bcapscope.render.escape import printable
+from bcapscope.tui.ink import INK
+from bcapscope.tui.proxy.standing import Delays, Figures
+from bcapscope.tui.words import say
+
+
+def summary(figures: Figures) -> list[str]:
+    """Write three lines, and a fourth where the proxy is too slow; with marks of `INK`."""
+    held = figures.held_up_ns
+    lines = [
+        _way("proxy.held.up", (held.p50_up, held.p99_up, held.p999_up, held.most_up)),
+        _way("proxy.held.down", (held.p50_down, held.p99_down, held.p999_down, held.most_down)),
+        " " + " · ".join(_counts(figures)),
+    ]
+    return lines + ([_warning(held)] if held.slow else [])
+
+
+def _way(key: str, times: tuple[int, int, int, int]) -> str:
+    p50, p99, p999, most = (f"{INK.number}{time / 1000:,.0f}{INK.reset}" for time in times)
+    return f" {say(key)}  p50 {p50}  p99 {p99}  p99.9 {p999}  {say('proxy.most')} {most} µs"
+
+
+def _counts(figures: Figures) -> Iterator[str]:
+    up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
+    yield say("proxy.datagrams", up=up, down=down)
+    if figures.bytes_up or figures.bytes_down:
+        yield say("proxy.tcp", up=f"{figures.bytes_up:,}", down=f"{figures.bytes_down:,}")
+    yield say("proxy.faults", count=f"{sum(figures.struck.values()):,}")
+    if figures.guard:
+        yield say("proxy.refused", count=f"{figures.refused:,}")
+    for key, count in (("lost", figures.lost + figures.full), ("denied", figures.denied)):
+        ink = INK.problem if count else ""
+        if count or key == "lost":
+            yield f"{ink}{say(f'proxy.{key}', count=f'{count:,}')}{INK.reset if ink else ''}"
+    if figures.unwatched:
+        yield f"{INK.problem}{say('proxy.unwatched', count=f'{figures.unwatched:,}')}{INK.reset}"
+
+
+def _warning(held: Delays) -> str:
+    worst = max(held.most_up, held.most_down) / 1e6
+    text = say("proxy.slow", count=f"{held.slow:,}", limit=SET_POINT // 1_000_000, worst=f"{worst:.1f}")
+    return f"{INK.problem} {text}{INK.reset}"
+
+
+def intercepts(figures: Figures) -> str:
+    """Say what is being held, harmless and with marks of `INK`."""
+    if figures.intercept is None:
+        return f"{INK.dim} {say('proxy.intercept.none')}{INK.reset}"
+    return f" {say('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"
