@@ -15,6 +15,7 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.cli.proxyrules import RuleWishes, rule_options
 from bcapscope.cli.tuilive import ProxyWishes, show_proxy, show_simulator
+from bcapscope.cli.tuiserve import serve_option
 from bcapscope.client.paces import PORT
 from bcapscope.render.escape import printable
 
@@ -72,6 +73,7 @@ class Wanted(NamedTuple):
 @click.option(
     "--requests", metavar="FOLDER", type=click.Path(path_type=Path), help="Where saved requests are kept."
 )
+@serve_option
 @rule_options
 @click.pass_context
 def command(
