@@ -22,7 +22,10 @@ from bcapscope.simulator.server import ListenError, Server
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.stage import Stage
 
-_HELP = "reset (forget all clients), stop (emergency stop), go (let it go), quit; the first letter will do"
+_HELP = (
+    "reset (forget all clients), stop (emergency stop), go (let it go), detector (RC7, late set points), "
+    "quit; the first letter will do"
+)
 
 
 @click.command(short_help="A controller without a robot, to try things on.")
@@ -95,7 +98,8 @@ def command(
     """Answer b-CAP clients over UDP and TCP as a DENSO controller does, until Ctrl-C.
 
     A line a call goes to stdout. Commands can be typed meanwhile: reset forgets all clients, as the button
-    on the pendant does; stop presses the emergency stop and go lets it go; quit ends.
+    on the pendant does; stop presses the emergency stop and go lets it go; detector switches whether a late
+    set point is an error in the Async modes of RC7; quit ends.
 
     With --scenario it is one of the controllers that give their users trouble, each with the reason that
     diagnose finds in a capture of it; what a scenario does is a line that begins with #.
@@ -152,10 +156,16 @@ def _actions(simulator: Simulator, server: Server) -> dict[str, Callable[[], Non
     def let_go() -> None:
         machine.emergency = False
 
+    def switch_detector() -> None:
+        machine.slave.async_detector = not machine.slave.async_detector
+        word = "an error" if machine.slave.async_detector else "no error"
+        narrate(f"a late set point is {word} in the Async modes of RC7")
+
     return {
         "reset": server.reset,
         "stop": lambda: machine.press_emergency_stop(time.monotonic_ns()),
         "go": let_go,
+        "detector": switch_detector,
         "quit": _quit,
     }
 

@@ -45,6 +45,7 @@ class SlaveDrive:
         run: counts the times that slave mode was entered.
         taken: set points that have been taken in this run.
         next_tick: when the next one is due, ns.
+        async_detector: a late set point is an error where the mode leaves that to the pendant.
         send: what slvMove carries, as slvSendFormat said.
         receive: what slvMove returns, as slvRecvFormat said; None before that.
         owed: result of what ended it that no client has been told yet; 0 if there is none.
@@ -62,7 +63,7 @@ class SlaveDrive:
         self.owed = 0
         self._arm = arm
         self._limits = limits
-        self._async_detector = async_detector
+        self.async_detector = async_detector
         self._queue: deque[Joints] = deque()
         self._speed: Joints = (0.0,) * 8
         self._moving = False
@@ -157,7 +158,7 @@ class SlaveDrive:
     def _detects(self) -> bool:
         assert self.mode is not None
         detects = self.mode.underflow_is_error
-        return self._async_detector if detects is None else detects
+        return self.async_detector if detects is None else detects
 
     def _excess(self, speed: Joints) -> int:
         """Return the result for the first axis that would be too fast or accelerate too much; else 0."""

@@ -29,8 +29,8 @@ LONGEST_WAIT = 0.5
 _LINGER = 60_000
 _give_way: Callable[[], None] = getattr(os, "sched_yield", lambda: time.sleep(0))
 
-_AT_ONCE = 64  # datagrams that are taken before TCP has its turn
-_PORTION = 512  # bytes that are taken of a connection before the others have their turn
+_AT_ONCE = 512  # datagrams that are taken before TCP has its turn
+_PORTION = 256  # bytes that are taken of a connection before the others have their turn
 
 Address: TypeAlias = tuple[str, int]
 _Source: TypeAlias = "socket.socket | int"

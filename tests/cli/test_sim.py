@@ -111,6 +111,13 @@ def test_who_reaches_it_is_said() -> None:
     assert "everyone on every network of this machine reaches it" in done.stderr
 
 
+def test_the_detector_of_rc7_is_switched_as_on_its_pendant() -> None:
+    argv = [sys.executable, "-m", "bcapscope", "sim", "--port", "0", "--profile", "rc7"]
+    done = subprocess.run(argv, input="d\nd\nquit\n", capture_output=True, text=True, check=False, timeout=60)
+    told = [line for line in done.stderr.splitlines() if "late set point is" in line]
+    assert [("no error" in line) for line in told] == [False, True]
+
+
 def test_behaviours_are_listed_with_their_sources() -> None:
     ran = run("sim", "--behaviours")
     assert ran.code == 0

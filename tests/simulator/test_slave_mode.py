@@ -203,13 +203,16 @@ def test_robslave_stops_with_an_error_on_rc7() -> None:
     assert operator.slave(0x002).hresult == 0
 
 
-def test_rc7_async_is_late_without_error_while_its_detector_is_off() -> None:
+@pytest.mark.parametrize(("detector", "mode"), [(False, 0x102), (True, 0)])
+def test_a_late_point_is_an_error_in_async_of_rc7_if_its_detector_is_on(detector: bool, mode: int) -> None:
     operator = started("rc7", 0x102)
+    operator.desk.machine.slave.async_detector = detector
     for number in range(3):
         send(operator, number * 0.1)
         operator.desk.wait(8)
     operator.desk.wait(100)
-    assert operator.robot("slvGetMode").value == 0x102
+    assert operator.robot("slvGetMode").value == mode
+    assert operator.machine_error() == (UNDERFLOW if detector else 0)
 
 
 @pytest.mark.parametrize(
