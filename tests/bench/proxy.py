@@ -27,7 +27,7 @@ from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import ARRAY, VT, Variant
 
 TRIPS = 20_000
-PACED = 4_000
+PACED = 8_000
 RUNS = 5
 ROBOTS = 4
 

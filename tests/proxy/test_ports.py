@@ -1,0 +1,65 @@
+"""Listening on what is said, or on what is free."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from bcapscope.proxy.ports import open_ports
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.ring import HEADER, RingWriter
+from bcapscope.proxy.sockets import ListenError, NoWay
+from bcapscope.proxy.spec import parse_listeners
+from bcapscope.traffic.observation import Endpoint
+from tests.proxy.relaying import datagrams, listening, port_of
+
+
+def opened(listen: str, to: str = "127.0.0.1:5007", transport: str = "both") -> tuple[Endpoint, int]:
+    """Open ports, let go of them, and return where and how many they were."""
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER + 4096))))
+    (listener,) = parse_listeners([listen], [to], transport)
+    address, ports = open_ports(relay, listener)
+    relay.listen(ports)
+    relay.close()
+    return address, len(ports)
+
+
+def test_a_free_port_is_free_on_both() -> None:
+    address, count = opened("127.0.0.1:0")
+    assert address.port
+    assert count == 2
+
+
+def test_ipv6() -> None:
+    if not socket.has_ipv6:
+        pytest.skip("there is no IPv6 here")
+    address, count = opened("[::1]:0", "[::1]:5007")
+    assert address.host == "::1"
+    assert count == 2
+
+
+def test_a_port_of_somebody_else_is_refused_and_nothing_stays_open() -> None:
+    with datagrams() as taken:
+        port = port_of(taken)
+        with pytest.raises(ListenError, match=f"127.0.0.1 UDP port {port}: address already in use"):
+            opened(f"127.0.0.1:{port}")
+        assert opened(f"127.0.0.1:{port}", transport="tcp")[1] == 1
+    with listening() as door, pytest.raises(ListenError, match="TCP port"):
+        opened(f"127.0.0.1:{port_of(door)}")
+
+
+def test_two_proxies_cannot_share_a_port() -> None:
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER + 4096))))
+    (listener,) = parse_listeners(["127.0.0.1:0"], ["127.0.0.1:5007"])
+    address, ports = open_ports(relay, listener)
+    relay.listen(ports)
+    for transport in ("udp", "tcp"):
+        with pytest.raises(ListenError):
+            opened(f"127.0.0.1:{address.port}", transport=transport)
+    relay.close()
+
+
+def test_a_controller_without_address() -> None:
+    with pytest.raises(NoWay, match=r"no way to no\.such\.host\.invalid:5007"):
+        opened("127.0.0.1:0", "no.such.host.invalid:5007")
