@@ -82,7 +82,7 @@ class FindingPage(Lines):
             self.go_to(here)
 
     def _finding(self, number: int, cause: Cause, indent: int) -> Iterator[str]:
-        width = max(_NARROWEST, min(self.size.width - indent - 3, _WIDEST))
+        width = max(_NARROWEST, min(self.size.width - indent - 4, _WIDEST))
         shade = INK.bad if cause.severity == Severity.ERROR else INK.name
         follows = (
             f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
