@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable, Sequence
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 CLOSING_LIMIT = 10.0
 """Seconds that all that is to be let go of may take; then the screen closes anyway."""
+
+LOOK_EACH = 1.0
+"""Seconds from one look at the terminal to the next."""
 
 _GARBAGE = (20_000, 50, 1000)
 """How rarely to look for cycles: a look at everything takes 50 ms, in which no key is answered."""
@@ -133,6 +137,16 @@ class Scope(App[None]):
         loop = asyncio.get_running_loop()
         for number in (signal.SIGHUP, signal.SIGTERM):
             loop.add_signal_handler(number, self._asked_to_end)
+        if not self.is_headless and os.isatty(sys.stdin.fileno()):
+            self.set_interval(LOOK_EACH, self._look_for_terminal)
+
+    def _look_for_terminal(self) -> None:
+        """Close in order when the terminal is gone: SIGHUP comes only to those whose own it was.
+
+        Textual would go on reading the end of its input as fast as it can.
+        """
+        if not os.isatty(sys.stdin.fileno()):
+            self._asked_to_end()
 
     def _asked_to_end(self) -> None:
         self.run_worker(self.action_quit(), exclusive=False)

@@ -1,11 +1,14 @@
-"""HALT as the terminal's input has it: seen in the thread that reads the keys, before the event loop.
+"""What Textual's way to the terminal has to do besides: HALT, and outlasting the terminal.
 
-The screen's event loop may be busy or stuck; the key must do its work all the same.
+HALT is seen in the thread that reads the keys, before the event loop, which may be busy or stuck, and does
+its work all the same.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from typing import IO, Any
 
 from textual.driver import Driver
 from textual.events import Key
@@ -24,9 +27,36 @@ def halting(driver: type[Driver], halt: Callable[[], None]) -> type[Driver]:
     """
 
     class Halting(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            if hasattr(self, "_file"):
+                self._file = _Lasting(self._file)
+
         def process_message(self, message: Message) -> None:
             if isinstance(message, Key) and message.key in HALT_KEYS:
                 halt()
             super().process_message(message)
 
     return Halting
+
+
+class _Lasting:
+    """A terminal to write to that takes what is written when it is gone.
+
+    Else the thread that writes ends with an error, and whoever waits for it, the end of the program among
+    them, waits for ever.
+    """
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+
+    def write(self, text: str) -> None:
+        with suppress(OSError):
+            self._file.write(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._file.flush()
+
+    def fileno(self) -> int:
+        return self._file.fileno()

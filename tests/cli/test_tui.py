@@ -1,0 +1,48 @@
+"""``bcapscope tui`` in a terminal of its own that goes away."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.run import CAPTURES
+
+pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
+
+LIMIT = 40.0
+
+
+@pytest.mark.parametrize("leads", [True, False], ids=["its own terminal", "somebody else's terminal"])
+def test_it_ends_when_the_terminal_is_closed(leads: bool, tmp_path: Path) -> None:
+    # The leader of the terminal's session is sent SIGHUP; nobody tells the others.
+    near, far = pty.openpty()
+    argv = [sys.executable, "-m", "bcapscope", "tui", str(CAPTURES / "slave-session.pcapng")]
+    if leads:
+        argv = [sys.executable, "-c", f"import os, pty; os.login_tty({far}); os.execv({argv[0]!r}, {argv!r})"]
+    env = {**os.environ, "TERM": "xterm-256color", "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    with subprocess.Popen(
+        argv, stdin=far, stdout=far, stderr=far, pass_fds=[far], env=env, start_new_session=True
+    ) as process:
+        os.close(far)
+        try:
+            _read_until(near, b"Service_Start")
+            os.close(near)
+            assert process.wait(LIMIT) == 0
+        finally:
+            process.kill()
+    left = [path for path in tmp_path.rglob("*") if "traffic-" in path.name]
+    assert left == []
+
+
+def _read_until(descriptor: int, wanted: bytes) -> None:
+    seen, end = b"", time.monotonic() + LIMIT
+    while wanted not in seen:
+        ready, _, _ = select.select([descriptor], [], [], max(0, end - time.monotonic()))
+        assert ready, seen[-2000:]
+        seen += os.read(descriptor, 65536)
