@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,6 +25,7 @@ from bcapscope.tui.app import scope_of
 from bcapscope.tui.screens import following
 from bcapscope.tui.screens.place import Place
 from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.settings import remembered
 from bcapscope.tui.traffic.feed import Feed
 from bcapscope.tui.traffic.report import Matches, Progress, Verdict
 from bcapscope.tui.widgets.calllist import CallList
@@ -88,6 +90,7 @@ class TrafficScreen(Place):
         Binding("m", "mark", "traffic.mark", id="traffic.mark", tooltip="traffic.mark.tip"),
         Binding("e", "note", "traffic.note", id="traffic.note", tooltip="traffic.note.tip"),
         Binding("s", "save", "traffic.save", id="traffic.save", tooltip="traffic.save.tip"),
+        Binding("o", "open", "traffic.open", id="traffic.open", show=False, tooltip="traffic.open.tip"),
         Binding("t", "clock", "traffic.clock", id="traffic.clock", show=False, tooltip="traffic.clock.tip"),
         Binding("ctrl+g", "goto", "traffic.goto", id="traffic.goto", show=False, tooltip="traffic.goto.tip"),
         Binding(
@@ -106,13 +109,17 @@ class TrafficScreen(Place):
     def __init__(self, feed: Feed, title: str) -> None:
         """Take what is read, and its name for people."""
         super().__init__()
-        self._feed = feed
-        self._title = title
         self._view = "frames"
         self._clock = Clock.RELATIVE
+        self._generation = 0
+        self._take(feed, title)
+
+    def _take(self, feed: Feed, title: str) -> None:
+        """Begin with a feed of which nothing is known yet."""
+        self._feed = feed
+        self._title = title
         self._verdict = Verdict((), "", [], [])
         self._expressions = dict.fromkeys(_KINDS, "")
-        self._generation = 0
         self._searched = 0
         self._proofs: list[int] = []
         self._trouble_told = False
@@ -143,6 +150,14 @@ class TrafficScreen(Place):
         scope_of(self).at_close(self._close)
         for target in (self.frames, self.calls):
             self.watch(target, "cursor", self._cursor_moved, init=False)
+        self._listen()
+
+    def _listen(self) -> None:
+        path = self._feed.job.path
+        if path and not self._feed.job.follow:
+            settings = scope_of(self).settings
+            settings.captures = remembered(str(Path(path).absolute()), settings.captures)
+            scope_of(self).keep()
         self._feed.attach(self._hear)
         self._show_state()
 
@@ -156,8 +171,9 @@ class TrafficScreen(Place):
             return self._view in _KINDS
         if action == "proof":
             return bool(self._proofs)
-        if action == "stop":
-            return self._feed.is_live and not self._feed.progress.ended
+        going_on = self._feed.is_live and not self._feed.progress.ended
+        if action in ("stop", "open"):
+            return going_on == (action == "stop")
         return True
 
     async def _close(self) -> None:
@@ -586,6 +602,38 @@ class TrafficScreen(Place):
             self.app.call_from_thread(tell, text, "error")
         else:
             self.app.call_from_thread(tell, say("traffic.saved", path=shown))
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Offer the captures that were opened lately."""
+        if self.check_action("open", ()):
+            for number, path in enumerate(scope_of(self).settings.captures):
+                name = say("traffic.open.recent", path=printable(path))
+                yield name, say("traffic.open.tip"), f"open_recent({number})"
+
+    def action_open_recent(self, number: int) -> None:
+        """Show a capture that was opened lately instead."""
+        self._open(scope_of(self).settings.captures[number])
+
+    @work
+    async def action_open(self) -> None:
+        """Ask for another capture and show it instead."""
+        known = scope_of(self).settings.captures
+        folder = f"{Path(known[0]).parent}/" if known else ""
+        path = await self.app.push_screen_wait(Prompt(say("traffic.open"), say("traffic.open.hint"), folder))
+        if path:
+            self._open(str(Path(path).expanduser()))
+
+    def _open(self, path: str) -> None:
+        if not Path(path).is_file():
+            scope_of(self).tell(say("traffic.open.none", path=printable(path)), "warning")
+            return
+        self._feed.close()
+        for target in (self.frames, self.calls):
+            target.forget()
+        self._judged(Verdict((), "", [], []))
+        self._take(Feed(path=path, ports=self._feed.job.ports), Path(path).name)
+        self.action_view("frames")
+        self._listen()
 
     def action_stop(self) -> None:
         """Capture no more."""

@@ -53,6 +53,11 @@ class CallList(Lines):
         self._calls = calls
         self._live = live
 
+    def forget(self) -> None:
+        """Show nothing, until those of another journal are opened."""
+        self.rows, self._calls = Rows(), None
+        self.show_rows()
+
     def look(self, clock: Clock, with_client: bool, first: int) -> None:
         """Choose how the time is told, relative ones since `first`, and whether lines name the client."""
         if (clock, with_client, first) == (self._clock, self._with_client, self._first):

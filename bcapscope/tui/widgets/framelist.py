@@ -87,6 +87,12 @@ class FrameList(Lines):
         self._journal = journal
         self._live = live
 
+    def forget(self) -> None:
+        """Show nothing, until another journal is opened."""
+        self.rows, self.marks, self.related, self.proofs = Rows(), {}, (), ()
+        self._journal, self._timed = None, False
+        self.changed()
+
     def look(self, clock: Clock, with_client: bool) -> None:
         """Choose how the time is told and whether each line names the client."""
         if (clock, with_client) == (self._clock, self._with_client):

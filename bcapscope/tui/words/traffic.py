@@ -79,6 +79,11 @@ WORDS: dict[str, tuple[str, str]] = {
         "{path} をすべて保存できませんでした: {reason}",
     ),
     "traffic.nothing_to_save": ("There are no packets to save.", "保存するパケットがありません。"),
+    "traffic.open": ("Open a capture", "キャプチャを開く"),
+    "traffic.open.tip": ("Show another capture instead of this one", "別のキャプチャに切り替えます"),
+    "traffic.open.hint": ("name of a pcap or pcapng file", "pcap または pcapng のファイル名"),
+    "traffic.open.recent": ("Open {path}", "{path} を開く"),
+    "traffic.open.none": ("{path}: no such file", "{path}: ファイルがありません"),
     "traffic.clock": ("Time", "時刻"),
     "traffic.clock.tip": (
         "Tell the time in another way: since the start, since the line before, in UTC",

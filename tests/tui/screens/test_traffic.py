@@ -16,6 +16,7 @@ from bcapscope.capture.packetfile import PacketWriter
 from bcapscope.capture.recording import Recording
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.tui.settings import load
 from bcapscope.tui.words import Language, speak
 from tests.cli.run import CAPTURES, run
 from tests.render.scenes import HOSTILE
@@ -166,6 +167,32 @@ def test_marks_and_notes_are_saved_in_a_new_file(tmp_path: Path) -> None:
         comments = [packet[4] for packet in capture]
     assert comments[1][-1:] == ("marked",)
     assert comments[2][-1:] == ("look [/here]",)
+
+
+def test_another_capture_is_opened_and_remembered(tmp_path: Path) -> None:
+    with shown(STORY, settings=tmp_path / "screen.yaml") as (app, feed):
+
+        async def act(pilot: Pilot[None]) -> None:
+            await read(pilot, feed)
+            here = screen(pilot)
+            await pilot.press("m", "slash", *"frame > 2", "enter", "o")
+            await pilot.pause()
+            field = app.screen.query_one("#prompt-input", Input)
+            assert field.value == f"{CAPTURES}/"
+            field.value = str(tmp_path / "none.pcap")
+            await pilot.press("enter")
+            await until(pilot, lambda: "no such file" in note(pilot))
+            here._open(str(SESSION))
+            await until(pilot, lambda: here.frames.count == 518)
+            assert here.frames.marks == {}
+            assert "slave-session.pcapng" in here._states()[0]
+            names = [name for name, _, _ in here.commands()]
+            assert names == [f"Open {SESSION}", f"Open {STORY}"]
+            await app.run_action("open_recent(1)", here)
+            await until(pilot, lambda: here.frames.count == 6)
+
+        drive(app, act)
+    assert load(tmp_path / "screen.yaml")[0].captures == [str(STORY), str(SESSION)]
 
 
 def test_bytes_and_fields_light_each_other() -> None:
