@@ -29,6 +29,9 @@ _SWEEP_EVERY = 20
 MOST_CLIENTS = 256
 """Clients of all listeners. The official server takes 20 (orin_bcap C/src/bcap_server.c)."""
 
+GIVE_WAY_AFTER = 10_000_000_000
+"""ns of silence after which a UDP client makes room for a new one, as in that server."""
+
 
 class Session(Protocol):
     """One client's way to its controller.
@@ -169,8 +172,15 @@ class Relay:
             self._poller.unregister(descriptor)
 
     def has_room(self) -> bool:
-        """Tell whether there may be another client."""
-        return len(self.sessions) < MOST_CLIENTS
+        """Tell whether there may be another client; one of UDP that is silent makes room."""
+        if len(self.sessions) < MOST_CLIENTS:
+            return True
+        on_udp = (each for each in self.sessions.values() if each.conversation.transport is Transport.UDP)
+        silent = min(on_udp, key=lambda each: each.heard, default=None)
+        if silent is None or time.time_ns() - silent.heard < GIVE_WAY_AFTER:
+            return False
+        silent.close(False, "silent, and there are too many clients")
+        return True
 
     def meet(self, session: Session, ends: Sequence[Endpoint]) -> None:
         """Take in a new client.

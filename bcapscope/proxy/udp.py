@@ -32,10 +32,6 @@ FORGET_AFTER = 600_000_000_000
 """ns of silence after which a client is forgotten. It would then be another client to the controller, so this
 is long; its socket costs nothing."""
 
-GIVE_WAY_AFTER = 10_000_000_000
-"""ns of silence after which a client makes room for a new one when there are too many, as in the official
-server (orin_bcap C/src/bcap_server.c)."""
-
 _MOST_OLD = 10_000
 _TRIES = 2
 _PATIENCE = 0.3
@@ -157,7 +153,7 @@ class UdpPort:
                 self._strangers.add(address[0])
                 relay.tell(f"{endpoint_of(address)} is not allowed; its datagrams are dropped")
             return None
-        if not relay.has_room() and not self._make_room():
+        if not relay.has_room():
             relay.counts[Count.DENIED] += 1
             return None
         try:
@@ -167,13 +163,6 @@ class UdpPort:
             return None
         session = self._sessions[address] = UdpSession(self, address, upstream)
         return session
-
-    def _make_room(self) -> bool:
-        silent = min(self._sessions.values(), key=lambda each: each.heard, default=None)
-        if silent is None or time.time_ns() - silent.heard < GIVE_WAY_AFTER:
-            return False
-        silent.close(False, "silent, and there are too many clients")
-        return True
 
     def _count_drops(self) -> None:
         dropped = drops(self.sender)

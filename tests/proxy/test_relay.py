@@ -14,7 +14,7 @@ from bcapscope.proxy.ring import Count, Kind
 from bcapscope.traffic.observation import Conversation, Direction
 from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, port_of, running
 
-UP, DOWN = Direction.REQUEST, Direction.RESPONSE
+DOWN = Direction.RESPONSE
 
 
 class Say:
@@ -97,16 +97,18 @@ def test_drop_answer_and_pass() -> None:
 
 
 def test_what_is_held_goes_out_when_it_is_due() -> None:
-    policy = Say(lambda client, direction, data: Decision("held", ()))
+    def decide(client: int, direction: Direction, data: bytes) -> Decision:
+        policy.hold(Send(client, direction, b"second"), 60)
+        policy.hold(Send(client, direction, b"first"), 30)
+        return Decision("held", ())
+
+    policy = Say(decide)
     with (
         datagrams() as server,
         running(port_of(server), "udp", policy=policy) as proxy,
         datagrams(to=proxy.address) as client,
     ):
         client.send(b"later")
-        eventually(lambda: policy.now)
-        policy.hold(Send(1, UP, b"second"), 60)
-        policy.hold(Send(1, UP, b"first"), 30)
         assert server.recv(100) == b"first"
         assert server.recv(100) == b"second"
         eventually(lambda: len(proxy.of(Kind.DATA)) == 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 
 from bcapscope.proxy import udp
+from bcapscope.proxy.relay import GIVE_WAY_AFTER
 from bcapscope.proxy.ring import Count, Kind
 from bcapscope.proxy.sockets import facing, listen_on
 from bcapscope.traffic.observation import Endpoint, Transport
@@ -108,7 +109,7 @@ def test_one_client_too_many_waits_until_one_is_silent() -> None:
             late.send(b"too many")
             eventually(lambda: proxy.relay.counts[Count.DENIED] == 1)
             silent = next(iter(proxy.relay.sessions.values()))
-            silent.heard -= udp.GIVE_WAY_AFTER
+            silent.heard -= GIVE_WAY_AFTER
             late.send(b"room now")
             assert server.recv(100) == b"room now"
         for client in clients:
