@@ -89,7 +89,7 @@ class Scope(App[None]):
             settings_path: where settings are kept; in the platform's place unless given.
             language: of the labels, instead of what the settings or the environment say.
         """
-        self._halts: list[Callable[[], None]] = []  # before the driver that uses it is made
+        self._halts: list[Callable[[], bool]] = []  # before the driver that uses it is made
         super().__init__()
         self.spots = tuple(spots)
         self._settings_path = settings_path or default_path()
@@ -163,19 +163,21 @@ class Scope(App[None]):
         """Offer HALT only where there is something to halt."""
         return bool(self._halts) if action == "halt" else True
 
-    def at_halt(self, halt: Callable[[], None]) -> None:
-        """Have something stopped by HALT; `halt` is called in any thread, returns at once, must not raise."""
+    def at_halt(self, halt: Callable[[], bool]) -> None:
+        """Have something stopped by HALT.
+
+        Args:
+            halt: called in any thread; returns at once whether there was something to stop; must not raise.
+        """
         self._halts.append(halt)
 
-    def halt(self) -> None:
-        """Stop everything that moves. From any thread."""
-        for each in tuple(self._halts):
-            each()
+    def halt(self) -> bool:
+        """Stop everything that moves; return whether there was something. From any thread."""
+        return any([each() for each in tuple(self._halts)])
 
     def action_halt(self) -> None:
         """Stop everything that moves, and say so: the driver has done it, if it reads the keys."""
-        self.halt()
-        self.tell(say("shell.halted" if self._halts else "shell.halt.nothing"), "warning")
+        self.tell(say("shell.halted" if self.halt() else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
         """Let go of everything, then close."""

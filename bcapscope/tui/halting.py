@@ -18,7 +18,7 @@ HALT_KEYS = ("f12", "ctrl+backslash")
 """Keys that stop the robot, from every screen."""
 
 
-def halting(driver: type[Driver], halt: Callable[[], None]) -> type[Driver]:
+def halting(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
     """Make a driver that calls `halt` as soon as one of the keys is read.
 
     Args:

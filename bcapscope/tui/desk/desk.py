@@ -62,7 +62,6 @@ class Desk:
         arming: armed or not.
         audit: where everything that was sent is written down.
         status: what the screen shows; replaced whole, so that any thread may read it.
-        tap: sees every packet, for whoever wants to analyse them; None where nobody does.
         session: the one in use; None while there is no connection.
         resting: nothing is read that nobody asked for, as it might end the slave mode of another client.
     """
@@ -78,7 +77,6 @@ class Desk:
         self.audit = Audit(audit_folder, lambda text: tell(Trouble(text)))
         self.arming = Arming()
         self.status = Status()
-        self.tap: Callable[[Observation], None] | None = None
         self.session: Session | None = None
         self.resting = False
         self._reach: Reach | None = None
@@ -284,14 +282,15 @@ class Desk:
 
     # HALT.
 
-    def halt(self) -> None:
-        """Stop the robot. From any thread, at any time; returns at once."""
+    def halt(self) -> bool:
+        """Stop the robot; return whether there is a connection. From any thread, at any time, at once."""
         self.arming.disarm()
         line = self._line
         if line is not None:
             line.press()
         with suppress(RuntimeError):  # our loop has ended
             self._loop.call_soon_threadsafe(self._halt_here)
+        return line is not None or self.session is not None
 
     def _halt_here(self) -> None:
         if self.session is not None and self.status.robot is not None:
@@ -316,13 +315,9 @@ class Desk:
     def _observe(self, seen: Observation) -> None:
         self.audit.take(seen, WHO.get())
         self._recorder.observe(seen)
-        if self.tap is not None:
-            self.tap(seen)
 
     def _observe_halt(self, seen: Observation) -> None:
         self.audit.take(seen, Who.SCREEN)
-        if self.tap is not None:
-            self.tap(seen)
 
     def _take(self, record: Record) -> None:
         """Learn from a call that has ended, and hand its record on."""

@@ -47,11 +47,12 @@ class Stage:
         if self._player is not None:
             self._player.stop()
 
-    def halt(self) -> None:
-        """Stop the robot at once. From any thread; returns at once."""
+    def halt(self) -> bool:
+        """Stop the robot at once; return whether a player is at work. From any thread; returns at once."""
         player = self._player
         if player is not None:
             player.halt()
+        return player is not None
 
     async def end(self) -> None:
         """Stop the player if it is at work, in order, and wait until it is gone."""

@@ -112,7 +112,7 @@ class Tester(Place):
 
     NAME = "tester.name.screen"
     ABOUT = "tester.about"
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (130, "-wide")]  # noqa: RUF012 - as Textual has it
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual has it
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
         Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
