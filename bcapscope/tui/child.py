@@ -96,8 +96,18 @@ class Child:
                 tell = self._tell
             if tell is not None:
                 tell(text)
+        self._process.wait()
         if self._wanted:
-            self._over(self.last_words)
+            self._over(self._reason())
+
+    def _reason(self) -> str:
+        """Return why it ended by itself, as far as it could say; "" where it was killed."""
+        return "" if self._process.returncode < 0 else self.last_words
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
 
     @property
     def last_words(self) -> str:
@@ -114,10 +124,10 @@ class Child:
             tell(text)
 
     def at_end(self, over: Callable[[str], None]) -> None:
-        """Have its last words told when it ends by itself; in another thread, or now if it has ended."""
+        """Have told why it ended by itself, "" if killed; in another thread, or now if it has ended."""
         self._over = over
         if self._process.poll() is not None and self._wanted:
-            over(self.last_words)
+            over(self._reason())
 
     def end(self) -> list[str]:
         """End it in order; return what it said meanwhile."""

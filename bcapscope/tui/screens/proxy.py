@@ -25,7 +25,7 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.child import Child
-from bcapscope.tui.ink import inked
+from bcapscope.tui.ink import INK, inked
 from bcapscope.tui.proxy.editing import edited, proposal
 from bcapscope.tui.proxy.lists import ClientList, HeldList, RuleList, Told
 from bcapscope.tui.proxy.standing import Client, Held, Rule, Standing, figures_of, list_of
@@ -77,7 +77,7 @@ class ProxyScreen(Place):
         ),
         Binding("space", "switch", "proxy.switch", id="proxy.switch", tooltip="proxy.switch.tip"),
         Binding("a", "add", "proxy.add", id="proxy.add", tooltip="proxy.add.tip"),
-        Binding("d,delete", "remove", "proxy.remove", id="proxy.remove", tooltip="proxy.remove.tip"),
+        Binding("d", "remove", "proxy.remove", id="proxy.remove", tooltip="proxy.remove.tip"),
         Binding("f", "forward", "proxy.forward", id="proxy.forward", tooltip="proxy.forward.tip"),
         Binding("e", "edit", "proxy.edit", id="proxy.edit", tooltip="proxy.edit.tip"),
         Binding("b", "bytes", "proxy.bytes", id="proxy.bytes", tooltip="proxy.bytes.tip"),
@@ -104,6 +104,8 @@ class ProxyScreen(Place):
         self._view = "clients"
         self._standing: Standing | None = None
         self._trouble = ""
+        self._is_over = False
+        self._lines: list[str] = []
         self._shown: int | None = None
 
     def content(self) -> ComposeResult:
@@ -157,7 +159,8 @@ class ProxyScreen(Place):
     @work(thread=True, group="poll", exclusive=True)
     def _poll(self) -> None:
         """Ask how the proxy stands."""
-        self.post_message(self._ask_all())
+        if not self._is_over:
+            self.post_message(self._ask_all())
 
     def _ask_all(self) -> Stands:
         """Ask; in a thread, as it may wait."""
@@ -196,6 +199,8 @@ class ProxyScreen(Place):
     def on_stands(self, message: Stands) -> None:
         """Show how the proxy stands."""
         message.stop()
+        if self._is_over:
+            return
         if message.standing is None:
             if not self._trouble:
                 text = say("proxy.gone", reason=printable(message.trouble))
@@ -214,6 +219,7 @@ class ProxyScreen(Place):
         message.stop()
         if message.is_end:
             reason = printable(message.text) or say("proxy.no_words")
+            self._is_over = True
             self._trouble = say("proxy.ended", reason=reason)
             scope_of(self).tell(self._trouble, "error")
         else:
@@ -252,7 +258,7 @@ class ProxyScreen(Place):
         counts = {"told": f"{told.count or ''}"}
         lines = [] if standing is None else summary(standing.figures)
         if self._trouble:
-            lines.append(f"\x04 {printable(self._trouble)}\x0e")
+            lines.append(f"{INK.problem} {printable(self._trouble)}{INK.reset}")
         if standing is not None:
             counts |= {
                 "clients": f"{len(standing.clients) or ''}",
@@ -260,7 +266,9 @@ class ProxyScreen(Place):
                 "held": f"{len(standing.held) or ''}",
             }
             self.query_one("#intercepts", Static).update(inked(intercepts(standing.figures), app.inks))
-        self.query_one("#summary", Static).update(inked("\n".join(lines), app.inks))
+        if lines != self._lines:  # its height may be another, which is to lay out the screen anew
+            self._lines = lines
+            self.query_one("#summary", Static).update(inked("\n".join(lines), app.inks))
         self.query_one(ViewBar).show(self._view, counts, ())
         self._show_message()
         self.refresh_bindings()
