@@ -32,8 +32,7 @@ def places(text: str) -> set[str]:
 @pytest.mark.parametrize("key", sorted(CATALOGUE))
 def test_both_languages_say_the_same(key: str) -> None:
     english, japanese = CATALOGUE[key]
-    assert english
-    assert japanese
+    assert bool(english) == bool(japanese)
     assert places(english) == places(japanese)
 
 
