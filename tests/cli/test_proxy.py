@@ -25,7 +25,7 @@ from bcapscope.traffic.observation import Observation
 from tests.cli.proxying import PATIENCE, Process, proxy, recording, simulator, talk
 from tests.cli.run import run
 
-POINTS = int(os.environ.get("BCAPSCOPE_POINTS", "150"))
+POINTS = int(os.environ.get("BCAPSCOPE_POINTS", "60"))
 """Set points of each session; 2000 take a minute."""
 
 CONVENTIONS = (Convention.SEED, Convention.OWN, Convention.CHAIN, Convention.TCP0, Convention.TCP1)
@@ -119,7 +119,7 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
     to, _ = controller
     path = tmp_path / "killed.pcapng"
     with proxy(to, "-q", *recording(path)) as process:
-        count, _ = flood(process.port, 0.7)
+        count, _ = flood(process.port, 0.3)
         _, last = flood(process.port, 1.0)
         watcher = watcher_of(process)
         victims = {"relay": [process.popen.pid], "watcher": [watcher], "both": [watcher, process.popen.pid]}
@@ -231,8 +231,8 @@ HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
 @pytest.mark.parametrize(
     ("words", "code", "sentence"),
     [
+        (["--listen", "127.0.0.1:0", "--ring", "x"], 2, "a ring is written as"),
         (["--listen", "127.0.0.1:0"], 2, "each --listen needs its --to"),
-        (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--ring", "x"], 2, "a ring is written as"),
         (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "-f", "nonsense =="], 2, "nonsense"),
         (["--listen", "127.0.0.1:0", "--to", "no.such.host.invalid:1"], 9, "there is no way to no.such"),
         (["--listen", "203.0.113.7:0", "--to", "127.0.0.1:1"], 4, "cannot listen on 203.0.113.7"),
