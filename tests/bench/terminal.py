@@ -122,9 +122,12 @@ class Terminal:
         """
         found: dict[str, float] = {}
         for each in (self._process.pid, *_children(self._process.pid)):
-            words = Path(f"/proc/{each}/cmdline").read_bytes().decode().split("\0")
+            try:
+                words = Path(f"/proc/{each}/cmdline").read_bytes().decode().split("\0")
+                text = Path(f"/proc/{each}/smaps_rollup").read_text()
+            except (FileNotFoundError, ProcessLookupError):
+                continue  # it has ended
             name = words[words.index("-m") + 1] if "-m" in words else words[0]
-            text = Path(f"/proc/{each}/smaps_rollup").read_text()
             kilobytes = int(text.split("\nPss:")[1].split()[0])
             found[name] = found.get(name, 0) + kilobytes * 1024 / 1e6
         return found
