@@ -206,6 +206,10 @@ class Scope(App[None]):
         kind = severity if severity in ("warning", "error") else "information"
         self.notify(text, severity=kind, markup=False)  # type: ignore[arg-type]  # it is one of the three
 
+    def action_help_quit(self) -> None:
+        """Tell whoever presses Ctrl-C, which is a key like others here, how to end."""
+        self.tell(say("shell.quit.hint"))
+
     def action_next_theme(self) -> None:
         """Go on to the next theme."""
         names = [theme.name for theme in THEMES]

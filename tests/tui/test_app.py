@@ -97,6 +97,16 @@ def test_the_footer_shows_what_there_is_room_for_and_always_help() -> None:
     drive(made := app(), act, (40, 16))
 
 
+def test_ctrl_c_tells_how_to_end() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("ctrl+c")
+        (note,) = made._notifications
+        assert note.message == "Ctrl-Q ends"
+
+    spots = (Spot("there", "f3", "shell.keys", _There),)
+    drive(made := make(*spots), act)
+
+
 def test_japanese_labels() -> None:
     async def act(pilot: Pilot[None]) -> None:
         assert "ヘルプ" in shown(made)

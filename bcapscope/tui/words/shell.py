@@ -13,6 +13,7 @@ WORDS: dict[str, tuple[str, str]] = {
     ),
     "shell.halted": ("HALT was sent", "HALT を送信しました"),
     "shell.halt.nothing": ("There is nothing connected to halt", "停止する接続先がありません"),
+    "shell.quit.hint": ("Ctrl-Q ends", "Ctrl-Q で終了します"),
     "shell.help": ("Help", "ヘルプ"),
     "shell.help.tip": ("What this screen is and all of its keys", "この画面の説明とキー一覧"),
     "shell.palette": ("Commands", "コマンド"),
