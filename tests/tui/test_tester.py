@@ -17,6 +17,7 @@ from bcapscope.protocol.variant import VT, Variant
 from bcapscope.tui.desk.builtin import JOINTS, builtin_simulator
 from bcapscope.tui.desk.halt import HaltState
 from bcapscope.tui.desk.record import Ending
+from bcapscope.tui.desk.recovery import Step
 from bcapscope.tui.halting import halting
 from bcapscope.tui.ink import plain
 from bcapscope.tui.screens.slave import SlaveScreen
@@ -257,6 +258,33 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
         await finish(pilot)
 
     drive(make_tester(tmp_path), act)
+
+
+def test_the_way_out_of_an_error(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = await connected(pilot)
+        await pilot.press("ctrl+b")
+        await execute(pilot, "slvChangeMode", "2")
+        await answered(pilot, RESULT, "(EMPTY)")
+        await execute(pilot, "slvMove", "12.42, 60.36, 17.63, 35.81, 20.43, 23.95")
+        await answered(pilot, RESULT, "12.42")
+        for _ in range(2):  # the error is the answer to the next set point
+            await execute(pilot, "slvMove", "90, 60.36, 17.63, 35.81, 20.43, 23.95")
+            await until(
+                pilot, lambda: result(pilot, RESULT).endswith("ms") or "level" in result(pilot, RESULT)
+            )
+        await until(pilot, lambda: here.desk.status.slave_mode == 0)
+        await pilot.press("f7")
+        await until(pilot, lambda: "0x8420405" in sight(pilot))
+        for step in list(Step)[1:]:
+            button = pilot.app.screen.query_one(f"#do-{step}")
+            await until(pilot, lambda button=button: pilot.app.focused is button)  # type: ignore[misc]  # bound now
+            await pilot.press("enter")
+        await until(pilot, lambda: here.desk.status.slave_mode == 2)
+        await pilot.press("escape", "f12")
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act, (100, 40), LONG_LIMIT)
 
 
 def trajectory(folder: Path) -> Path:

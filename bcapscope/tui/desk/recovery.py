@@ -27,6 +27,8 @@ class Step(StrEnum):
     READ = "read"
     CLEAR = "clear"
     ROBSLAVE = "robslave"
+    MOTOR = "motor"
+    """Errors of level 4 and above switch it off."""
     FIRST = "first"
     MODE = "mode"
 
@@ -79,7 +81,9 @@ async def step(desk: Desk, which: Step, first: str, mode: int) -> Record:
     handle = handle_variant(robot)
     if which is Step.FIRST:
         return await desk.invoke("Robot_Move", handle, _PTP, Variant(VT.BSTR, first), Variant(VT.BSTR, ""))
-    values = (handle, Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, mode))
+    motor = which is Step.MOTOR
+    command, value = ("Motor", 1) if motor else ("slvChangeMode", mode)
+    values = (handle, Variant(VT.BSTR, command), Variant(VT.I4, value))
     return await desk.invoke("Robot_Execute", *values)
 
 

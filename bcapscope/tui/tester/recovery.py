@@ -45,7 +45,7 @@ class RecoveryDialog(ModalScreen[None]):
         with Vertical(classes="dialog") as box:
             box.border_title = say("tester.recovery")
             yield Static(id="errors", markup=False)
-            for each in (Step.CLEAR, Step.ROBSLAVE, Step.FIRST, Step.MODE):
+            for each in list(Step)[1:]:
                 with Horizontal(classes="row"):
                     yield Button(
                         say(f"tester.recovery.{each}"), compact=True, id=f"do-{each}", classes="step"

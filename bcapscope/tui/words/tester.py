@@ -185,8 +185,9 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.recovery.none": ("The controller shows no error", "コントローラにエラーはありません"),
     "tester.recovery.clear": ("1 ClearError", "1 エラー解除"),
     "tester.recovery.robslave": ("2 RobSlave", "2 RobSlave 起動"),
-    "tester.recovery.first": ("3 First position", "3 開始位置へ移動"),
-    "tester.recovery.mode": ("4 Slave mode", "4 スレーブモード"),
+    "tester.recovery.motor": ("3 Motor on", "3 モータ ON"),
+    "tester.recovery.first": ("4 First position", "4 開始位置へ移動"),
+    "tester.recovery.mode": ("5 Slave mode", "5 スレーブモード"),
     "tester.recovery.position": ("First position", "開始位置"),
     "tester.recovery.number": ("The mode is a number such as 0x002", "モードは 0x002 のような数値です"),
     # arming, HALT, what is always in sight
