@@ -29,8 +29,9 @@ def halting(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
     class Halting(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
-            if hasattr(self, "_file"):
-                self._file = _Lasting(self._file)
+            file: IO[str] | None = getattr(self, "_file", None)
+            if file is not None:
+                self._file = _Lasting(file)
 
         def process_message(self, message: Message) -> None:
             if isinstance(message, Key) and message.key in HALT_KEYS:
