@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -48,10 +49,11 @@ _KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 
 
 class Heard(Message):
-    """One of the processes told something."""
+    """One of the processes of a feed told something."""
 
-    def __init__(self, told: Progress | Verdict | Matches) -> None:
+    def __init__(self, feed: Feed, told: Progress | Verdict | Matches) -> None:
         super().__init__()
+        self.feed = feed
         self.told = told
 
 
@@ -158,12 +160,12 @@ class TrafficScreen(Place):
             settings = scope_of(self).settings
             settings.captures = remembered(str(Path(path).absolute()), settings.captures)
             scope_of(self).keep()
-        self._feed.attach(self._hear)
+        self._feed.attach(partial(self._hear, self._feed))
         self._show_state()
 
-    def _hear(self, told: Progress | Verdict | Matches) -> None:
+    def _hear(self, feed: Feed, told: Progress | Verdict | Matches) -> None:
         """Take what is told in another thread."""
-        self.post_message(Heard(told))
+        self.post_message(Heard(feed, told))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what has to do with a frame only where there is one, to stop only what goes on."""
@@ -177,6 +179,12 @@ class TrafficScreen(Place):
         return True
 
     async def _close(self) -> None:
+        self._let_go()
+
+    def _let_go(self) -> None:
+        """Close the feed; nothing that is shown or still to be heard needs it any more."""
+        for target in (self.frames, self.calls):
+            target.forget()
         self._feed.close()
 
     # what is told
@@ -185,6 +193,8 @@ class TrafficScreen(Place):
         """Take in what one of the processes told."""
         message.stop()
         told = message.told
+        if message.feed is not self._feed or message.feed.is_closed:
+            return
         if isinstance(told, Progress):
             self._progressed(told)
         elif isinstance(told, Verdict):
@@ -627,9 +637,7 @@ class TrafficScreen(Place):
         if not Path(path).is_file():
             scope_of(self).tell(say("traffic.open.none", path=printable(path)), "warning")
             return
-        self._feed.close()
-        for target in (self.frames, self.calls):
-            target.forget()
+        self._let_go()
         self._judged(Verdict((), "", [], []))
         self._take(Feed(path=path, ports=self._feed.job.ports), Path(path).name)
         self.action_view("frames")

@@ -64,6 +64,7 @@ class Feed:
         journal: what was seen; None until there is anything.
         calls: what settled; None until there is anything.
         progress: what was told last.
+        is_closed: nothing of it can be read any more.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class Feed:
         self.journal: Journal | None = None
         self.calls: Callbook | None = None
         self.progress = Progress()
+        self.is_closed = False
         self._folder = folder
         self._tell: Told | None = None
         self._waiting: list[Progress | Verdict | Matches] = []
@@ -204,6 +206,7 @@ class Feed:
 
     def close(self) -> None:
         """End all processes and remove the journal."""
+        self.is_closed = True
         self._tell = lambda message: None
         for process in (self._reader, self._searcher):
             if process is not None:
