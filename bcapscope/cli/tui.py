@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -144,9 +145,23 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
     from bcapscope.tui.app import Scope, Spot
     from bcapscope.tui.desk import audit, saved
     from bcapscope.tui.screens.tester import Start, Tester
+    from bcapscope.tui.screens.traffic import TrafficScreen
+    from bcapscope.tui.traffic.feed import Feed, new_folder
+    from bcapscope.tui.traffic.tap import Tap
 
-    start = Start(requests or saved.default_folder(), audit.default_folder(), *wanted)
-    Scope([Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))]).run()
+    folder = new_folder()
+    own = folder / "own.pcapng"
+    tap = Tap(own)
+    start = Start(requests or saved.default_folder(), audit.default_folder(), *wanted, tap.take)
+    tester = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
+    traffic = Spot(
+        "traffic", "f3", "traffic", lambda: TrafficScreen(Feed(path=str(own), follow=True), wanted.host)
+    )
+    try:
+        Scope([tester, traffic]).run()
+    finally:
+        tap.close()
+        shutil.rmtree(folder, ignore_errors=True)
     narrate(f"what was sent is written down in {start.audit}")
 
 

@@ -66,14 +66,21 @@ class Desk:
         resting: nothing is read that nobody asked for, as it might end the slave mode of another client.
     """
 
-    def __init__(self, tell: Callable[[News], None], audit_folder: Path) -> None:
+    def __init__(
+        self,
+        tell: Callable[[News], None],
+        audit_folder: Path,
+        tap: Callable[[Observation], None] = lambda seen: None,
+    ) -> None:
         """Begin without a connection.
 
         Args:
             tell: is told of everything that happens, in threads of the desk's.
             audit_folder: for the audit log.
+            tap: sees every packet, in the same threads; returns at once and never raises.
         """
         self.tell = tell
+        self._tap = tap
         self.audit = Audit(audit_folder, lambda text: tell(Trouble(text)))
         self.arming = Arming()
         self.status = Status()
@@ -314,10 +321,12 @@ class Desk:
 
     def _observe(self, seen: Observation) -> None:
         self.audit.take(seen, WHO.get())
+        self._tap(seen)
         self._recorder.observe(seen)
 
     def _observe_halt(self, seen: Observation) -> None:
         self.audit.take(seen, Who.SCREEN)
+        self._tap(seen)
 
     def _take(self, record: Record) -> None:
         """Learn from a call that has ended, and hand its record on."""

@@ -6,7 +6,7 @@ The widgets say what they want; here it is done, at the desk, and what comes bac
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -26,6 +26,7 @@ from bcapscope.protocol.poses import numbers
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.render.escape import printable
 from bcapscope.render.notation import bare_text
+from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.builtin import builtin_simulator
 from bcapscope.tui.desk.connecting import connect
@@ -88,6 +89,7 @@ class Start(NamedTuple):
         profile: of the built-in simulator.
         requests: folder of saved requests.
         audit: folder of the audit log.
+        tap: sees every packet, in another thread.
     """
 
     requests: Path
@@ -97,6 +99,7 @@ class Start(NamedTuple):
     tcp: bool = False
     option: str = ""
     profile: str = "rc7"
+    tap: Callable[[Observation], None] = lambda seen: None
 
 
 class DeskNews(Message):
@@ -127,7 +130,7 @@ class Tester(Place):
         """Take what to begin with."""
         super().__init__()
         self._start = start
-        self.desk = Desk(self._bring, start.audit)
+        self.desk = Desk(self._bring, start.audit, start.tap)
         self.watcher = Watcher(self.desk)
         self.clerk = Clerk(self.desk, self._arm)
         self.stage = Stage()
