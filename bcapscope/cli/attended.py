@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import click
 import orjson
 
+from bcapscope.cli.output import narrate
+
 attended_option = click.option(
     "--attended",
     is_flag=True,
@@ -18,6 +20,7 @@ attended_option = click.option(
 
 def announce(listening: Sequence[str], control: str = "") -> None:
     """Tell that these addresses are listened on now, and where it can be told what to do."""
+    narrate("")  # all before it was the greeting
     told = {"listening": list(listening), "control": control}
     sys.stdout.buffer.write(orjson.dumps(told) + b"\n")
     sys.stdout.buffer.flush()

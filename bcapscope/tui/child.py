@@ -54,6 +54,7 @@ class Child:
             ChildError: it does not.
         """
         self._said: deque[str] = deque(maxlen=_LINES)
+        self._greeted = threading.Event()
         self._count = 0
         self._lock = threading.Lock()
         self._tell: Callable[[str], None] | None = None
@@ -80,6 +81,7 @@ class Child:
         line = self._process.stdout.readline()
         patience.cancel()
         if line:
+            self._greeted.wait(ENDS_WITHIN)
             told: dict[str, Any] = orjson.loads(line)
             return told
         self.end()
@@ -90,6 +92,9 @@ class Child:
         assert self._process.stderr is not None
         for line in self._process.stderr:
             text = line.decode(errors="replace").rstrip()
+            if not text and not self._greeted.is_set():
+                self._greeted.set()
+                continue
             with self._lock:
                 self._said.append(text)
                 self._count += 1

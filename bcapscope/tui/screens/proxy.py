@@ -124,7 +124,7 @@ class ProxyScreen(Place):
         with Vertical(id="message"):
             yield Static(id="intercepts")
             yield PacketView(id="packet")
-            yield Input(placeholder=say("proxy.edit.hint"), id="change")
+            yield Input(placeholder=say("proxy.edit.hint"), id="change", select_on_focus=False)
             yield Static(id="change-error")
 
     def on_mount(self) -> None:
@@ -252,7 +252,11 @@ class ProxyScreen(Place):
     def _show_state(self) -> None:
         app, standing = scope_of(self), self._standing
         key, ink = ("proxy.not_here", "bad") if self._trouble else ("proxy.here", "good")
-        waiting = "" if standing is None or not standing.held else f" ⏸ {len(standing.held)}"
+        waiting = (
+            ""
+            if standing is None or not standing.held
+            else f" · {say('proxy.waiting', count=len(standing.held))}"
+        )
         app.status = Text(f"{say(key, way=printable(self.way))}{waiting} ", style=app.inks[ink])
         told = self.query_one(Told)
         counts = {"told": f"{told.count or ''}"}

@@ -87,6 +87,7 @@ WORDS: dict[str, tuple[str, str]] = {
         "This proxy records nothing, so its traffic is not shown; start it with --record",
         "このプロキシは記録していないため通信を表示できません。--record を付けて起動してください",
     ),
+    "proxy.waiting": ("held {count}", "保留 {count}"),
     "proxy.held.up": ("held up  ", "遅延 上り"),
     "proxy.held.down": ("held down", "遅延 下り"),
     "proxy.most": ("max", "最大"),

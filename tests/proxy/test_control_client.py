@@ -1,0 +1,65 @@
+"""Asking a proxy, and what may stand in its place."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import pytest
+
+from bcapscope.proxy.control import Desk
+from bcapscope.proxy.control_client import ControlClient, ControlRefused
+from bcapscope.proxy.control_socket import ControlError, ControlServer
+from tests.proxy.test_control_socket import Watcher
+from tests.proxy.test_rules import rules
+
+
+def test_one_connection_serves_all_questions() -> None:
+    with (
+        Watcher() as watcher,
+        closing(ControlServer("127.0.0.1:0", Desk(rules("drop")), watcher)) as server,
+        closing(ControlClient(server.address)) as client,
+    ):
+        assert [rule["name"] for rule in client.ask({"do": "rules"})["rules"]] == ["drop"]
+        with pytest.raises(ControlRefused, match="there is no fault 'x': drop") as refused:
+            client.ask({"do": "on", "name": "x"})
+        assert refused.value.answer["ok"] is False
+        assert client.ask({"do": "off", "name": "drop"})["ok"]
+
+
+def test_nobody_is_there() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    with closing(ControlClient(address)) as client, pytest.raises(ControlError, match="no proxy listens"):
+        client.ask({"do": "stats"})
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [(b"", "ended before it answered"), (b"SSH-2.0-x\n", "is no proxy"), (b'{"ok"', "ended before")],
+)
+def test_somebody_else_is_there(answer: bytes, reason: str) -> None:
+    with _answering(answer) as address, closing(ControlClient(address)) as client:
+        for _ in range(2):  # and it goes on: the proxy may come back
+            with pytest.raises(ControlError, match=reason):
+                client.ask({"do": "stats"})
+
+
+@contextmanager
+def _answering(answer: bytes) -> Iterator[str]:
+    """Listen twice, and answer whatever comes."""
+
+    def serve() -> None:
+        for _ in range(2):
+            connection, _address = server.accept()
+            with connection:
+                connection.recv(1000)
+                connection.sendall(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield f"127.0.0.1:{server.getsockname()[1]}"
+        thread.join(10)
