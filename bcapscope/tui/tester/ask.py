@@ -15,11 +15,19 @@ from textual.widgets import Button, Input, Static
 from bcapscope.tui.words import say
 
 
+_SIDEWAYS = (
+    Binding("left", "app.focus_previous", show=False),
+    Binding("right", "app.focus_next", show=False),
+)
+"""Answers stand side by side, and arrows are how people go from one to the other."""
+
+
 class ArmDialog(ModalScreen[bool]):
     """Asks whether to arm; says what would move. The answer that does nothing has the focus."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,n", "dismiss(False)", "tester.arm.no", key_display="esc"),
+        *_SIDEWAYS,
     ]
 
     def __init__(self, facts: list[str]) -> None:
@@ -51,6 +59,7 @@ class ChoiceDialog(ModalScreen[str | None]):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
+        *_SIDEWAYS,
     ]
 
     def __init__(self, facts: list[str], choices: Sequence[str]) -> None:
