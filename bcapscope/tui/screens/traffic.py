@@ -212,13 +212,18 @@ class TrafficScreen(Place):
             feed.journal.refresh()
             feed.calls.refresh()
             self._look()
-            self.frames.grown()
-            self.calls.grown()
+            self._grown()
             if self._unsettled is not None:
                 self._show_about(self._unsettled)
         if told.ended and told.trouble and not self._trouble_told:
             self._trouble_told = True
             scope_of(self).tell(say("traffic.trouble", reason=printable(told.trouble)), "warning")
+
+    def _grown(self) -> None:
+        """Show that there is more in the list that is seen; the other one is asked when it is shown."""
+        target = self._list
+        if isinstance(target, FrameList | CallList):
+            target.grown()
 
     def _judged(self, told: Verdict) -> None:
         self._verdict = told
@@ -362,6 +367,7 @@ class TrafficScreen(Place):
             with field.prevent(Input.Changed):
                 field.value = self._expressions[view]
             self._search()
+            self._grown()
             self._look()
             self._show_frame()
         self._list.focus()
