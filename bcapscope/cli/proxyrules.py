@@ -9,27 +9,21 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 from click.core import ParameterSource
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
-from bcapscope.faults.document import DocumentError, RuleFile, read_document
-from bcapscope.faults.fault import AnyFault
-from bcapscope.faults.notation import read_fault
-from bcapscope.faults.quantities import Condition, Duration
-from bcapscope.faults.shaper import Shaper
-from bcapscope.proxy.addons import Addons, ScriptError, load_addons
-from bcapscope.proxy.control import Desk
-from bcapscope.proxy.control_socket import ControlServer
-from bcapscope.proxy.guard import Guard, Target, read_target
-from bcapscope.proxy.intercept import PATIENCE, Intercept
-from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring import Count, Figure
-from bcapscope.proxy.rules import Rules
-from bcapscope.render.call import counted
+
+if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
+    from bcapscope.faults.fault import AnyFault
+    from bcapscope.faults.quantities import Condition, Duration
+    from bcapscope.proxy.control_socket import ControlServer
+    from bcapscope.proxy.guard import Guard, Target
+    from bcapscope.proxy.relay import Relay
+    from bcapscope.proxy.rules import Rules
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -43,7 +37,7 @@ class RuleWishes:
         seed: of all chance.
         guard: None for none.
         intercept: what is to be held; None for nothing.
-        patience: ns that a held message waits.
+        patience: ns that a held message waits; None for the usual.
         scripts: paths.
         control: address of the control socket; "" for none.
         typed: the options as they were typed, for another process; without that of the control socket.
@@ -53,7 +47,7 @@ class RuleWishes:
     seed: int
     guard: Guard | None
     intercept: Condition | None
-    patience: int
+    patience: int | None
     scripts: tuple[str, ...]
     control: str
     typed: tuple[str, ...]
@@ -65,6 +59,11 @@ class RuleWishes:
         """
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
+        from bcapscope.faults.shaper import Shaper
+        from bcapscope.proxy.addons import Addons, ScriptError, load_addons
+        from bcapscope.proxy.intercept import PATIENCE, Intercept
+        from bcapscope.proxy.rules import Rules
+
         now, since_1970 = time.monotonic_ns(), time.time_ns()
         try:
             addons = [addon for path in self.scripts for addon in load_addons(path)]
@@ -75,7 +74,7 @@ class RuleWishes:
         return Rules(
             Shaper(self.faults, seed=self.seed, now=now, epoch=epoch),
             self.guard,
-            Intercept(self.intercept, self.patience),
+            Intercept(self.intercept, self.patience or PATIENCE),
             Addons(addons),
             epoch=epoch,
         )
@@ -91,6 +90,10 @@ class RuleWishes:
         Raises:
             ControlError: there can be no such socket.
         """
+        from bcapscope.proxy.control import Desk
+        from bcapscope.proxy.control_socket import ControlServer
+        from bcapscope.proxy.ring import Count, Figure
+
         rules.tell = rules.addons.tell = relay.tell
         if not self.control:
             return None
@@ -110,13 +113,16 @@ class RuleWishes:
 
     def words(self) -> list[str]:
         """Tell what is set up, a line each."""
+        from bcapscope.proxy.intercept import PATIENCE
+        from bcapscope.render.call import counted
+
         lines = []
         if self.faults:
             lines.append(f"{counted(len(self.faults), 'fault')}, --seed {self.seed}")
         if self.guard is not None:
             lines.append("guard: what is not allowed is answered with E_ACCESSDENIED")
         if self.intercept is not None:
-            lines.append(f"intercept: held until sent on, {self.patience / 1e9:g} s at most")
+            lines.append(f"intercept: held until sent on, {(self.patience or PATIENCE) / 1e9:g} s at most")
         return lines
 
 
@@ -144,7 +150,7 @@ def _wishes(
     block: tuple[Target, ...],
     allow_command: tuple[Target, ...],
     intercept: Condition | None,
-    hold: Duration,
+    hold: Duration | None,
     scripts: tuple[str, ...],
     control: str | None,
     typed: tuple[str, ...],
@@ -154,14 +160,18 @@ def _wishes(
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise click.UsageError(f"two faults have the name {twice}")
-    guarded = read_only or block or allow_command
+    guard = None
+    if read_only or block or allow_command:
+        from bcapscope.proxy.guard import Guard
+
+        guard = Guard(read_only or bool(allow_command), block, allow_command)
     typed += ("--read-only",) if read_only else ()
     typed += ("--seed", f"{seed}") if seed is not None else ()
     typed += tuple(word for path in scripts for word in ("--script", path))
     return RuleWishes(
         faults=every,
         seed=random.randrange(1_000_000) if seed is None else seed,
-        guard=Guard(read_only or bool(allow_command), block, allow_command) if guarded else None,
+        guard=guard,
         intercept=intercept,
         patience=hold,
         scripts=scripts,
@@ -196,7 +206,33 @@ def _reader(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parame
     return convert
 
 
+def _fault(text: str) -> AnyFault:
+    from bcapscope.faults.notation import read_fault
+
+    return read_fault(text)
+
+
+def _condition(text: str) -> Condition:
+    from bcapscope.faults.quantities import Condition
+
+    return Condition.read(text)
+
+
+def _duration(text: str) -> Duration:
+    from bcapscope.faults.quantities import Duration
+
+    return Duration.read(text)
+
+
+def _target(text: str) -> Target:
+    from bcapscope.proxy.guard import read_target
+
+    return read_target(text)
+
+
 def _rule_file(path: str) -> tuple[AnyFault, ...]:
+    from bcapscope.faults.document import DocumentError, RuleFile, read_document
+
     try:
         text = Path(path).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -221,7 +257,7 @@ _OPTIONS = (
         "faults",
         metavar="FAULT",
         multiple=True,
-        callback=_reader(read_fault),
+        callback=_reader(_fault),
         help="Make trouble: 'loss=5%', 'delay=3ms±1ms if command == slvMove', 'drop reply try 1'; may be "
         "repeated. See --help-faults.",
     ),
@@ -244,30 +280,28 @@ _OPTIONS = (
         "--block",
         metavar="NAME",
         multiple=True,
-        callback=_reader(read_target),
+        callback=_reader(_target),
         help="Refuse this function or command, or FUNCTION:COMMAND; may be repeated.",
     ),
     click.option(
         "--allow-command",
         metavar="NAME",
         multiple=True,
-        callback=_reader(read_target),
+        callback=_reader(_target),
         help="Read-only, but for this function or command; may be repeated.",
     ),
     click.option(
         "--intercept",
         metavar="EXPRESSION",
-        callback=_reader(Condition.read),
+        callback=_reader(_condition),
         help="Hold what this is true for, until `proxy ctl` sends it on, edits or drops it; see "
         "`bcapscope fields`.",
     ),
     click.option(
         "--hold",
         metavar="TIME",
-        default=Duration(PATIENCE).text,
-        show_default=True,
-        callback=_reader(Duration.read),
-        help="How long it is held; then it goes on unchanged.",
+        callback=_reader(_duration),
+        help="How long it is held, 60s unless given; then it goes on unchanged.",
     ),
     click.option(
         "--script",

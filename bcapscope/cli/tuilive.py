@@ -7,7 +7,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,6 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import check_free
 from bcapscope.cli.output import narrate
 from bcapscope.cli.proxyrules import RuleWishes
-from bcapscope.proxy.spec import SpecError, parse_listeners
 from bcapscope.render.escape import printable
 
 if TYPE_CHECKING:
@@ -77,6 +76,8 @@ def _show_running(address: str) -> None:
 
 
 def _show_own(wishes: ProxyWishes) -> None:
+    from bcapscope.proxy.spec import SpecError, parse_listeners
+
     try:
         parse_listeners(wishes.listen, wishes.to, "both", ())
     except SpecError as error:
@@ -171,8 +172,10 @@ def _child(*words: str) -> Iterator[Child]:
     try:
         yield child
     finally:
-        for line in child.end():
-            narrate(printable(line))
+        said = child.end()
+        with suppress(OSError):  # the terminal may be closed
+            for line in said:
+                narrate(printable(line))
 
 
 @contextmanager

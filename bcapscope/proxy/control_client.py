@@ -45,6 +45,9 @@ class ControlClient:
         """
         try:
             answer: Answer = orjson.loads(self._exchange(orjson.dumps(question) + b"\n"))
+        except ConnectionError as error:  # while it was asked; one that cannot be made is a ControlError
+            self.close()
+            raise ControlError(f"the proxy on {self._address} has ended") from error
         except OSError as error:
             self.close()
             raise ControlError(f"{self._address}: {(error.strerror or str(error)).lower()}") from error

@@ -166,7 +166,10 @@ class Told(Lines):
         """Show one more line."""
         if len(self._said) < _MOST_TOLD:
             self._said.append(printable(text))
-            self.grown()
+            if self.lines == 1:
+                self.changed()
+            else:
+                self.grown()
 
     @property
     def follows(self) -> bool:
@@ -174,13 +177,20 @@ class Told(Lines):
         return True
 
     @property
-    def count(self) -> int:
-        """How many lines there are."""
+    def lines(self) -> int:
+        """How many there are."""
         return len(self._said)
+
+    @property
+    def count(self) -> int:
+        """How many lines are shown; one says that there are none."""
+        return max(len(self._said), 1)
 
     def line(self, index: int) -> str:
         """Return a line."""
-        return f" {self._said[index]}"
+        if index < len(self._said):
+            return f" {self._said[index]}"
+        return f"{INK.dim} {say('proxy.empty.told')}{INK.reset}"
 
 
 def _left(text: str, width: int) -> str:

@@ -258,8 +258,7 @@ class ProxyScreen(Place):
             else f" · {say('proxy.waiting', count=len(standing.held))}"
         )
         app.status = Text(f"{say(key, way=printable(self.way))}{waiting} ", style=app.inks[ink])
-        told = self.query_one(Told)
-        counts = {"told": f"{told.count or ''}"}
+        counts = {"told": f"{self.query_one(Told).lines or ''}"}
         lines = [] if standing is None else summary(standing.figures)
         if self._trouble:
             lines.append(f"{INK.problem} {printable(self._trouble)}{INK.reset}")

@@ -105,6 +105,10 @@ WORDS: dict[str, tuple[str, str]] = {
     "proxy.empty.clients": ("no client has come yet", "クライアントはまだありません"),
     "proxy.empty.rules": ("there are no faults: a adds one", "障害なし: a で追加します"),
     "proxy.empty.held": ("no message waits", "保留中のメッセージはありません"),
+    "proxy.empty.told": (
+        "nothing was said here; a proxy that ran already says it in its own terminal",
+        "通知はありません。既存のプロキシの通知はそちらの端末に表示されます",
+    ),
     "proxy.head.client": ("client", "クライアント"),
     "proxy.head.transport": ("", ""),
     "proxy.head.since": ("for", "経過"),
