@@ -238,10 +238,12 @@ class Responder:
                 equal.append(call)
             elif serial in serials:
                 is_known = True
-        if is_known:
+        is_retry = frame.reserved not in (0, serial)
+        # A retry may bear a serial that a program before this one on the same port has used.
+        chained = self._chained(frame, calls, equal) if equal and (is_retry or not is_known) else None
+        if chained is None and is_known:
             self._calls.clear()
-            return None
-        return self._chained(frame, calls, equal) if equal else None
+        return chained
 
     def _chained(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
         """Find the call of a chain of which the packets between were lost or come later."""
