@@ -335,3 +335,16 @@ def test_directions_of_flows() -> None:
     assert [each.flow.direction for each in found] == [Direction.REQUEST, Direction.RESPONSE]
     assert found[0].flow.src_text == found[1].flow.dst_text == "10.0.0.2:50001"
     assert Variant(VT.I4, 7) == found[1].item.arguments[0].variant  # type: ignore[union-attr]
+
+
+def test_only_one_leg_is_looked_at_and_packets_are_still_counted() -> None:
+    near, far = Interface(1, "clients of 127.0.0.1:5008"), Interface(1, "controller 10.0.0.1:5007")
+    packets = [
+        (1, from_client(request(1)), 100, near, ()),
+        (2, from_client(request(1)), 100, far, ()),
+        (3, from_client(request(2)), 100, near, ()),
+    ]
+    observer = Observer(leg="clients of ")
+    found = list(observer.observe(packets))
+    assert [(each.number, each.packet) for each in found] == [(1, 1), (2, 3)]
+    assert observer.counts.packets == 3

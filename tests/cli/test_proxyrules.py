@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -206,6 +207,8 @@ def test_faults_come_and_go_while_it_runs() -> None:
         ctl(proxy.control, "remove", "answer")
         assert ctl(proxy.control, "rules") == []
         assert "came up: " in "\n".join(ctl(proxy.control, "stats"))
+        first, _second = ctl(proxy.control, "clients")
+        assert re.fullmatch(r"127.0.0.1:\d+ > 127.0.0.1:\d+ udp open  for .* s, \d+ up, \d+ down", first)
         wrong = here("ctl", proxy.control, "add", "dely=3ms")
         assert (wrong.code, wrong.err.splitlines()[-1]) == (8, "  ^")
         proxy.end()

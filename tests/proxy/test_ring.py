@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.proxy.ring import BATCH, HEADER, Count, Kind, Record, RingReader, RingWriter
+from bcapscope.proxy.ring import BATCH, HEADER, Count, Figure, Kind, Record, RingReader, RingWriter
 
 
 def ends(size: int) -> tuple[RingWriter, RingReader]:
@@ -104,3 +104,14 @@ def test_without_a_reader_nothing_piles_up() -> None:
         writer.must(Kind.TOLD, 0, bytes(50), 1)
         writer.put(True, 1, 2, 3, bytes(100))
     assert writer.counts[Count.UNWATCHED] > 80
+
+
+def test_the_watcher_leaves_figures_for_the_relay_and_records_do_not_touch_them() -> None:
+    writer, reader = ends(1 << 12)
+    for figure in Figure:
+        reader.figures[figure] = 1000 + figure
+    for number in range(200):
+        writer.put(True, 1, 2, number + 1, bytes(100))
+        everything(reader)
+    assert [writer.figures[figure] for figure in Figure] == [1000 + figure for figure in Figure]
+    assert max(writer.counts) == 0
