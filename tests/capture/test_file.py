@@ -41,7 +41,10 @@ def test_reads_a_file_to_its_end(tmp_path: Path, content: bytes, compressed: boo
         (b"\xa1\xb2\xcd\x34....", "Kuznetzov's variant of pcap, which is not read here: pcap and pcapng are"),
         (pcap()[:20], "the capture ends inside its header, after 20 bytes"),
         (gzip.compress(b"", mtime=0), "the file is empty"),
-        (gzip.compress(b"text", mtime=0), "this is no capture: it begins with 74 65 78 74, neither pcap nor pcapng"),
+        (
+            gzip.compress(b"text", mtime=0),
+            "this is no capture: it begins with 74 65 78 74, neither pcap nor pcapng",
+        ),
         (gzip.compress(pcap(), mtime=0)[:5], "the compressed file ends in the middle"),
     ],
 )

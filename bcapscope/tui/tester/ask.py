@@ -14,7 +14,6 @@ from textual.widgets import Button, Input, Static
 
 from bcapscope.tui.words import say
 
-
 _SIDEWAYS = (
     Binding("left", "app.focus_previous", show=False),
     Binding("right", "app.focus_next", show=False),
