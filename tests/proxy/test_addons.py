@@ -108,7 +108,7 @@ class Careless:
 
 def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
     told: list[str] = []
-    addons = Addons([Broken(), Careless()])
+    addons = Addons([Broken(), Careless()], clock=lambda: 0)
     addons.tell = told.append
     for _ in range(3):
         assert addons.see(WHO, message()).data == request(7)
