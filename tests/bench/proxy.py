@@ -2,8 +2,10 @@
 
 Run from the project's root as ``python -m tests.bench.proxy`` (``trips``: flat out and paced at 1 kHz, five
 runs of each way in turn, their medians) or ``python -m tests.bench.proxy robots 60`` (four clients that send
-a set point each millisecond for so many seconds: what was lost, and what the memory did). On a machine that
-does other things as well, ``chrt -f 10`` before it keeps these out; figures compare within one run only.
+a set point each millisecond for so many seconds: what was lost, and what the memory did). Figures compare
+within one run only. ``chrt -f 10`` before it gives clients, server and all relays the priority that bcapscope
+takes by itself: it keeps out whatever else the machine does, and puts all ways on a par, as programs with
+real-time priority are woken on the processor where they ran last, those without where the waker runs.
 
 The ways: direct; a relay of `RELAY_C`, where there is a C compiler; socat; the least that Python can do with
 epoll (`bare`); bcapscope, recording and decoding all that passes.
@@ -11,6 +13,7 @@ epoll (`bare`); bcapscope, recording and decoding all that passes.
 
 from __future__ import annotations
 
+import argparse
 import select
 import shutil
 import socket
@@ -25,10 +28,10 @@ from statistics import median
 
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import ARRAY, VT, Variant
+from tests.bench.awake import awake
 
 TRIPS = 20_000
 PACED = 8_000
-RUNS = 5
 ROBOTS = 4
 
 REQUEST = encode(
@@ -179,7 +182,7 @@ def percentile(values: list[int], share: float) -> float:
     return ordered[min(int(len(ordered) * share), len(ordered) - 1)] / 1000
 
 
-def compare(folder: Path) -> None:
+def compare(folder: Path, runs: int) -> None:
     """Print the medians of all ways."""
     names = ["direct", "bare", "bcapscope"]
     if shutil.which("socat"):
@@ -189,7 +192,7 @@ def compare(folder: Path) -> None:
     server = free_port()
     found: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
     with running(sys.executable, "-m", "tests.bench.proxy", "echo", str(server), settle=1.0):
-        for _ in range(RUNS):
+        for _ in range(runs):
             for kind, count, pace in (("flat out", TRIPS, 0.0), ("1 kHz", PACED, 0.001)):
                 for name in names:
                     with way(name, server, folder) as port:
@@ -197,7 +200,7 @@ def compare(folder: Path) -> None:
                     figures = tuple(percentile(took, share) for share in (0.5, 0.99, 0.999))
                     found.setdefault((kind, name), []).append(figures)  # type: ignore[arg-type]  # three
     for kind in ("flat out", "1 kHz"):
-        print(f"{kind}, µs: medians of {RUNS} runs, and p50 and p99.9 as multiples of socat's")
+        print(f"{kind}, µs: medians of {runs} runs, and p50 and p99.9 as multiples of socat's")
         base = [
             median(run[place] for run in found.get((kind, "socat"), found[kind, "bare"])) for place in (0, 2)
         ]
@@ -263,16 +266,23 @@ def private_memory(processes: list[int]) -> str:
 
 def main() -> None:
     """Run what is asked for."""
-    task, *numbers = sys.argv[1:] or ["trips"]
-    with tempfile.TemporaryDirectory() as folder:
-        if task == "echo":
-            echo(int(numbers[0]))
-        elif task == "bare":
-            bare(int(numbers[0]), int(numbers[1]))
-        elif task == "robots":
-            robots(Path(folder), float(numbers[0]) if numbers else 60.0)
-        else:
-            compare(Path(folder))
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("task", nargs="?", choices=("trips", "robots", "echo", "bare"), default="trips")
+    parser.add_argument("numbers", nargs="*", type=float, help="of robots: seconds; of echo and bare: ports")
+    parser.add_argument("--runs", type=int, default=5, help="of each way, of which the medians are shown")
+    parser.add_argument("--awake", action="store_true", help="keep the processors from sleeping")
+    chosen = parser.parse_args()
+    numbers = [int(number) for number in chosen.numbers]
+    if chosen.task == "echo":
+        echo(numbers[0])
+    elif chosen.task == "bare":
+        bare(numbers[0], numbers[1])
+    else:
+        with tempfile.TemporaryDirectory() as folder, awake(chosen.awake):
+            if chosen.task == "robots":
+                robots(Path(folder), numbers[0] if numbers else 60)
+            else:
+                compare(Path(folder), chosen.runs)
 
 
 if __name__ == "__main__":
