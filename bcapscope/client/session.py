@@ -19,7 +19,7 @@ from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.requester import Answered, Pace, Refused, Settled
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.transport.link import Link, Receiver
+from bcapscope.transport.link import Carrier, Link, Receiver
 from bcapscope.transport.memory import MemoryLink
 from bcapscope.transport.tcp import open_tcp
 from bcapscope.transport.udp import open_udp
@@ -49,13 +49,6 @@ def over_link(link: MemoryLink) -> Opener:
         return link
 
     return open_it
-
-
-class Carrier(Protocol):
-    """What a session sees of the link: does it carry datagrams, which have retries, or a stream."""
-
-    @property
-    def datagrams(self) -> bool: ...
 
 
 class Exchanger(Protocol):

@@ -1,4 +1,4 @@
-"""What all transports have in common: a link to one peer, and who is told what comes over it."""
+"""What all transports have in common: a way to one peer, and who is told what comes over it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Receiver(Protocol):
         """Take notice that the link is gone and nothing will come any more."""
 
 
-class Link(Protocol):
-    """A way to one peer.
+class Carrier(Protocol):
+    """A way to one peer, however one learns what comes back.
 
     Attributes:
         datagrams: what is sent arrives whole, several times or not at all; else a stream.
@@ -40,7 +40,15 @@ class Link(Protocol):
     def peer(self) -> Address: ...
 
     def send(self, data: bytes) -> None:
-        """Send at once; never waits."""
+        """Send at once; never waits.
+
+        Raises:
+            OSError: it cannot be sent, where nobody else could be told of that.
+        """
 
     def close(self) -> None:
-        """Let go; the receiver hears nothing any more. May be called again."""
+        """Let go; may be called again."""
+
+
+class Link(Carrier, Protocol):
+    """A way to one peer that tells a `Receiver` what comes, which after `close` hears nothing any more."""

@@ -7,38 +7,20 @@ import socket
 import struct
 from contextlib import suppress
 
-from bcapscope.transport.link import Address, Receiver
+from bcapscope.transport.link import Receiver
+from bcapscope.transport.socketlink import SocketLink
 
 
-class TcpLink(asyncio.Protocol):
+class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
     """A connection. asyncio sends small pieces at once (TCP_NODELAY), which set points need."""
 
     datagrams = False
-
-    def __init__(self, receiver: Receiver) -> None:
-        self._receiver: Receiver | None = receiver
-        self._transport: asyncio.Transport | None = None
-
-    @property
-    def local(self) -> Address:
-        """Our end."""
-        return self._end("sockname")
-
-    @property
-    def peer(self) -> Address:
-        """The other end."""
-        return self._end("peername")
+    ended = "the peer closed the connection"
 
     def send(self, data: bytes) -> None:
         """Send the next bytes of the stream."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(data)
-
-    def close(self) -> None:
-        """Close the connection; what was sent still goes out."""
-        self._receiver = None
-        if self._transport is not None:
-            self._transport.close()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -47,16 +29,6 @@ class TcpLink(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         if self._receiver is not None:
             self._receiver.received(data)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        receiver, self._receiver = self._receiver, None
-        if receiver is not None:
-            receiver.lost("the peer closed the connection" if exc is None else f"the connection broke: {exc}")
-
-    def _end(self, which: str) -> Address:
-        assert self._transport is not None
-        host, port, *_ = self._transport.get_extra_info(which)
-        return host, port
 
 
 async def open_tcp(host: str, port: int, receiver: Receiver, timeout: float = 5.0) -> TcpLink:
