@@ -11,32 +11,21 @@ import time
 from contextlib import suppress
 from typing import Protocol
 
-from bcapscope.transport.link import Address
+from bcapscope.transport.link import Address, Carrier
 
 SPIN = 200_000
 """ns before a deadline from which on the clock is watched instead of slept on: no sleep overruns as much."""
 
-_LARGEST = 4096
-"""Bytes taken at once; datagrams have 503 at most, a stream is read again."""
+_DATAGRAM = 4096
+"""Bytes that a datagram may have; controllers send 503 at most."""
+
+_PORTION = 512
+"""Bytes of a stream that are taken at once, a few replies: a controller that was held up sends a hundred
+together, and to read all of them takes longer than there is between two set points."""
 
 
-class Channel(Protocol):
-    """What the player sends through and waits with. All times are ns of `now`.
-
-    Attributes:
-        datagrams: what is sent arrives whole, several times or not at all; else a stream.
-        local: our end.
-        peer: the other end.
-    """
-
-    @property
-    def datagrams(self) -> bool: ...
-
-    @property
-    def local(self) -> Address: ...
-
-    @property
-    def peer(self) -> Address: ...
+class Channel(Carrier, Protocol):
+    """What the player sends through and waits with. All times are ns of `now`."""
 
     def now(self) -> int:
         """Return ns of a clock that does not go back."""
@@ -44,23 +33,13 @@ class Channel(Protocol):
     def wait(self, until: int) -> None:
         """Return at `until`, as exactly as it can be done; at once if that is over."""
 
-    def send(self, data: bytes) -> None:
-        """Send at once.
-
-        Raises:
-            OSError: it cannot be sent.
-        """
-
     def receive(self, until: int) -> bytes | None:
-        """Return what comes next; None if nothing came until `until`.
+        """Return what comes next, no more than is quickly read; None if nothing came until `until`.
 
         Raises:
             ConnectionRefusedError: the peer's system says that nobody listens; on UDP tries may go on.
             OSError: the way is gone.
         """
-
-    def close(self) -> None:
-        """Let go; may be called again."""
 
 
 class SocketChannel:
@@ -78,6 +57,7 @@ class SocketChannel:
         self.peer: Address = sock.getpeername()[:2]
         self._socket = sock
         self._readable = [sock]
+        self._portion = _DATAGRAM if self.datagrams else _PORTION
         sock.setblocking(False)
         if not self.datagrams:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -106,7 +86,7 @@ class SocketChannel:
         """Look first, then wait."""
         while True:
             try:
-                data = self._socket.recv(_LARGEST)
+                data = self._socket.recv(self._portion)
             except BlockingIOError:
                 pass
             else:
@@ -123,7 +103,7 @@ class SocketChannel:
         self._socket.close()
 
 
-def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0) -> SocketChannel:
+def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_port: int = 0) -> SocketChannel:
     """Open a way to a controller.
 
     Args:
@@ -131,6 +111,7 @@ def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0) -> Socke
         port: of the controller.
         tcp: TCP instead of UDP.
         timeout: seconds to connect in.
+        local_port: to send from over UDP; 0 for any.
 
     Raises:
         OSError: there is no such host, no way to it, or nobody listens.
@@ -140,6 +121,8 @@ def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0) -> Socke
     family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     sock = socket.socket(family, kind, protocol)
     try:
+        if local_port:
+            sock.bind(("", local_port))
         sock.connect(address)
         return SocketChannel(sock)
     except OSError:

@@ -85,7 +85,7 @@ class Desk:
         """Look whether there is an order; never waits."""
         if not self._gone:
             try:
-                data = os.read(self._commands, 65536)
+                data = os.read(self._commands, _WHOLE)
             except BlockingIOError:
                 data = None
             except OSError:

@@ -34,8 +34,16 @@ def run(steps: Coroutine[Any, Any, R]) -> R:
     raise RuntimeError("a step waits for an event loop, and there is none")
 
 
+LOOK_EACH = 50_000_000
+"""ns from one `BlockingExchanger.look` to the next."""
+
+
 def _unwatched(sent: bool, raw: bytes, time: int) -> None:
     """Take no notice."""
+
+
+def _nothing() -> None:
+    """There is nothing to look for."""
 
 
 class BlockingExchanger:
@@ -44,12 +52,16 @@ class BlockingExchanger:
     Attributes:
         link: the channel.
         late: replies that came when their try no longer counted; whoever reads them clears the list.
+        look: called now and then while `exchange` waits; what it raises ends the call.
     """
 
-    def __init__(self, channel: Channel, convention: Convention, watcher: Watcher = _unwatched) -> None:
+    def __init__(
+        self, channel: Channel, convention: Convention, watcher: Watcher = _unwatched, first_serial: int = 1
+    ) -> None:
         self.link = channel
         self.late: list[Late] = []
-        self._requester = Requester(convention)
+        self.look: Callable[[], None] = _nothing
+        self._requester = Requester(convention, first_serial)
         self._splitter = Splitter()
         self._watch = watcher
 
@@ -64,9 +76,10 @@ class BlockingExchanger:
             self.begin(function_id, arguments, pace, self.link.now())
             self.send()
             while True:
-                settled = self.settle(self._requester.due or 0)
+                settled = self.settle(self.link.now() + LOOK_EACH)
                 if settled is not None:
                     return settled
+                self.look()
         finally:
             self.abandon()
 
@@ -93,6 +106,8 @@ class BlockingExchanger:
     def settle(self, until: int) -> Settled | None:
         """Wait for the end of the call, and try again when it is time to; None if it goes on at `until`.
 
+        What comes is read portion by portion only until then: a row of late replies holds nobody up.
+
         Raises:
             OSError: the link is gone.
         """
@@ -106,11 +121,13 @@ class BlockingExchanger:
             now = self.link.now()
             if data is not None:
                 self._take(data, now)
+                now = self.link.now()
             elif now >= due:
                 requester.wake(now)
                 self.send()
-            elif now >= until:
-                return None
+                continue
+            if now >= until:
+                return self._events()
 
     def overdue(self, serials: Collection[int], until: int) -> Late | None:
         """Wait on for a reply to a call that is given up; nothing is sent any more.

@@ -6,12 +6,13 @@ import math
 from array import array
 
 import msgspec
+import numpy as np
 
 _FINE = 16
 """Bins between a power of two and the next: percentiles while it runs are within 7%."""
 
 _BINS = 64 * _FINE
-
+_SHARES = (0.5, 0.99, 0.999)
 
 MOST_TOLD = 40
 """Bins that `Lateness.bins` tells of: a message has to fit into a pipe as a whole."""
@@ -35,6 +36,7 @@ class Lateness:
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
+        self._counts = np.frombuffer(self._bins, dtype=np.int64)
         self._count = 0
         self._most = 0
 
@@ -50,21 +52,14 @@ class Lateness:
         """Tell percentiles by bins, quickly: the upper edge of the bin that they are in."""
         if not self._count:
             return Spread()
-        wanted = [_rank(share, self._count) for share in (0.5, 0.99, 0.999)]
-        found: list[int] = []
-        seen = 0
-        for number, count in enumerate(self._bins):
-            seen += count
-            while len(found) < 3 and seen >= wanted[len(found)]:
-                found.append(min(_upper_edge(number), self._most))
-            if len(found) == 3:
-                break
-        p50, p99, p999 = found
+        wanted = [_rank(share, self._count) for share in _SHARES]
+        places = np.searchsorted(np.cumsum(self._counts), wanted).tolist()
+        p50, p99, p999 = (min(_upper_edge(number), self._most) for number in places)
         return Spread(self._count, p50, p99, p999, self._most)
 
     def bins(self) -> tuple[tuple[int, int, int], ...]:
         """Tell least and greatest value and count of each bin; of the `MOST_TOLD` that hold most."""
-        filled = [(count, number) for number, count in enumerate(self._bins) if count]
+        filled = [(self._bins[number], number) for number in np.flatnonzero(self._counts).tolist()]
         if len(filled) > MOST_TOLD:
             filled = sorted(filled, reverse=True)[:MOST_TOLD]
         return tuple(sorted((_lower_edge(number), _upper_edge(number), count) for count, number in filled))
@@ -74,7 +69,7 @@ class Lateness:
         if not 0 < self._count <= self._capacity:
             return self.so_far()
         values = sorted(self._values[: self._count])
-        p50, p99, p999 = (values[_rank(share, self._count) - 1] for share in (0.5, 0.99, 0.999))
+        p50, p99, p999 = (values[_rank(share, self._count) - 1] for share in _SHARES)
         return Spread(self._count, p50, p99, p999, self._most)
 
 

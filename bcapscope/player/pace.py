@@ -211,10 +211,13 @@ class Pacer:
 
     def _overdue(self, settled: TimedOut) -> Frame:
         """Wait on for the reply, and send nothing meanwhile."""
-        attempts = settled.attempts
-        found = self._exchanger.overdue([each.serial for each in attempts], attempts[0].sent + self._silence)
-        if found is None:
-            raise ExchangeTimeout(_NAME, attempts)
+        exchanger, attempts = self._exchanger, settled.attempts
+        serials, give_up = [each.serial for each in attempts], attempts[0].sent + self._silence
+        while (found := exchanger.overdue(serials, min(give_up, exchanger.link.now() + _PATIENCE))) is None:
+            now = exchanger.link.now()
+            if now >= give_up:
+                raise ExchangeTimeout(_NAME, attempts)
+            self._idle(now)
         self._exchanger.late.remove(found)
         self._hear_late()
         self._late += 1

@@ -5,12 +5,13 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from bcapscope.player.course import Course
 from bcapscope.player.exchanger import BlockingExchanger
 from bcapscope.player.limits import UNKNOWN
 from bcapscope.player.messages import Point
-from bcapscope.player.pace import FASTEST, Move, Pacer
+from bcapscope.player.pace import FASTEST, HaltedError, Idle, Move, Pacer
 from bcapscope.player.trajectory import Source, Trajectory
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import Frame, encode
@@ -80,14 +81,20 @@ def mode(value: int, generation: Generation = Generation.RC8) -> SlaveMode:
     return found
 
 
-def play(controller: Controller, chosen: SlaveMode, hold: int = 0) -> Pacer:
+def play(
+    controller: Controller,
+    chosen: SlaveMode,
+    hold: int = 0,
+    period: int = 8 * MS,
+    idle: Idle = lambda _: None,
+) -> Pacer:
     """Play points that are numbered from 0."""
     rows = np.zeros((POINTS, 8))
     rows[:, 0] = np.arange(POINTS)
     course = Course(Trajectory(PoseType.J, rows, Source("", "")), 0.008, UNKNOWN, 1, hold)
     pace = Pace(2 * MS, 0 if chosen.overwrites else 7) if controller.datagrams else Pace(5000 * MS, 0)
     exchanger = BlockingExchanger(controller, Convention.SEED if controller.datagrams else Convention.TCP0)
-    pacer = Pacer(exchanger, Move(1, VT.R8, chosen, pace, 8 * MS), course, lambda _: None, 100)
+    pacer = Pacer(exchanger, Move(1, VT.R8, chosen, pace, period), course, idle, 100)
     pacer.play()
     return pacer
 
@@ -175,6 +182,53 @@ def test_the_first_and_the_last_point_are_held() -> None:
     assert pacer.counts.sent == POINTS + 8
     point: Point = pacer.commanded
     assert point[0] == POINTS - 1
+
+
+class Flood(Controller):
+    """A controller on TCP that holds all replies back, then sends them together.
+
+    Attributes:
+        until: when it sends what it has held back, ns.
+        reads: ns that it takes to read a reply.
+    """
+
+    datagrams = False
+    until = 20 * MS
+    reads = 50_000
+
+    def send(self, data: bytes) -> None:
+        super().send(data)
+        due, reply = self._replies.pop()
+        self._replies.append((max(due, self.until), reply))
+
+    def receive(self, until: int) -> bytes | None:
+        data = super().receive(until)
+        if data is not None:
+            self._now += self.reads
+        return data
+
+
+def test_replies_that_come_together_make_no_set_point_late() -> None:
+    controller = Flood()
+    pacer = play(controller, mode(0x102), period=MS)
+    assert set(gaps(controller)) == {1}
+    assert pacer.lateness.exact().most == 0
+    assert pacer.counts.late > 10
+
+
+def test_an_order_is_obeyed_while_a_reply_is_waited_for() -> None:
+    controller = Controller()
+    controller.datagrams = False
+    controller.takes = dict.fromkeys(range(10, 100))
+    ordered = 300 * MS
+
+    def idle(now: int) -> None:
+        if now >= ordered:
+            raise HaltedError
+
+    with pytest.raises(HaltedError):
+        play(controller, mode(0x102), idle=idle)
+    assert controller.now() - ordered <= 8 * MS
 
 
 def test_a_controller_that_falls_behind_is_waited_for() -> None:
