@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from enum import Enum, Flag
+from itertools import takewhile
 from typing import NamedTuple
 
 from bcapscope.errors import TooLargeError
@@ -100,11 +101,14 @@ def _is_ahead(serial: int, other: int) -> bool:
 
 
 def _is_next(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Whether no call is known that was asked between a call and a later serial."""
+    """Whether no call is known that was asked between a call and a later serial.
+
+    Of `calls`, the newest first, only those count that were executed after the call: what was before it is
+    of an earlier program if its serials are ahead.
+    """
+    later = takewhile(lambda other: other is not call, calls)
     return not any(
-        _is_ahead(other.newest, call.newest) and _is_ahead(serial, other.newest)
-        for other in calls
-        if other is not call
+        _is_ahead(other.newest, call.newest) and _is_ahead(serial, other.newest) for other in later
     )
 
 
@@ -119,10 +123,15 @@ class Responder:
     and arguments) belongs to it, and what it names and its own serial are learnt as further names of the
     call. A known serial with other contents is a client that has started anew.
 
-    One case cannot be decided by the bytes: a client of the old C library (`Convention.CHAIN`) names the try
-    before, and where that try was lost its retry looks like the retry of a new, equal call. Until the client
-    is known to have another convention it is held to be a retry, since an answer that is old does less harm
-    than a motion that is made twice.
+    Two cases cannot be decided by the bytes. A client of the old C library (`Convention.CHAIN`) names the try
+    before, and where that try was lost its retry looks like the retry of a new, equal call. And a program
+    that starts anew on the port of another one counts from the same serial again, so that a call which is
+    equal to one of its predecessor's, at the same serial or shortly before it, looks like a packet of that
+    one which was on the way for long. Both are held to be asked before, unless the client is known to have
+    another convention: nothing ever runs twice. The price is that such a call is not executed and its client
+    gets the earlier answer, an old value or the success of a motion that was made once and not twice. With
+    the first call of the new program that differs from what was asked under its serial, all that its
+    predecessor asked is forgotten; at the latest when `remembered` further calls have been made.
     """
 
     def __init__(
@@ -242,8 +251,18 @@ class Responder:
         # A retry may bear a serial that a program before this one on the same port has used.
         chained = self._chained(frame, calls, equal) if equal and (is_retry or not is_known) else None
         if chained is None and is_known:
-            self._calls.clear()
+            self._forget_before(serial)
         return chained
+
+    def _forget_before(self, serial: int) -> None:
+        """Forget the program whose call had a serial that another one has now.
+
+        Calls that were executed after that one and have smaller serials are of the program that asks now:
+        their packets may still come again.
+        """
+        later = list(takewhile(lambda call: serial not in call.serials, self._calls))
+        self._calls.clear()
+        self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _chained(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
         """Find the call of a chain of which the packets between were lost or come later."""

@@ -56,6 +56,9 @@ def _play(responder: Responder, *packets: tuple[int, int, int]) -> str:
         ([(0, 0, 0), (1, 0, 1), (2, 0, 0)], "NEW NEW NEW"),
         ([(5, 0, 0), (6, 0, 1), (5, 0, 0), (7, 6, 1)], "NEW NEW REPEAT REPEAT"),
         ([(1, 0, 0), (2, 0, 1), (1, 0, 2), (2, 0, 1)], "NEW NEW NEW NEW"),
+        ([(1, 0, 0), (6, 5, 2), (1, 0, 0), (4, 0, 3), (6, 0, 4), (4, 0, 3)], "NEW NEW REPEAT NEW NEW REPEAT"),
+        ([(5, 0, 2), (4, 0, 3), (6, 5, 3)], "NEW NEW REPEAT"),
+        ([(10, 0, 0), (5, 0, 0), (10, 0, 1), (11, 0, 0)], "NEW REPEAT NEW NEW"),
     ],
     ids=lambda value: value if isinstance(value, str) else str(value),
 )
