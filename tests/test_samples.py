@@ -11,7 +11,7 @@ import pytest
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.hextext import read_hex_text
 from bcapscope.capture.observer import Observer
-from bcapscope.player.limits import simulator_limits
+from bcapscope.player.limits import SIMULATED
 from bcapscope.player.preflight import check
 from bcapscope.player.reading import read
 from bcapscope.player.resampling import resample
@@ -74,7 +74,7 @@ def test_the_simulated_arm_can_go_each_way(name: str) -> None:
     (way,) = read(FOLDER / name)
     if way.period != PERIOD:
         way = resample(way, PERIOD)
-    preflight = check(way, PERIOD, simulator_limits(), present=pose_of(way.kind, HOME), axis_count=6)
+    preflight = check(way, PERIOD, SIMULATED, present=pose_of(way.kind, HOME))
     assert preflight.is_fit
     found = {finding.check for finding in preflight.findings}
     assert found == ({"first-point"} if name == "half-circle-positions.csv" else set())

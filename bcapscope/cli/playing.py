@@ -12,7 +12,7 @@ import click
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.keys import Keys
 from bcapscope.cli.output import narrate
-from bcapscope.player.limits import UNKNOWN, limited, simulator_limits
+from bcapscope.player.limits import limited, limits_of
 from bcapscope.player.messages import (
     Ended,
     Message,
@@ -184,7 +184,7 @@ class Playing:
         """Check the trajectory against what is there."""
         plan = self._plan
         self._view.note(peer_line(peer))
-        limits = limited(simulator_limits() if peer.simulator else UNKNOWN, plan.limits)
+        limits = limited(limits_of(peer.type_name), plan.limits)
         found = check(
             self._trajectory,
             plan.period / 1e9,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack
-from typing import TextIO
+from typing import BinaryIO
 
 from msgspec import structs
 
@@ -20,7 +20,8 @@ from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import run
 from bcapscope.player.journal import Journal
 from bcapscope.player.messages import Ended, Outcome, Plan, Readiness
-from bcapscope.player.realtime import Grade, undisturbed
+from bcapscope.player.newfile import new_file
+from bcapscope.player.realtime import undisturbed
 from bcapscope.player.visit import Visit
 
 
@@ -33,44 +34,44 @@ def main() -> None:
     desk.listen_to_signals()
     with ExitStack() as stack:
         try:
-            journal = Journal(desk.deliver, plan.record)
-            log = None if plan.log is None else stack.enter_context(_new(plan.log))
+            record, log = (stack.enter_context(new_file(path)) for path in (plan.record, plan.log))
         except OSError as error:
             desk.deliver(Ended(Outcome.UNWRITABLE, f"{error.filename}: {reason_of(error)}"))
             desk.finish()
             return
         grade = stack.enter_context(undisturbed(plan.realtime and not plan.look_only))
         desk.deliver(Readiness(grade.realtime, grade.locked, grade.text))
-        desk.deliver(_play(plan, desk, journal, log, grade))
+        ended = _play(plan, desk, Journal(desk.deliver, record), log)
+        desk.deliver(structs.replace(ended, realtime=grade.realtime))
     desk.finish()
 
 
-def _new(path: str) -> TextIO:
-    return open(path, "x", encoding="utf-8")
-
-
-def _play(plan: Plan, desk: Desk, journal: Journal, log: TextIO | None, grade: Grade) -> Ended:
+def _play(plan: Plan, desk: Desk, journal: Journal, log: BinaryIO | None) -> Ended:
     target = plan.target
     try:
-        channel = open_channel(target.host, target.port, target.tcp)
+        port = plan.aftermath.port if plan.aftermath else 0
+        channel = open_channel(target.host, target.port, target.tcp, local_port=port)
     except OSError as error:
-        return Ended(Outcome.UNANSWERED, f"{target}: {reason_of(error)}")
+        return Ended(Outcome.UNANSWERED, f"{target}: {reason_of(error)}", left=plan.aftermath is None)
     visit = Visit(plan, channel, desk, journal)
     ended = run(visit.perform())
-    ended = structs.replace(ended, realtime=grade.realtime)
+    reasons: list[str] = []
+    try:
+        journal.save(channel)
+    except OSError as error:
+        reasons.append(f"the capture could not be written: {reason_of(error)}")
     try:
         if log is not None and visit.logged:
             records = read_log(target, plan.robot)
             write_log(log, records)
-            log.flush()
             ended = structs.replace(ended, logged=len(records))
-        journal.save(channel)
     except (OSError, BcapError) as error:
         reason = reason_of(error) if isinstance(error, OSError) else str(error)
-        told = f"the log or the capture could not be written: {reason}"
-        more = f"; {ended.reason}" if ended.reason else ""
-        return structs.replace(ended, outcome=Outcome.UNWRITABLE, reason=told + more)
-    return ended
+        reasons.append(f"the log could not be written: {reason}")
+    if not reasons:
+        return ended
+    told = "; ".join((*reasons, *filter(None, (ended.reason,))))
+    return structs.replace(ended, outcome=Outcome.UNWRITABLE, reason=told)
 
 
 if __name__ == "__main__":

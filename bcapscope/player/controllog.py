@@ -7,8 +7,9 @@ ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py.
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
-from typing import TextIO
+from typing import BinaryIO
 
 from bcapscope.client.objects import Robot
 from bcapscope.client.paces import PACES
@@ -65,12 +66,15 @@ def read_log(target: Target, robot: str) -> list[Value]:
     return run(_read(session, target, robot))
 
 
-def write_log(file: TextIO, records: Sequence[Value]) -> None:
-    """Write a line a record.
+def write_log(file: BinaryIO, records: Sequence[Value]) -> None:
+    """Write a line a record, in UTF-8.
 
     Raises:
         OSError: there is no room, or the like.
     """
-    rows = csv.writer(file, lineterminator="\n")
+    text = io.StringIO(newline="")
+    rows = csv.writer(text, lineterminator="\n")
     rows.writerow(TITLES)
     rows.writerows(record if isinstance(record, tuple) else (record,) for record in records)
+    file.write(text.getvalue().encode(errors="backslashreplace"))
+    file.flush()

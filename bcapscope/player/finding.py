@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from bcapscope.analysis.finding import Severity
 from bcapscope.player.limits import Limits
 from bcapscope.player.trajectory import Trajectory
-from bcapscope.protocol.slavemode import SlaveMode
+from bcapscope.protocol.poses import AXES
+from bcapscope.protocol.slavemode import PoseType, SlaveMode
 
 MOST_NUMBERS = 8
 """Set points that a finding names; how many there are is told besides."""
@@ -48,7 +49,6 @@ class Case:
         limits: of the arm.
         present: pose of the robot now, of the trajectory's kind; None where it is not known.
         mode: slave mode that it will be played in; None where it is not known.
-        axis_count: joints of the robot; None likewise.
         loop: it starts again when it has ended.
     """
 
@@ -57,8 +57,18 @@ class Case:
     limits: Limits
     present: Sequence[float] | None
     mode: SlaveMode | None
-    axis_count: int | None
     loop: bool
+
+    @property
+    def axis_count(self) -> int | None:
+        """Joints of the robot: as many as its arm is known to have, or as it tells; None if nobody knows.
+
+        Most controllers tell eight, of which those are 0 that the robot has not; eight says nothing.
+        """
+        if self.limits.axis_count is not None or self.present is None:
+            return self.limits.axis_count
+        told = len(self.present)
+        return told if self.trajectory.kind is PoseType.J and told < len(AXES[PoseType.J]) else None
 
     @property
     def step(self) -> float | None:

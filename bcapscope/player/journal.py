@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import BinaryIO
 
 from bcapscope.capture.recording import Recording
 from bcapscope.player.channel import Channel
@@ -26,18 +27,14 @@ class Journal:
         pacing: set points are being sent, so that frames are only kept.
     """
 
-    def __init__(self, tell: Callable[[Packet], object], record: str | None) -> None:
-        """Tell of each frame outside of pacing; `record` is the path of a new capture.
-
-        Raises:
-            OSError: it cannot be written, or is there already.
-        """
+    def __init__(self, tell: Callable[[Packet], object], record: BinaryIO | None) -> None:
+        """Tell of each frame outside of pacing; `record` is a file for a capture."""
         self.sent = b""
         self.received = b""
         self.pacing = False
         self._tell = tell
         self._epoch = time.time_ns() - time.monotonic_ns()
-        self._file = open(record, "xb") if record is not None else None  # noqa: SIM115 - save() ends it
+        self._file = record
         self._kept: list[tuple[bool, bytes, int]] = []
 
     def hear(self, sent: bool, raw: bytes, now: int) -> None:
@@ -59,10 +56,10 @@ class Journal:
         """
         if self._file is None:
             return
-        with self._file as file:
-            recording = Recording(file)
-            write = recording.datagram if link.datagrams else recording.segment
-            for sent, raw, now in self._kept:
-                ends = (link.local, link.peer) if sent else (link.peer, link.local)
-                write(*ends, raw, now + self._epoch)
+        recording = Recording(self._file)
+        write = recording.datagram if link.datagrams else recording.segment
+        for sent, raw, now in self._kept:
+            ends = (link.local, link.peer) if sent else (link.peer, link.local)
+            write(*ends, raw, now + self._epoch)
+        self._file.flush()
         self._kept.clear()

@@ -1,8 +1,9 @@
 """What an arm can do, axis by axis.
 
-No paper publishes the limits of all arms, so those of a real one come from the user. Where nothing is known,
-`FASTEST` holds: no arm of DENSO Wave turns or moves as fast as that, so a step beyond it is a fault of the
-file.
+An arm is known by the name of its type, which the controller tells. No paper publishes the limits of all
+arms, so those of a real one come from the user; the only one that is known here is the simulator's. Where
+nothing is known, `FASTEST` holds: no arm of DENSO Wave turns or moves as fast as that, so a step beyond it is
+a fault of the file.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from typing import TypeAlias
 
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
-from bcapscope.simulator.kinematics import LIMITS, AxisLimit, joints_of
+from bcapscope.simulator.kinematics import AXIS_COUNT, LIMITS, AxisLimit, joints_of
+from bcapscope.simulator.machine import ROBOT_TYPE
 
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
@@ -40,11 +42,13 @@ class Limits:
             unit of the axis; infinite where it is not known. An axis may be missing.
         to_joints: computes the joints of a pose of P or T type, so that limits of joints hold for it too;
             raises for what the arm does not reach. None where nobody knows.
+        axis_count: joints of the arm; None where nobody knows.
     """
 
     whose: str
     axes: Mapping[str, AxisLimit] = field(default_factory=dict)
     to_joints: ToJoints | None = None
+    axis_count: int | None = None
 
     def told(self, name: str) -> AxisLimit:
         """Return what is known of an axis, infinite where nothing is."""
@@ -62,11 +66,20 @@ class Limits:
 
 UNKNOWN = Limits("an unknown arm")
 
+SIMULATED = Limits(
+    "the simulated arm",
+    {axis.name: limit for axis, limit in zip(AXES[PoseType.J], LIMITS, strict=False)},
+    joints_of,
+    AXIS_COUNT,
+)
+"""As it is unless a scenario makes its software limits narrower, which a controller does not tell."""
 
-def simulator_limits() -> Limits:
-    """Return the limits of the simulated arm."""
-    names = (axis.name for axis in AXES[PoseType.J])
-    return Limits("the simulated arm", dict(zip(names, LIMITS, strict=False)), joints_of)
+_KNOWN = {ROBOT_TYPE: SIMULATED}
+
+
+def limits_of(type_name: str) -> Limits:
+    """Return the limits of the arm with this name of its type; `UNKNOWN` where it is not known."""
+    return _KNOWN.get(type_name, UNKNOWN)
 
 
 def limited(limits: Limits, texts: Sequence[str]) -> Limits:

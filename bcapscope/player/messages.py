@@ -19,6 +19,10 @@ Point: TypeAlias = tuple[float, ...]
 """Numbers of one set point, in the order and units of its pose type (`protocol.poses.AXES`)."""
 
 
+TYPE_NAME = "type name"
+"""Which of a controller's facts is the name of the robot's type."""
+
+
 class Pacing(StrEnum):
     """A kind of slave mode that controllers of all generations have under one number or another."""
 
@@ -26,6 +30,33 @@ class Pacing(StrEnum):
     """The controller sets the pace: Sync on RC7, mode 2 on later ones."""
     ASYNC = "async"
     """We do, and the newest set point wins: Async on RC7, mode 1 on later ones."""
+
+
+class Debt(StrEnum):
+    """Something that the player begins and has to end, whatever happens."""
+
+    ROBSLAVE = "RobSlave"
+    ARM = "arm"
+    MOTOR = "motor"
+    LOG = "log"
+    SLAVE_MODE = "slave mode"
+
+
+class Aftermath(msgspec.Struct, frozen=True):
+    """What a player has left that did not live to end what it had begun.
+
+    Attributes:
+        debts: that it had, the oldest first.
+        generation: of the controller.
+        port: that it sent from. Over UDP its conversation is taken up again from there, since that is how a
+            controller knows its client.
+        serial: to go on with, beyond any that it can have used.
+    """
+
+    debts: tuple[Debt, ...]
+    generation: str
+    port: int
+    serial: int
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,6 +80,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
         log: path of a new CSV file for the controller's own log; None for no log.
         record: path of a new capture of all that was said; None for none.
         realtime: take real-time priority if the system gives it.
+        aftermath: end only what this says, and play nothing; None to play.
     """
 
     target: Target
@@ -67,6 +99,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     log: str | None = None
     record: str | None = None
     realtime: bool = True
+    aftermath: Aftermath | None = None
 
 
 class Order(StrEnum):
@@ -121,6 +154,25 @@ class Peer(msgspec.Struct, frozen=True, tag=True):
     mode: int
     pose: Point
     distance: float
+
+    @property
+    def type_name(self) -> str:
+        """Name of the robot's type; empty where the controller does not tell it."""
+        return self.facts.get(TYPE_NAME, "")
+
+
+class Owed(msgspec.Struct, frozen=True, tag=True):
+    """What is to be ended, told before it is begun and whenever some of it is done.
+
+    Attributes:
+        debts: the oldest first.
+        generation: of the controller.
+        port: that we send from.
+    """
+
+    debts: tuple[Debt, ...]
+    generation: str
+    port: int
 
 
 class Readiness(msgspec.Struct, frozen=True, tag=True):
@@ -280,7 +332,7 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
     logged: int = 0
 
 
-Message: TypeAlias = Peer | Readiness | Progress | Packet | Question | Trouble | Ended
+Message: TypeAlias = Peer | Owed | Readiness | Progress | Packet | Question | Trouble | Ended
 
 encode_message = msgspec.json.Encoder().encode
 decode_message = msgspec.json.Decoder(Message).decode

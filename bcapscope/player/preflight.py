@@ -79,7 +79,6 @@ def check(
     *,
     present: Sequence[float] | None = None,
     mode: SlaveMode | None = None,
-    axis_count: int | None = None,
     loop: bool = False,
 ) -> Preflight:
     """Look at a trajectory without moving anything.
@@ -90,10 +89,9 @@ def check(
         limits: of the arm.
         present: pose of the robot now, of the trajectory's kind; None where it is not known.
         mode: slave mode that it will be played in; None where it is not known.
-        axis_count: joints of the robot; None likewise.
         loop: it starts again when it has ended.
     """
-    case = Case(trajectory, period, limits, present, mode, axis_count, loop)
+    case = Case(trajectory, period, limits, present, mode, loop)
     findings = list(checks.finite(case))
     sound = not findings
     with np.errstate(all="ignore"):  # absurd times give absurd intervals, which is what is looked for

@@ -7,7 +7,7 @@ when there is an order to stop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from math import degrees, isfinite
 
@@ -18,7 +18,7 @@ from bcapscope.client.reach import Reach
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.player.checks_motion import NEAR
 from bcapscope.player.curve import unwound
-from bcapscope.player.messages import Point
+from bcapscope.player.messages import TYPE_NAME, Debt, Point
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import E_ROBOTISBUSY
@@ -33,7 +33,7 @@ _ARRIVES = 1000 * _MS  # how long a robot may stand somewhere else before it cou
 _RUNNING = 3  # state of a task
 _ONE_CYCLE = 1
 _PTP = 1
-_LONG_TRIES = 119  # after the first: two minutes, for what takes its time
+_ON_TRIES, _OFF_TRIES = 119, 29  # after the first: two minutes for what takes its time, less to get away
 _MOST_ERRORS = 16
 _MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
 _SWITCHING_OFF = 0x8350106E
@@ -45,7 +45,7 @@ _POSES = {
     PoseType.T: "@CURRENT_TRANS",
 }
 _FACTS = (
-    ("type name", ObjectClass.ROBOT, "@TYPE_NAME"),
+    (TYPE_NAME, ObjectClass.ROBOT, "@TYPE_NAME"),
     ("type", ObjectClass.ROBOT, "@TYPE"),
     ("version", ObjectClass.CONTROLLER, "@VERSION"),
 )
@@ -71,11 +71,31 @@ class Station:
         self._reach = reach
         self._pause = pause
         self._variables: dict[tuple[ObjectClass, str], int] = {}
+        self._ends: Mapping[Debt, Callable[[], Awaitable[None]]] = {
+            Debt.ROBSLAVE: self._stop_robslave,
+            Debt.ARM: self._give_arm,
+            Debt.MOTOR: self._motor_off,
+            Debt.LOG: self._stop_log,
+            Debt.SLAVE_MODE: self._leave_slave_mode,
+        }
 
     @property
     def real(self) -> VT:
         """Type of the numbers of a pose."""
         return VT.R4 if self.generation is Generation.RC7 else VT.R8
+
+    @property
+    def has_arm_to_take(self) -> bool:
+        """Whether motion needs TakeArm."""
+        return self.generation is not Generation.RC7
+
+    async def connect(self) -> None:
+        """Connect, and open the robot; nothing else is asked.
+
+        Raises:
+            BcapError: as `Session.call`.
+        """
+        self.robot = Robot(self._reach.session, await self._reach.handle(ObjectClass.ROBOT))
 
     async def look(self) -> None:
         """Connect and find out what is there; nothing is changed.
@@ -84,7 +104,7 @@ class Station:
             BcapError: as `Session.call`.
         """
         self.simulator = await self._reach.meets_simulator()
-        self.robot = Robot(self._reach.session, await self._reach.handle(ObjectClass.ROBOT))
+        await self.connect()
         for name, owner, variable in _FACTS:
             found = await self._optional(owner, variable)
             if found is not None:
@@ -108,66 +128,74 @@ class Station:
             raise RemoteProtocolError(f"the controller does not tell a pose of type {kind}", b"")
         return tuple(row[: len(AXES[kind])])
 
-    async def run_robslave(self) -> bool:
-        """Start the program that slave mode needs on RC7, unless it runs; return whether we did."""
+    async def end(self, debt: Debt) -> None:
+        """End what was begun.
+
+        Raises:
+            BcapError: as `Session.call`.
+        """
+        await self._ends[debt]()
+
+    async def has_robslave(self) -> bool:
+        """Tell whether the program runs that slave mode needs on RC7; later ones need none."""
         if self.generation is not Generation.RC7:
-            return False
-        task = Task(self._reach.session, await self._reach.handle(ObjectClass.TASK))
+            return True
+        await self._task()
         state = await self._optional(ObjectClass.TASK, "@STATUS")
-        if state is not None and state.value == _RUNNING:
-            return False
-        await task.start(_ONE_CYCLE)
+        return state is not None and state.value == _RUNNING
+
+    async def start_robslave(self) -> None:
+        """Start the program."""
+        await (await self._task()).start(_ONE_CYCLE)
         self._pause(_ROBSLAVE_STARTS)
-        return True
 
-    async def stop_robslave(self) -> None:
-        """Stop the program."""
-        task = Task(self._reach.session, await self._reach.handle(ObjectClass.TASK))
-        await task.stop(1)
+    async def _stop_robslave(self) -> None:
+        await (await self._task()).stop(1)
 
-    async def take_arm(self) -> bool:
-        """Take the arm, tool and work as they are; return whether there is anything to give back."""
-        if self.generation is Generation.RC7:
-            return False
+    async def _task(self) -> Task:
+        return Task(self._reach.session, await self._reach.handle(ObjectClass.TASK))
+
+    async def take_arm(self) -> None:
+        """Take the arm, tool and work as they are."""
         await self.robot.execute("TakeArm", [0, 1])
-        return True
 
-    async def give_arm(self) -> None:
-        """Give the arm back."""
+    async def _give_arm(self) -> None:
         await self.robot.execute("GiveArm")
 
-    async def motor_on(self) -> bool:
-        """Switch the motor on; return whether it was off, or nobody knows.
+    async def is_motor_on(self) -> bool:
+        """Tell whether the motor is on; it counts as off where nobody knows."""
+        state = await self._optional(ObjectClass.ROBOT, "@SERVO_ON")
+        return state is not None and bool(state.value)
+
+    async def motor_on(self) -> None:
+        """Switch the motor on, which it may just be switching off."""
+        for _ in range(_SWITCHES_OFF // _POLL):
+            try:
+                return await self._motor(True, _ON_TRIES)
+            except ControllerError as error:
+                if error.hresult != _SWITCHING_OFF:
+                    raise
+            self._pause(_POLL)
+        await self._motor(True, _ON_TRIES)
+
+    async def _motor_off(self) -> None:
+        await self._motor(False, _OFF_TRIES)
+
+    async def _motor(self, on: bool, tries: int) -> None:
+        """Switch the motor.
 
         With the machine lock on, which DENSO's slides recommend for trying things out, there is none to
         switch.
         """
-        state = await self._optional(ObjectClass.ROBOT, "@SERVO_ON")
-        if state is not None and state.value:
-            return False
-        for _ in range(_SWITCHES_OFF // _POLL):
-            try:
-                await self._motor(True)
-                return True
-            except ControllerError as error:
-                if error.hresult in _MACHINE_LOCK:
-                    return False
-                if error.hresult != _SWITCHING_OFF:
-                    raise
-            self._pause(_POLL)
-        await self._motor(True)
-        return True
-
-    async def motor_off(self) -> None:
-        """Switch the motor off."""
-        await self._motor(False)
-
-    async def _motor(self, on: bool) -> None:
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
             parameter = Variant.array(VT.I4, (int(on), 0))
-        with self._patience():
-            await self.robot.execute("Motor", parameter)
+        with self._patience(tries):
+            try:
+                await self.robot.execute("Motor", parameter)
+            except ControllerError as error:
+                if error.hresult not in _MACHINE_LOCK:
+                    raise
 
     async def approach(self, kind: PoseType, goal: Point, percent: float) -> None:
         """Go to a pose by an ordinary motion, ending with @E as slave mode wants it.
@@ -220,9 +248,11 @@ class Station:
         await self.robot.execute("ClearLog")
         await self.robot.execute("StartLog")
 
-    async def stop_log(self) -> None:
-        """Record no more."""
+    async def _stop_log(self) -> None:
         await self.robot.execute("StopLog")
+
+    async def _leave_slave_mode(self) -> None:
+        await self.robot.slv_change_mode(0)
 
     async def errors(self) -> tuple[tuple[int, str], ...]:
         """Read the errors that are active, the newest first; nothing is cleared."""
@@ -268,11 +298,12 @@ class Station:
         return _value(reply, name)
 
     @contextmanager
-    def _patience(self) -> Iterator[None]:
-        """Give the calls of a block more time."""
+    def _patience(self, tries: int) -> Iterator[None]:
+        """Give the calls of a block more time: so many tries after the first, or more."""
         session = self._reach.session
         usual = session.paces
-        session.paces = usual._replace(others=usual.others._replace(retries=_LONG_TRIES))
+        more = usual.others._replace(retries=max(tries, usual.others.retries))
+        session.paces = usual._replace(others=more)
         try:
             yield
         finally:

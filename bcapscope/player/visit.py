@@ -3,13 +3,13 @@
 However a visit ends, what was begun is ended in reverse order: slave mode, the log, motor, arm, RobSlave,
 handles, Controller_Disconnect, Service_Stop. Only where the controller no longer answers is the rest left to
 it. An order to stop lets the robot come to rest on its way first; nothing else can, since after an error the
-controller has left slave mode, and one that does not answer takes no set points.
+controller has left slave mode, and one that does not answer takes no set points. An order ends whatever is
+waited for, until everything is being ended.
 """
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from contextlib import AsyncExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -22,11 +22,15 @@ from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.player.channel import Channel
 from bcapscope.player.checks_motion import NEAR
 from bcapscope.player.course import Course
+from bcapscope.player.debts import Debts
 from bcapscope.player.desk import Desk
-from bcapscope.player.exchanger import BlockingExchanger
+from bcapscope.player.exchanger import LOOK_EACH, BlockingExchanger
 from bcapscope.player.journal import Journal
-from bcapscope.player.limits import UNKNOWN, Limits, limited, simulator_limits
+from bcapscope.player.limits import Limits, limited, limits_of
 from bcapscope.player.messages import (
+    TYPE_NAME,
+    Aftermath,
+    Debt,
     Ended,
     Order,
     Outcome,
@@ -55,7 +59,6 @@ _ROBOT_EXECUTE = 64
 _ROBOT_HALT = 70
 _CONTROL_PERIOD = 8_000_000
 _CAPACITY = 1_000_000  # set points whose lateness is kept: two hours at 8 ms
-_LOOK_EACH = 50_000_000
 _HALT_PACE = Pace(8_000_000, 60)
 _HALT_TRIES, _HALT_AGAIN = 8, 2_000_000
 
@@ -99,22 +102,29 @@ class Visit:
         self._journal = journal
         target = plan.target
         usual = Convention.SEED if channel.datagrams else Convention.TCP0
-        self._exchanger = BlockingExchanger(channel, target.convention or usual, journal.hear)
+        serial = plan.aftermath.serial if plan.aftermath else 1
+        self._exchanger = BlockingExchanger(channel, target.convention or usual, journal.hear, serial)
+        self._exchanger.look = self._look
         others = Pace(round(target.timeout * 1_000_000), target.retries)
         self._session = Session(self._exchanger, PACES._replace(others=others))
         names = {ObjectClass.ROBOT: plan.robot, ObjectClass.TASK: plan.task}
         reach = Reach(self._session, target.service, target.connect, names)
         self._station = Station(reach, self._pause)
+        self._debts = Debts(self._station, desk, channel)
         self._pacer: Pacer | None = None
         self._index = 0
-        self._gone = False
-        self._was_off: dict[str, bool] = {}
+        self._leaving = False
+        self._was_off: dict[Debt, bool] = {}
 
     async def perform(self) -> Ended:
-        """Do all of it; return how it ended."""
+        """Do all that the plan says; return how it ended."""
         outcome, reason = Outcome.DONE, ""
+        self._debts.owe()
         try:
-            await self._visit()
+            if self._plan.aftermath is None:
+                await self._visit()
+            else:
+                await self._tidy(self._plan.aftermath)
             outcome = Outcome.LOOKED if self._plan.look_only else Outcome.DONE
         except EndedEarly as end:
             outcome, reason = end.outcome, str(end)
@@ -123,7 +133,7 @@ class Visit:
         except ExchangeTimeout as error:
             outcome, reason = Outcome.UNANSWERED, str(error)
         except OSError as error:
-            outcome, reason, self._gone = Outcome.UNANSWERED, reason_of(error), True
+            outcome, reason, self._debts.gone = Outcome.UNANSWERED, reason_of(error), True
         except BcapError as error:
             outcome, reason = Outcome.FAILED, str(error)
         finally:
@@ -162,32 +172,49 @@ class Visit:
                 Outcome.UNARMED, "this is not the simulator, and nobody said that a robot may move"
             )
 
+    async def _tidy(self, left: Aftermath) -> None:
+        """End what a player before this one has begun."""
+        self._station.generation = Generation(left.generation)
+        self._leaving = True
+        self._show(State.LEAVING)
+        await self._station.connect()
+        self._debts.owe(*left.debts)
+        await self._debts.settle()
+
     async def _once(self, mode: SlaveMode, trajectory: Trajectory) -> None:
         """Get ready, play and leave."""
-        station = self._station
-        async with AsyncExitStack() as stack:
-            self._show(State.PREPARING)
-            if self._as_found("RobSlave", await station.run_robslave()):
-                stack.push_async_callback(self._undo, station.stop_robslave)
-            if await station.take_arm():
-                stack.push_async_callback(self._undo, station.give_arm)
-            if self._as_found("motor", await station.motor_on()):
-                stack.push_async_callback(self._undo, station.motor_off)
-            await self._approach(trajectory.kind, trajectory.vector(0))
-            if self._plan.log is not None:
-                await station.start_log()
-                self.logged = True
-                stack.push_async_callback(self._undo, station.stop_log)
+        self._leaving = False
+        try:
+            await self._prepare(trajectory)
             self._show(State.ENTERING)
-            await station.set_formats(trajectory.kind)
-            # Before the call: its reply may be lost, and yet it was done.
-            stack.push_async_callback(self._undo, self._leave)
-            await station.robot.slv_change_mode(mode.value)
+            await self._station.set_formats(trajectory.kind)
+            self._debts.owe(Debt.SLAVE_MODE)  # even if it is refused: to be on the safe side
+            await self._station.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)
+        finally:
+            self._leaving = True
+            self._show(State.LEAVING)
+            await self._debts.settle()
 
-    def _as_found(self, name: str, was_off: bool) -> bool:
-        """Tell whether something is to be switched off in the end: if it was off when we came."""
-        return self._was_off.setdefault(name, was_off)
+    async def _prepare(self, trajectory: Trajectory) -> None:
+        """Bring the robot to where slave mode can begin."""
+        station, debts = self._station, self._debts
+        self._show(State.PREPARING)
+        await self._switch_on(Debt.ROBSLAVE, await station.has_robslave(), station.start_robslave)
+        if station.has_arm_to_take:
+            await debts.begin(Debt.ARM, station.take_arm)
+        await self._switch_on(Debt.MOTOR, await station.is_motor_on(), station.motor_on)
+        await self._approach(trajectory.kind, trajectory.vector(0))
+        if self._plan.log is not None:
+            await debts.begin(Debt.LOG, station.start_log)
+            self.logged = True
+
+    async def _switch_on(self, debt: Debt, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
+        """Switch something on that is off; off again in the end only if it was off when we came."""
+        was_off = self._was_off.setdefault(debt, not is_on)
+        if is_on:
+            return
+        await (self._debts.begin(debt, step) if was_off else step())
 
     async def _approach(self, kind: PoseType, first: Point) -> None:
         """Bring the robot to the first point, unless it is there."""
@@ -205,8 +232,8 @@ class Visit:
         self._show(State.APPROACHING)
         try:
             await station.approach(kind, first, self._plan.approach)
-        except EndedEarly:
-            await self._halt()
+        except (EndedEarly, BcapError):
+            await self._halt()  # it may be on its way
             raise
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
@@ -241,6 +268,7 @@ class Visit:
 
         A controller that is busy with a set point says so, or says nothing until it is done with it.
         """
+        self._leaving = True
         usual = self._session.paces
         self._session.paces = usual._replace(others=_HALT_PACE)
         robot = Variant(VT.I4, self._station.robot.handle)
@@ -251,7 +279,7 @@ class Visit:
                     break
                 self._channel.wait(self._channel.now() + _HALT_AGAIN)
         except OSError:
-            self._gone = True
+            self._debts.gone = True
         finally:
             self._session.paces = usual
 
@@ -277,24 +305,10 @@ class Visit:
         if answer == CLEAR:
             raise error
 
-    async def _leave(self) -> None:
-        self._show(State.LEAVING)
-        await self._station.robot.slv_change_mode(0)
-
-    async def _undo(self, step: Callable[[], Awaitable[None]]) -> None:
-        """End what was begun; what the controller refuses is told, and the rest goes on."""
-        if self._gone:
-            return
-        try:
-            await step()
-        except (ExchangeTimeout, OSError):
-            self._gone = True
-        except BcapError as error:
-            self._desk.deliver(Trouble(f"while leaving: {error}"))
-
     async def _close(self) -> None:
         """Let go of the handles and the service; without waiting where nobody answers."""
-        if self._gone:
+        self._leaving = True
+        if self._debts.gone:
             self._channel.close()
         else:
             await self._session.close()
@@ -321,7 +335,12 @@ class Visit:
             now = self._channel.now()
             if now >= until:
                 return
-            self._channel.wait(min(until, now + _LOOK_EACH))
+            self._channel.wait(min(until, now + LOOK_EACH))
+
+    def _look(self) -> None:
+        """Do as `_obey` while there is anything that an order could end."""
+        if not self._leaving:
+            self._obey()
 
     def _obey(self) -> None:
         order = self._desk.poll()
@@ -331,7 +350,7 @@ class Visit:
 
     def _limits(self) -> Limits:
         """Return what a stop keeps within; not by way of joints, which takes longer than there is time."""
-        base = simulator_limits() if self._station.simulator else UNKNOWN
+        base = limits_of(self._station.facts.get(TYPE_NAME, ""))
         return replace(limited(base, self._plan.limits), to_joints=None)
 
     def _show(self, state: State) -> None:
@@ -340,9 +359,9 @@ class Visit:
     def _ended(self, outcome: Outcome, reason: str) -> Ended:
         pacer = self._pacer
         if pacer is None:
-            return Ended(outcome, reason, left=not self._gone)
+            return Ended(outcome, reason, left=not self._debts.gone)
         figures = pacer.lateness.exact(), pacer.cycle.exact(), pacer.counts
-        return Ended(outcome, reason, *figures, self._index, left=not self._gone)
+        return Ended(outcome, reason, *figures, self._index, left=not self._debts.gone)
 
 
 def _mode(plan: Plan, generation: Generation) -> SlaveMode:

@@ -1,8 +1,4 @@
-"""YAML as lists, dictionaries and text, without recursion, so that no nesting is too deep to be refused.
-
-PyYAML's own composer calls itself for each level, and its fast one in C runs out of stack and takes the
-process with it. Its events come one after the other; numbers and all other scalars stay text.
-"""
+"""YAML as lists, dictionaries and text, without recursion; numbers and all other scalars stay text."""
 
 from __future__ import annotations
 
@@ -11,12 +7,8 @@ from typing import Any
 
 import yaml
 
+from bcapscope.faults.yamlevents import YamlError, events
 from bcapscope.player.trajectory import TrajectoryError
-
-DEEPEST = 64
-"""Levels."""
-
-_LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
 def read_yaml(data: bytes) -> Iterator[object]:
@@ -25,25 +17,17 @@ def read_yaml(data: bytes) -> Iterator[object]:
     Raises:
         TrajectoryError: this is no YAML, or nested too deep.
     """
-    try:
-        yield from _documents(data)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        place = (mark.line + 1, mark.column + 1) if mark else (None, None)
-        raise TrajectoryError(f"this is no YAML: {error.problem}", *place) from error
-    except (yaml.YAMLError, UnicodeError) as error:
-        raise TrajectoryError(f"this is no YAML: {' '.join(str(error).split())}") from error
-
-
-def _documents(data: bytes) -> Iterator[object]:
     builder = _Builder()
-    for event in yaml.parse(data, Loader=_LOADER):
-        if isinstance(event, yaml.DocumentStartEvent):
-            builder = _Builder()
-        elif isinstance(event, yaml.DocumentEndEvent):
-            yield builder.root
-        else:
-            builder.take(event)
+    try:
+        for event in events(data):
+            if isinstance(event, yaml.DocumentStartEvent):
+                builder = _Builder()
+            elif isinstance(event, yaml.DocumentEndEvent):
+                yield builder.root
+            else:
+                builder.take(event)
+    except YamlError as error:
+        raise TrajectoryError(error.problem, error.line or None, error.column or None) from error
 
 
 class _Builder:
@@ -72,8 +56,6 @@ class _Builder:
             self._add(node, event)
             self._open.append(node)
             self._keys.append(None)
-            if len(self._open) > DEEPEST:
-                raise TrajectoryError(f"more than {DEEPEST} levels", _line(event))
         elif isinstance(event, yaml.CollectionEndEvent):
             self._open.pop()
             self._keys.pop()

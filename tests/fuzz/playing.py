@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bcapscope.player.limits import simulator_limits
+from bcapscope.player.limits import SIMULATED
 from bcapscope.player.preflight import check
 from bcapscope.player.reading import read
 from bcapscope.player.resampling import resample, stop_after
@@ -41,8 +41,8 @@ def trajectory(data: bytes) -> None:
 
 def play(each: Trajectory) -> None:
     """Do with a trajectory all that is done before and while it is played, but for sending."""
-    limits = simulator_limits()
-    before = check(each, PERIOD, limits, axis_count=6)
+    limits = SIMULATED
+    before = check(each, PERIOD, limits)
     shown = [*source_lines(each), *PreflightRenderer().lines(before), preflight_record(before).decode()]
     assert all(char.isprintable() or char == "\u3000" for line in shown for char in line)
     if not before.seconds < _LONGEST or any(finding.check == "not-finite" for finding in before.findings):

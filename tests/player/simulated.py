@@ -33,7 +33,9 @@ class SimulatedChannel:
     Attributes:
         sent: frames that the player sent, with the time.
         points: how many of them are set points, retries included.
+        heard: serials of replies that the player took, with the time.
         delay: ns that a packet takes.
+        asleep: from when to when the simulator gets no processor; what comes meanwhile waits.
         silent_from: time from which on nothing arrives any more; None for never.
     """
 
@@ -41,13 +43,17 @@ class SimulatedChannel:
     local: Address = ("127.0.0.1", 50000)
     peer: Address = ("127.0.0.1", 5007)
 
-    def __init__(self, simulator: Simulator, loss: float = 0.0, delay: int = MS // 10) -> None:
+    def __init__(
+        self, simulator: Simulator, loss: float = 0.0, delay: int = MS // 10, began: int = 0
+    ) -> None:
         self.simulator = simulator
         self.sent: list[tuple[int, Frame]] = []
         self.points = 0
+        self.heard: list[tuple[int, int]] = []
         self.silent_from: int | None = None
-        self._time = 0
+        self._time = began
         self.delay = delay
+        self.asleep = (0, 0)
         self._loss = loss
         self._chance = Random(3).random
         self._up: list[tuple[int, int, bytes]] = []
@@ -69,7 +75,9 @@ class SimulatedChannel:
     def receive(self, until: int) -> bytes | None:
         while True:
             if self._down and self._down[0][0] <= self._time:
-                return heapq.heappop(self._down)[2]
+                data = heapq.heappop(self._down)[2]
+                self.heard.append((Frame(data).serial, self._time))
+                return data
             due = min(until, self._down[0][0]) if self._down else until
             if not self._step(due) and self._time >= until:
                 return None
@@ -87,6 +95,9 @@ class SimulatedChannel:
         """Let time pass until something happens; return False once it is `until`."""
         if self._time >= until:
             return False
+        if self.asleep[0] <= self._time < self.asleep[1]:
+            self._time = min(until, self.asleep[1])
+            return True
         due = self.simulator.due(self._time)
         times = [until, *(max(due, self._time + 1) for due in (due,) if due is not None)]
         if self._up:

@@ -16,7 +16,7 @@ def test_a_log_is_written_so_that_it_can_be_played(tmp_path: Path) -> None:
         (*(float(number + column) for column in range(32)), 0, 0, 'a "b", c', 0, 8 * number, 0, 0)
         for number in range(5)
     ]
-    with path.open("w", encoding="utf-8") as file:
+    with path.open("wb") as file:
         write_log(file, records)
     (trajectory,) = read(path)
     assert trajectory.points.tolist() == [
@@ -26,7 +26,7 @@ def test_a_log_is_written_so_that_it_can_be_played(tmp_path: Path) -> None:
 
 
 def test_a_record_that_is_none_is_written_as_it_is() -> None:
-    file = io.StringIO()
-    write_log(file, ["odd", None])
-    assert file.getvalue().splitlines()[1:] == ["odd", '""']
+    file = io.BytesIO()
+    write_log(file, ["odd", None, "\ud800"])
+    assert file.getvalue().decode().splitlines()[1:] == ["odd", '""', "\\ud800"]
     assert len(TITLES) == 39

@@ -7,15 +7,26 @@ from math import inf
 
 import pytest
 
-from bcapscope.player.limits import FASTEST, UNKNOWN, limited, simulator_limits
+from bcapscope.player.limits import FASTEST, SIMULATED, UNKNOWN, limited, limits_of
 from bcapscope.simulator.kinematics import LIMITS
+from bcapscope.simulator.machine import Machine
+from bcapscope.simulator.profile import PROFILES
+
+PROFILED = Machine(PROFILES["rc8"])
 
 
-def test_those_of_the_simulated_arm() -> None:
-    limits = simulator_limits()
+def test_those_of_the_simulated_arm_are_known_by_its_type() -> None:
+    limits = limits_of(PROFILED.start.type_name)
+    assert limits is SIMULATED
+    assert limits.axis_count == len(LIMITS)
     assert [limits.of(f"J{axis}", "deg") for axis in range(1, 7)] == list(LIMITS)
     assert not limits.knows("J7")
     assert pickle.loads(pickle.dumps(limits)).axes == limits.axes
+
+
+def test_an_arm_is_unknown_whose_type_is_not_known_or_not_told() -> None:
+    assert limits_of("VP-6242G") is limits_of("") is UNKNOWN
+    assert UNKNOWN.axis_count is None
 
 
 def test_where_nothing_is_known_no_arm_is_as_fast() -> None:
@@ -33,9 +44,9 @@ def test_limits_as_users_write_them() -> None:
     assert limits.told("J2") == (-inf, inf, 30, 1000)
     assert limits.told("Z").speed == 100
     assert not limits.knows("Rx")
-    narrower = limited(simulator_limits(), ["J1.speed=10"])
+    narrower = limited(SIMULATED, ["J1.speed=10"])
     assert narrower.told("J1") == (-170, 170, 10, 6000)
-    assert simulator_limits().told("J1").speed == 300
+    assert SIMULATED.told("J1").speed == 300
 
 
 @pytest.mark.parametrize(

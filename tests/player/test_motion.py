@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from bcapscope.player.limits import UNKNOWN, limited, simulator_limits
+from bcapscope.player.limits import SIMULATED, UNKNOWN, limited
 from bcapscope.player.motion import excess, motions
 from bcapscope.protocol.slavemode import PoseType
 
@@ -33,7 +33,7 @@ def test_rotations_go_on_through_half_a_turn() -> None:
 
 def test_positions_move_the_joints_as_well() -> None:
     points = np.array([[350, 0, 750, 0, 90, 0, 1.0], [0, 350, 750, 0, 90, 0, 1], [900, 0, 0, 0, 0, 0, 1]])
-    _, joints = motions(PoseType.P, points, 1, simulator_limits())
+    _, joints = motions(PoseType.P, points, 1, SIMULATED)
     assert len(joints.axes) == 6
     assert joints.rows[:2] == pytest.approx(np.array([[0, 0, 90, 0, 90, 0], [90, 0, 90, 0, 90, 0]]), abs=1e-9)
     assert np.isnan(joints.rows[2]).all()
@@ -57,4 +57,4 @@ def test_the_share_of_the_limits(points: list[list[float]], share: float) -> Non
 
 def test_out_of_reach_is_beyond_every_limit() -> None:
     points = np.array([[350, 0, 750, 0, 90, 0], [9000, 0, 750, 0, 90, 0.0]])
-    assert excess(PoseType.P, points, 10, simulator_limits()) == inf
+    assert excess(PoseType.P, points, 10, SIMULATED) == inf

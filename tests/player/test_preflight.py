@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bcapscope.analysis.finding import Severity
 from bcapscope.player.curve import Array
 from bcapscope.player.finding import MOST_NUMBERS, Finding
-from bcapscope.player.limits import UNKNOWN, Limits, limited, simulator_limits
+from bcapscope.player.limits import SIMULATED, UNKNOWN, Limits, limited
 from bcapscope.player.preflight import Preflight, check
 from bcapscope.player.resampling import resample
 from bcapscope.player.trajectory import Column, Trajectory
@@ -24,7 +24,6 @@ from tests.player.ways import PERIOD, swing, way
 ERROR, WARNING, NOTE = Severity
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 JOINTS = swing() + HOME[:6]
-SIMULATOR = simulator_limits()
 
 
 def positions() -> Array:
@@ -41,9 +40,7 @@ def one(preflight: Preflight, name: str) -> Finding:
 
 
 def test_a_good_trajectory_has_no_finding() -> None:
-    preflight = check(
-        way(JOINTS), PERIOD, SIMULATOR, present=HOME, mode=slave_mode(0x202), axis_count=6, loop=True
-    )
+    preflight = check(way(JOINTS), PERIOD, SIMULATED, present=HOME, mode=slave_mode(0x202), loop=True)
     assert preflight.findings == ()
     assert preflight.is_fit
     assert not preflight.needs_move
@@ -52,7 +49,7 @@ def test_a_good_trajectory_has_no_finding() -> None:
 
 
 def test_positions_are_checked_as_joints_too() -> None:
-    preflight = check(way(positions(), PoseType.P), PERIOD, SIMULATOR, present=position(HOME))
+    preflight = check(way(positions(), PoseType.P), PERIOD, SIMULATED, present=position(HOME))
     assert preflight.findings == ()
     names = [figures.axis.name for figures in preflight.figures]
     assert names == ["X", "Y", "Z", "Rx", "Ry", "Rz", "J1", "J2", "J3", "J4", "J5", "J6"]
@@ -104,7 +101,7 @@ FAULTS = [
         "the robot has 4 axes, the file moves J5 and J6",
         (),
         0,
-        check(way(JOINTS), PERIOD, axis_count=4),
+        check(way(JOINTS), PERIOD, Limits("a SCARA", axis_count=4)),
     ),
     Fault(
         "axes",
@@ -112,7 +109,7 @@ FAULTS = [
         "J7 and J8, not in the file, keep what the robot has now",
         (),
         0,
-        check(way(JOINTS), PERIOD, axis_count=8),
+        check(way(JOINTS), PERIOD, Limits("a long arm", axis_count=8)),
     ),
     Fault(
         "axes",
@@ -233,7 +230,7 @@ FAULTS = [
         "the simulated arm does not reach 1 set point",
         (3,),
         1,
-        check(way(changed(positions(), 2, 0, 4000.0), PoseType.P), PERIOD, SIMULATOR),
+        check(way(changed(positions(), 2, 0, 4000.0), PoseType.P), PERIOD, SIMULATED),
     ),
     Fault(
         "limits",
@@ -311,7 +308,7 @@ def test_every_check_has_a_fault() -> None:
 
 
 def test_the_gravest_come_first() -> None:
-    preflight = check(FIGS_AND_MORE, PERIOD, SIMULATOR, present=(0.0,) * 7)
+    preflight = check(FIGS_AND_MORE, PERIOD, SIMULATED, present=(0.0,) * 7)
     rank = [list(Severity).index(finding.severity) for finding in preflight.findings]
     assert rank == sorted(rank)
     assert len(set(rank)) > 1
@@ -364,12 +361,12 @@ def test_way_points_have_no_speed_yet() -> None:
     assert found(preflight) == {"axes", "interval", "limits"}
     assert preflight.figures == ()
     assert preflight.seconds == 3
-    far = check(way([[0], [190]], period=None, times=[0, 1]), PERIOD, SIMULATOR)
+    far = check(way([[0], [190]], period=None, times=[0, 1]), PERIOD, SIMULATED)
     assert "range" in found(far)
 
 
 def test_one_point_is_enough() -> None:
-    preflight = check(way([[1, 2, 3]]), PERIOD, SIMULATOR, present=HOME, loop=True)
+    preflight = check(way([[1, 2, 3]]), PERIOD, SIMULATED, present=HOME, loop=True)
     assert found(preflight) == {"first-point", "still", "axes"}
     assert preflight.seconds == 0
 
@@ -388,7 +385,7 @@ def anything(draw: st.DrawFn) -> Trajectory:
 
 @given(
     anything(),
-    st.sampled_from([UNKNOWN, SIMULATOR]),
+    st.sampled_from([UNKNOWN, SIMULATED]),
     st.none() | st.lists(st.floats(-400, 400), max_size=10),
     st.booleans(),
 )
@@ -396,7 +393,7 @@ def anything(draw: st.DrawFn) -> Trajectory:
 def test_no_trajectory_breaks_it(
     trajectory: Trajectory, limits: Limits, present: list[float] | None, loop: bool
 ) -> None:
-    preflight = check(trajectory, PERIOD, limits, present=present, axis_count=6, loop=loop)
+    preflight = check(trajectory, PERIOD, limits, present=present, loop=loop)
     assert preflight.is_fit or preflight.findings
 
 

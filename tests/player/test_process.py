@@ -16,7 +16,16 @@ from typing import TypeVar
 import pytest
 
 from bcapscope.client.target import Target
-from bcapscope.player.messages import Message, Outcome, Packet, Plan, Progress, Question, Readiness
+from bcapscope.player.messages import (
+    Message,
+    Outcome,
+    Packet,
+    Plan,
+    Progress,
+    Question,
+    Readiness,
+    Trouble,
+)
 from bcapscope.player.process import Player
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import PROFILES
@@ -171,10 +180,18 @@ def test_when_the_program_that_started_it_is_killed_the_robot_comes_to_rest(sim:
     with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         assert int(parent.stdout.readline())
+        assert sim.machine.slave.mode is not None
         parent.kill()
         parent.stdout.close()
-    sim.wait(lambda: sim.machine.slave.mode is None)
-    assert not sim.machine.alarms.active
+    all_is_let_go(sim)
+
+
+def all_is_let_go(sim: Sim) -> None:
+    """Wait until the controller is as it was before anybody came."""
+    machine = sim.machine
+    sim.wait(lambda: machine.slave.mode is None and machine.owner is None and not machine.open)
+    assert not machine.motor_is_on(time.monotonic_ns())
+    assert not machine.alarms.active
 
 
 def test_nobody_reading_delays_nothing(sim: Sim) -> None:
@@ -228,6 +245,51 @@ def test_a_player_that_is_killed_is_told(sim: Sim) -> None:
         until_ended(player)
     assert player.ended is not None
     assert player.ended.reason == "the player ended with signal 9"
+
+
+@pytest.mark.parametrize("tcp", [False, True])
+def test_what_a_player_had_begun_that_is_killed_is_ended_by_another(sim: Sim, tcp: bool) -> None:
+    with Player(plan(sim, target=Target("127.0.0.1", sim.port, tcp=tcp))) as player:
+        playing(player)
+        first = player.pid
+        os.kill(first, signal.SIGKILL)
+        trouble = until(player, Trouble)
+        assert player.pid != first
+        until_ended(player)
+    assert trouble.text == "the player ended with signal 9: what it had begun is being ended"
+    assert player.ended is not None
+    assert (player.ended.outcome, player.ended.left) == (Outcome.FAILED, True)
+    assert player.ended.reason == "the player ended with signal 9: what it had begun was ended in order"
+    all_is_let_go(sim)
+
+
+def test_a_player_that_is_killed_beside_its_controller_is_told_too(sim: Sim) -> None:
+    with Player(plan(sim)) as player:
+        playing(player)
+        sim.close()
+        os.kill(player.pid, signal.SIGKILL)
+        until_ended(player)
+    assert player.ended is not None
+    assert not player.ended.left
+    assert player.ended.reason.startswith("the player ended with signal 9: what it had begun could not be")
+
+
+def test_a_player_that_hangs_is_killed_when_it_is_to_end(sim: Sim, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bcapscope.player.process._LEAVES", 5.0)
+    player = Player(plan(sim))
+    playing(player)
+    os.kill(player.pid, signal.SIGSTOP)
+    ended = player.close()
+    assert "signal 9" in ended.reason
+    all_is_let_go(sim)
+
+
+def test_files_to_which_nothing_was_written_are_not_left(tmp_path: Path) -> None:
+    paths = tmp_path / "log.csv", tmp_path / "all.pcapng"
+    target = Target("127.0.0.1", 1, tcp=True)
+    with Player(Plan(target=target, mode=2, log=str(paths[0]), record=str(paths[1]))) as player:
+        until_ended(player)
+    assert not any(path.exists() for path in paths)
 
 
 def test_frames_are_told_outside_of_the_pace(sim: Sim) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.player.curve import Array
-from bcapscope.player.limits import Limits, simulator_limits
+from bcapscope.player.limits import SIMULATED, Limits
 from bcapscope.player.motion import excess
 from bcapscope.player.resampling import RAMP, resample, stop_after
 from bcapscope.player.trajectory import MOST_POINTS, Trajectory, TrajectoryError
@@ -153,7 +153,7 @@ def test_a_stop_stays_on_the_way(row: int) -> None:
 
 def test_a_stop_takes_no_longer_than_it_must() -> None:
     trajectory = way(swing(degrees=60))
-    assert len(stop_after(trajectory, 85, PERIOD, simulator_limits())) == 13
+    assert len(stop_after(trajectory, 85, PERIOD, SIMULATED)) == 13
     assert 13 < len(stop_after(trajectory, 85, PERIOD, GENTLE)) < 40
     assert len(stop_after(trajectory, 85, PERIOD)) == 63
 
@@ -177,7 +177,7 @@ def test_positions_stop_within_the_limits_of_joints() -> None:
     across = np.linspace(-200, 200, 200)
     points = np.stack([0 * across + 400, across, 0 * across + 500, *[0 * across] * 3, 0 * across + 1], axis=1)
     smooth = resample(way(points, PoseType.P), PERIOD)
-    limits = simulator_limits()
+    limits = SIMULATED
     stop = stop_after(smooth, 100, PERIOD, limits)
     sent = np.vstack((smooth.points[:101], stop, stop[-1:]))
     assert excess(PoseType.P, sent, PERIOD, limits) <= 1.0

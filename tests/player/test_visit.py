@@ -8,9 +8,12 @@ from itertools import pairwise
 import pytest
 
 from bcapscope.player.messages import (
+    Aftermath,
+    Debt,
     Ended,
     Order,
     Outcome,
+    Owed,
     Pacing,
     Peer,
     Plan,
@@ -23,7 +26,7 @@ from bcapscope.player.visit import AGAIN, CLEAR, YES
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.slavemode import Generation, PoseType, mode_pose_type
 from bcapscope.simulator.machine import Start
-from tests.player.simulated import HOME, MS, TARGET, Stage, named, wave
+from tests.player.simulated import HOME, MS, TARGET, SimulatedChannel, Stage, named, wave
 
 
 def plan(mode: int | Pacing, **more: object) -> Plan:
@@ -381,6 +384,121 @@ def test_the_log_of_the_controller_runs_during_the_motion() -> None:
         *("slvChangeMode 0", "StopLog"),
     ]
     assert len(stage.simulator.machine.log.records) > 120
+
+
+@pytest.mark.parametrize(
+    ("profile", "mode", "ms", "outcome"),
+    [
+        *(("rc7", 0x002, 6, Outcome.DONE), ("rc7", 0x002, 10, Outcome.REFUSED)),
+        *(("rc8", 0x202, 20, Outcome.DONE), ("rc8", 0x202, 40, Outcome.REFUSED)),
+    ],
+)
+def test_a_simulator_that_gets_no_processor_runs_out_of_set_points_before_it_asks_for_them(
+    profile: str, mode: int, ms: int, outcome: Outcome
+) -> None:
+    """Where the controller waits, its reply is what asks for the next set point.
+
+    One that is held up for longer than its buffer lasts (one slot on RC7, three later) finds it empty when it
+    goes on, before it has sent the reply that was due first. The player has sent each set point 0.3 ms after
+    the reply before it, and filled the buffer at the beginning.
+    """
+    stage = Stage(profile)
+
+    def hold_up(_: int) -> None:
+        if stage.channel.points > 150 and stage.channel.asleep == (0, 0):
+            now = stage.channel.now()
+            stage.channel.asleep = (now, now + ms * MS)
+
+    stage.desk.at_poll = hold_up
+    ended = stage.play(plan(mode))
+    assert ended.outcome is outcome
+    assert ended.counts.sent > 20
+    assert ended.lateness.most == 0
+    if outcome is Outcome.REFUSED:
+        assert "84201482" in ended.reason
+    for asked, sent in answered_and_next(stage):
+        assert sent - asked <= 300_000 + stage.channel.delay
+
+
+def answered_and_next(stage: Stage) -> list[tuple[int, int]]:
+    """Return when each set point but the last was taken to be answered and when the next was sent."""
+    firsts = [(time, frame.serial) for time, frame in set_points(stage) if frame.reserved == 0]
+    heard = dict(stage.channel.heard)
+    last_tries: dict[int, int] = {}
+    for _, frame in set_points(stage):
+        last_tries[frame.reserved or frame.serial] = frame.serial
+    return [
+        (heard[last_tries[serial]], next_time)
+        for (_, serial), (next_time, _) in pairwise(firsts[8:])
+        if last_tries[serial] in heard
+    ]
+
+
+@pytest.mark.parametrize("order", list(Order))
+def test_an_order_ends_what_is_waited_for(order: Order) -> None:
+    stage = Stage(start=Start(motor_time=10_000 * MS))
+    stage.desk.at_poll = lambda _: order if "Motor" in stage.said else None
+    ended = stage.play(plan(0x202))
+    assert ended.outcome is (Outcome.STOPPED if order is Order.STOP else Outcome.HALTED)
+    assert 10_000 * MS < stage.channel.now() < 12_000 * MS
+    assert stage.said[-5:] == ["Motor", "GiveArm", "Robot_Release", "Controller_Disconnect", "Service_Stop"]
+    assert not stage.simulator.machine.motor_is_on(120_000 * MS)
+
+
+def test_an_order_ends_what_nobody_will_answer() -> None:
+    stage = Stage()
+
+    def look(_: int) -> Order | None:
+        if "Motor" not in stage.said:
+            return None
+        stage.channel.silent_from = 0
+        return Order.STOP
+
+    stage.desk.at_poll = look
+    stage.channel.delay = 20 * MS
+    ended = stage.play(plan(0x202))
+    assert (ended.outcome, ended.left) == (Outcome.STOPPED, False)
+    assert stage.channel.now() < 40_000 * MS
+
+
+def test_robslave_is_stopped_if_an_order_comes_while_it_starts() -> None:
+    stage = Stage("rc7")
+    stage.desk.at_poll = lambda _: Order.STOP if "Task_Start" in stage.said else None
+    assert stage.play(plan(0x002)).outcome is Outcome.STOPPED
+    assert "Task_Stop" in stage.said
+    assert set(stage.simulator.machine.tasks.values()) == {2}
+
+
+def test_what_is_owed_is_told_before_it_is_begun() -> None:
+    stage = Stage()
+    stage.play(plan(0x202, log="anything"))
+    owed = [message for message in stage.desk.told if isinstance(message, Owed)]
+    debts = [Debt.ARM, Debt.MOTOR, Debt.LOG, Debt.SLAVE_MODE]
+    growing = [tuple(debts[:count]) for count in range(5)]
+    assert [each.debts for each in owed] == [*growing, *reversed(growing[:-1])]
+    assert {each.port for each in owed} == {50000}
+    assert owed[-1].generation == Generation.RC8
+
+
+@pytest.mark.parametrize("profile", ["rc7", "rc8"])
+def test_another_player_ends_what_one_has_left(profile: str) -> None:
+    stage = Stage(profile)
+    fall_silent(stage, 99)
+    stage.play(plan(0x102))
+    machine = stage.simulator.machine
+    assert machine.slave.mode is not None
+    owed = [message for message in stage.desk.told if isinstance(message, Owed)][-1]
+    last = max(frame.serial for _, frame in stage.channel.sent)
+    aftermath = Aftermath(owed.debts, owed.generation, owed.port, last + 1000)
+    after = Stage(profile)
+    after.channel = SimulatedChannel(stage.simulator, began=stage.channel.now())
+    ended = after.play(plan(0x102, points=(), aftermath=aftermath))
+    assert (ended.outcome, ended.left) == (Outcome.DONE, True)
+    assert machine.slave.mode is None
+    assert not machine.motor_is_on(after.channel.now())
+    assert (machine.owner, machine.open) == (None, {})
+    assert set(machine.tasks.values()) == {2}
+    assert not machine.alarms.active
 
 
 def test_a_reply_that_is_longer_than_all_tries_is_waited_for() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bcapscope.player.limits import UNKNOWN, simulator_limits
+from bcapscope.player.limits import SIMULATED, UNKNOWN
 from bcapscope.player.preflight import check
 from bcapscope.player.reading import read
 from bcapscope.player.trajectory import Column, Source
@@ -51,7 +51,7 @@ def test_intervals() -> None:
 
 
 def test_a_pre_flight_that_is_fit() -> None:
-    shown = list(PreflightRenderer().lines(check(way(swing(degrees=40)), PERIOD, simulator_limits())))
+    shown = list(PreflightRenderer().lines(check(way(swing(degrees=40)), PERIOD, SIMULATED)))
     assert shown[:2] == [
         "axis  unit     from      to    step       speed/s  acceleration/s²  fastest at",
         "J1    deg     0.000  40.000  0.8645  108.1 of 300    789.3 of 6000          98",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from msgspec import structs
 
-from bcapscope.player.limits import UNKNOWN, simulator_limits
+from bcapscope.player.limits import limited, limits_of
 from bcapscope.player.messages import (
     Ended,
     Message,
@@ -109,7 +109,7 @@ class SlaveRun:
         self.preflight = check(
             self.trajectory,
             self.plan.period / 1e9,
-            simulator_limits() if peer.simulator else UNKNOWN,
+            limited(limits_of(peer.type_name), self.plan.limits),
             present=peer.pose,
             mode=self.mode,
             loop=self.plan.rounds != 1,
