@@ -12,13 +12,12 @@ import msgspec
 
 from bcapscope.cli.attended import announce, attended_option
 from bcapscope.cli.behaviours import list_behaviours
-from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.cli.scenarios import choose_scenario, introduction, list_scenarios
-from bcapscope.cli.serving import Log, Tap, reach, serve_in_order
+from bcapscope.cli.serving import Serving, reach
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import Defective, Kind, Scenario
-from bcapscope.simulator.server import ListenError, Server
+from bcapscope.simulator.server import Server
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.stage import Stage
 
@@ -105,30 +104,24 @@ def command(
     diagnose finds in a capture of it; what a scenario does is a line that begins with #.
 
     Exit codes: 0 it was ended; 2 there is no such scenario, or it makes no sense; 4 the address cannot be
-    listened on; 6 the capture cannot be written.
+    listened on; 6 the capture cannot be written, or lacks what could not be written in time.
     """
-    log = Log(not quiet)
+    serving = Serving(quiet=quiet, record=record)
     played = _chosen(scenario, profile, defects)
     now = time.monotonic_ns()
     start = played.beginning(epoch=time.time_ns() - now)
-    simulator = Simulator(played.controller, start, now, log.take)
-    stage = None if scenario is None else Stage(played, simulator, now, seed=seed, news=log.note)
-    tap = Tap(record) if record else None
-    try:
-        server = Server(stage or simulator, listen, port, tap)
-    except ListenError as error:
-        narrate(f"{error}")
-        sys.exit(Exit.UNREADABLE)
-    narrate(_greeting(simulator, server))
-    if scenario is not None:
-        narrate(introduction(scenario))
-    if attended:
-        announce(["%s:%d" % server.address])
-    keys = _Keys(_actions(simulator, server), attended)
-    serve_in_order(server, log, keys.take, keys.watched)
-    log.flush()
+    simulator = Simulator(played.controller, start, now, serving.log.take)
+    stage = None if scenario is None else Stage(played, simulator, now, seed=seed, news=serving.log.note)
+    with serving.listen(stage or simulator, listen, port) as server:
+        narrate(_greeting(simulator, server))
+        if scenario is not None:
+            narrate(introduction(scenario))
+        if attended:
+            announce(["%s:%d" % server.address])
+        keys = _Keys(_actions(simulator, server, serving.tell), serving.tell, attended)
+        serving.serve(server, keys.take, keys.watched)
     dropped = f"{simulator.dropped} datagrams dropped, no sound requests or of clients too many"
-    narrate(f"{log.calls} calls; {dropped}")
+    serving.end(f"{serving.log.calls} calls; {dropped}")
 
 
 def _chosen(scenario: Scenario | None, profile: str | None, defects: tuple[str, ...]) -> Scenario:
@@ -150,7 +143,9 @@ def _quit() -> None:
     raise KeyboardInterrupt
 
 
-def _actions(simulator: Simulator, server: Server) -> dict[str, Callable[[], None]]:
+def _actions(
+    simulator: Simulator, server: Server, tell: Callable[[str], None]
+) -> dict[str, Callable[[], None]]:
     machine = simulator.machine
 
     def let_go() -> None:
@@ -159,11 +154,11 @@ def _actions(simulator: Simulator, server: Server) -> dict[str, Callable[[], Non
     def switch_detector() -> None:
         machine.slave.async_detector = not machine.slave.async_detector
         word = "an error" if machine.slave.async_detector else "no error"
-        narrate(f"a late set point is {word} in the Async modes of RC7")
+        tell(f"a late set point is {word} in the Async modes of RC7")
 
     return {
         "reset": server.reset,
-        "stop": lambda: machine.press_emergency_stop(time.monotonic_ns()),
+        "stop": lambda: machine.press_emergency_stop(server.now()),
         "go": let_go,
         "detector": switch_detector,
         "quit": _quit,
@@ -173,8 +168,11 @@ def _actions(simulator: Simulator, server: Server) -> dict[str, Callable[[], Non
 class _Keys:
     """Commands typed, or piped, while it runs."""
 
-    def __init__(self, actions: dict[str, Callable[[], None]], attended: bool) -> None:
+    def __init__(
+        self, actions: dict[str, Callable[[], None]], tell: Callable[[str], None], attended: bool
+    ) -> None:
         self._actions = actions
+        self._tell = tell
         self._attended = attended
         self._rest = b""
         self.watched = [0] if _can_be_read() else []
@@ -195,7 +193,7 @@ class _Keys:
         if len(found) == 1:
             found[0]()
         elif word:
-            narrate(_HELP)
+            self._tell(_HELP)
 
 
 def _can_be_read() -> bool:

@@ -25,6 +25,10 @@ LARGEST_BACKLOG = 1 << 20
 LONGEST_WAIT = 0.5
 """Seconds; an interrupt is noticed after that at the latest on every system."""
 
+_HELD_UP = 2_000_000
+"""ns after the moment at which something was due that are the way of the world; behind them we got no
+processor, which a real controller never waits for."""
+
 # ns. To wake a processor that has nothing to do takes longer, on a virtual machine, than to answer a call.
 _LINGER = 60_000
 _give_way: Callable[[], None] = getattr(os, "sched_yield", lambda: time.sleep(0))
@@ -81,30 +85,38 @@ class _Connection:
 class Server:
     """Moves bytes between sockets and a simulator.
 
+    While this program gets no processor, the controller's time stands still: else its 8 ms would go by before
+    it has sent the reply that asks its client for the next set point.
+
     Attributes:
         address: host and port that it listens on.
+        tap: is shown all that passes; None for nobody.
     """
 
-    def __init__(self, simulator: Answerer, host: str, port: int, tap: Tap | None = None) -> None:
+    def __init__(self, simulator: Answerer, host: str, port: int) -> None:
         """Listen on UDP and TCP.
 
         Args:
-            simulator: whose clock is `time.monotonic_ns`.
+            simulator: whose time is that of `now`, which begins as `time.monotonic_ns`.
             host: address or name of this machine.
             port: 0 for any that is free on both.
-            tap: is shown all that passes.
 
         Raises:
             ListenError: that cannot be done.
         """
         self._simulator = simulator
-        self._tap = tap
+        self.tap: Tap | None = None
         self._connections: dict[socket.socket, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._awake_until = 0
+        self._stood_still = 0
         self._udp, self._tcp = _listen(host, port)
         self._arrange()
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
+
+    def now(self) -> int:
+        """Return the controller's time, ns."""
+        return time.monotonic_ns() - self._stood_still
 
     def close(self) -> None:
         """Close all sockets."""
@@ -123,7 +135,10 @@ class Server:
         Returns:
             Those of `also` that can be read.
         """
-        readable, writable = self._wait([*self._readers, *also], until)
+        due = self._simulator.due(self.now())
+        readable, writable = self._wait([*self._readers, *also], until, due)
+        if due is not None:
+            self._catch_up(due)
         for blocked in writable:
             self._flush(self._connections[blocked])
         for sock in readable:
@@ -133,7 +148,7 @@ class Server:
                 self._accept()
             elif isinstance(sock, socket.socket):
                 self._take_segment(sock)
-        now = time.monotonic_ns()
+        now = self.now()
         if readable:
             self._awake_until = now + _LINGER
         self._send(self._simulator.advance(now))
@@ -141,31 +156,38 @@ class Server:
 
     def reset(self) -> None:
         """Press the pendant's Reset button."""
-        self._send(self._simulator.reset(time.monotonic_ns()))
+        self._send(self._simulator.reset(self.now()))
 
-    def _wait(self, readers: list[_Source], until: float) -> tuple[list[_Source], list[socket.socket]]:
+    def _catch_up(self, due: int) -> None:
+        """Let the controller's time stand still for as long as we were held up."""
+        late = self.now() - due
+        if late > _HELD_UP:
+            self._stood_still += late
+
+    def _wait(
+        self, readers: list[_Source], until: float, due: int | None
+    ) -> tuple[list[_Source], list[socket.socket]]:
         """Wait for sockets that can be read and written; shortly behind a request without going to sleep."""
-        now = time.monotonic_ns()
-        due = self._simulator.due(now)
+        now = self.now()
         end = self._awake_until if due is None else min(self._awake_until, due)
         while now < end:
             readable, writable, _ = select.select(readers, self._writers, [], 0)
             if readable or writable:
                 return readable, writable
             _give_way()
-            now = time.monotonic_ns()
+            now = self.now()
         wait = until if due is None else min(until, max(0, due - now) / 1e9)
         return select.select(readers, self._writers, [], wait)[:2]
 
     def _take_datagrams(self) -> None:
-        take, receive, clock = self._simulator.datagram, self._udp.recvfrom, time.monotonic_ns
+        take, receive, clock = self._simulator.datagram, self._udp.recvfrom, self.now
         for _ in range(_AT_ONCE):
             try:
                 data, address = receive(LARGEST_DATAGRAM)
             except OSError:  # nothing left; on Windows also an earlier client's closed port
                 return
-            if self._tap:
-                self._tap.datagram(address[:2], self.address, data, time.time_ns())
+            if self.tap:
+                self.tap.datagram(address[:2], self.address, data, time.time_ns())
             outputs = take(("udp", address), data, clock())
             self._send(outputs)
             # Its client has the word now; without an answer there may be more, of a flood.
@@ -176,7 +198,7 @@ class Server:
         with suppress(OSError):
             sock, address = self._tcp.accept()
             peer = ("tcp", address)
-            if not self._simulator.connect(peer, time.monotonic_ns()):
+            if not self._simulator.connect(peer, self.now()):
                 sock.close()
                 return
             sock.setblocking(False)
@@ -201,9 +223,9 @@ class Server:
         except OSError:
             data = b""
         if data:
-            if self._tap:
-                self._tap.segment(connection.client, self.address, data, time.time_ns())
-            self._send(self._simulator.segment(connection.peer, data, time.monotonic_ns()))
+            if self.tap:
+                self.tap.segment(connection.client, self.address, data, time.time_ns())
+            self._send(self._simulator.segment(connection.peer, data, self.now()))
         else:
             self._drop(connection)
 
@@ -213,8 +235,8 @@ class Server:
             if connection is None:
                 assert isinstance(peer, tuple)
                 if peer[0] == "udp":
-                    if self._tap:
-                        self._tap.datagram(self.address, peer[1][:2], data, time.time_ns())
+                    if self.tap:
+                        self.tap.datagram(self.address, peer[1][:2], data, time.time_ns())
                     with suppress(OSError):  # the client is gone, or its socket's buffer is full
                         self._udp.sendto(data, peer[1])
             elif not data or len(connection.backlog) > LARGEST_BACKLOG:
@@ -233,8 +255,8 @@ class Server:
         except OSError:
             self._drop(connection)
             return
-        if self._tap and sent:
-            self._tap.segment(self.address, connection.client, bytes(backlog[:sent]), time.time_ns())
+        if self.tap and sent:
+            self.tap.segment(self.address, connection.client, bytes(backlog[:sent]), time.time_ns())
         del backlog[:sent]
         if connection.blocked is not bool(backlog):
             connection.blocked = bool(backlog)
@@ -245,9 +267,9 @@ class Server:
             return
         del self._by_peer[connection.peer]
         self._arrange()
-        if self._tap:
-            self._tap.ended(connection.client, self.address)
-        self._simulator.disconnect(connection.peer, time.monotonic_ns())
+        if self.tap:
+            self.tap.ended(connection.client, self.address)
+        self._simulator.disconnect(connection.peer, self.now())
         if by_reset:
             reset(connection.socket)
         else:

@@ -12,7 +12,7 @@ from bcapscope.protocol.frame import Frame, encode
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.server import ListenError, Server
-from bcapscope.simulator.simulator import MOST_CLIENTS, Simulator
+from bcapscope.simulator.simulator import MOST_CLIENTS, Output, Simulator
 from bcapscope.simulator.stage import Stage
 from bcapscope.simulator.values import bstr
 
@@ -109,6 +109,34 @@ def test_a_client_that_asks_for_much_at_once_lets_others_have_their_turn() -> No
         greedy.sendall(START * 1000)
         assert Frame(exchange(server, good, START)).code == 0
         assert len(calls) < 100
+    server.close()
+
+
+class HeldUp(Simulator):
+    """A simulator for which something was due 50 ms ago.
+
+    Attributes:
+        was_due: when.
+        went_on: when it is let go on.
+    """
+
+    was_due = went_on = 0
+
+    def due(self, now: int) -> int:
+        self.was_due = now - 50_000_000
+        return self.was_due
+
+    def advance(self, now: int) -> list[Output]:
+        self.went_on = now
+        return []
+
+
+def test_the_time_of_the_controller_stands_still_while_it_gets_no_processor() -> None:
+    simulator = HeldUp(PROFILES["rc8"])
+    server = Server(simulator, "127.0.0.1", 0)
+    server.step(0)
+    assert 0 <= simulator.went_on - simulator.was_due < 25_000_000
+    assert time.monotonic_ns() - server.now() >= 50_000_000
     server.close()
 
 
