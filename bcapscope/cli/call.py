@@ -14,6 +14,7 @@ from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.request import Request, read_request, read_script
+from bcapscope.cli.signals import end_in_order
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import open_target
 from bcapscope.errors import ExchangeTimeout
@@ -87,6 +88,7 @@ def command(
         raise click.UsageError("which function? Give FUNCTION, --exec or --script")
     names = {owner: given for owner in _NAMED if (given := _given(named, owner)) is not None}
     calls = _Calls(target, names, arm, _Printer(dump, as_json, color))
+    end_in_order()
     with failures_told(target):
         try:
             code = asyncio.run(calls.make(requests))

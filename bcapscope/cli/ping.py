@@ -15,6 +15,7 @@ from bcapscope.analysis.distribution import Distribution, Histogram
 from bcapscope.analysis.fitness import fitness
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
+from bcapscope.cli.signals import end_in_order
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, open_target
 from bcapscope.errors import ControllerError
@@ -68,20 +69,28 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
     The verdict is for set points each 8 ms (Sync) and each 1 ms (Async): nearly all answers within that
     time, and no more losses than retries make good.
 
-    Exit codes: 0 calls were answered; 2 the command line makes no sense; 9 no answer.
+    Ctrl-C ends it before all calls are made; what was found until then is shown.
+
+    Exit codes: 0 calls were answered; 2 the command line makes no sense; 9 no answer; 130 it was ended.
     """
+    end_in_order()
+    found = _Found()
+    code = Exit.UNANSWERED
     with failures_told(target):
-        found = asyncio.run(_ping(target, count, interval / 1000))
+        try:
+            asyncio.run(_ping(target, count, interval / 1000, found))
+            code = Exit.OK if found.round_trips else Exit.UNANSWERED
+        except KeyboardInterrupt:
+            code = Exit.INTERRUPTED
     if as_json:
         click.echo(orjson.dumps(_record(target, found)))
     else:
         for line in _lines(target, found):
             click.echo(line)
-    sys.exit(Exit.OK if found.round_trips else Exit.UNANSWERED)
+    sys.exit(code)
 
 
-async def _ping(target: Target, count: int, interval: float) -> _Found:
-    found = _Found()
+async def _ping(target: Target, count: int, interval: float, found: _Found) -> None:
     async with open_target(target) as session:
         reach = Reach(session, target.service, target.connect, {})
         await reach.start()
@@ -93,7 +102,6 @@ async def _ping(target: Target, count: int, interval: float) -> _Found:
         except ControllerError as error:
             found.refused = str(error)
         await _measure(session, handle, count, interval, found)
-    return found
 
 
 async def _ask(reach: Reach, found: _Found) -> None:

@@ -13,7 +13,8 @@ from bcapscope.cli.connection import Target, failures_told, optional_target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.reading import Reading
-from bcapscope.cli.serving import Log, Tap, end_in_order, reach, serve_in_order
+from bcapscope.cli.serving import Log, Tap, reach, serve_in_order
+from bcapscope.cli.signals import end_in_order
 from bcapscope.cli.stats import wanted_calls
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session

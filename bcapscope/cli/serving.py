@@ -1,24 +1,28 @@
-"""What commands that listen for clients share: who can reach them, the log, the capture, the end."""
+"""What commands that answer clients share: who can reach them, the log, the capture, the end.
+
+Nothing that they tell holds up an answer: lines, sentences and the capture are written by threads of their
+own, and what there is no time for is counted.
+"""
 
 from __future__ import annotations
 
 import gc
 import ipaddress
-import signal
 import sys
 import time
-from collections.abc import Callable
-from types import FrameType
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
-from bcapscope.capture.recording import Address, Recording
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
+from bcapscope.cli.recorder import Recorder, open_capture
+from bcapscope.cli.screen import Screen
+from bcapscope.cli.signals import end_in_order
 from bcapscope.render.service import report_line
 from bcapscope.simulator.conversation import Report
-from bcapscope.simulator.server import Server, serve
+from bcapscope.simulator.server import Answerer, ListenError, Server, serve
 from bcapscope.simulator.simulator import Peer
-
-_ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def reach(host: str) -> str:
@@ -30,87 +34,93 @@ def reach(host: str) -> str:
     return f"everyone on {whom} reaches it"
 
 
-def serve_in_order(
-    server: Server, log: Log, take: Callable[[int], None] | None = None, watched: list[int] | None = None
-) -> None:
-    """Serve until Ctrl-C or another signal that ends programs, then close everything.
-
-    Args:
-        server: that listens.
-        log: of the calls.
-        take: called with each of `watched` that can be read.
-        watched: file descriptors; `take` may change it.
-    """
-    end_in_order()
-    # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
-    gc.collect()
-    gc.freeze()
-    try:
-        serve(server, log.idle, take or _ignore, watched or [])
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.close()
-
-
-def end_in_order() -> None:
-    """Let signals that end programs do as Ctrl-C does, so that all is let go of."""
-    for number in _ENDS:
-        signal.signal(number, _terminate)
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
 def _ignore(descriptor: int) -> None:
     """Take no notice."""
 
 
-class Tap:
-    """Writes a capture; when that fails, the command goes on without."""
+class Serving:
+    """A server of a command, with all that is told of it, from its start to its end.
 
-    def __init__(self, path: str) -> None:
+    Attributes:
+        log: of the calls.
+        tell: writes a sentence to stderr, and waits for nobody.
+    """
+
+    def __init__(self, *, quiet: bool, record: str | None) -> None:
+        """Get ready.
+
+        Args:
+            quiet: no line a call.
+            record: file that keeps what passes.
+        """
+        self._screen = Screen()
+        self.tell = self._screen.tell
+        self.log = Log(not quiet, self._screen)
+        self._record = record
+        self._recorder: Recorder | None = None
+
+    @contextmanager
+    def listen(self, answerer: Answerer, host: str, port: int) -> Iterator[Server]:
+        """Listen; what is done with the server ends in order with Ctrl-C or a signal that ends programs.
+
+        Raises:
+            FileRefused: the capture cannot be written.
+        """
+        end_in_order()
         try:
-            # Each packet is in the file at once, so that a kill loses none.
-            self._recording: Recording | None = Recording(open(path, "xb", buffering=0))  # noqa: SIM115 - close() ends it
-        except OSError as error:
-            narrate(f"{path} cannot be written: {error.strerror or error}")
+            server = Server(answerer, host, port)
+        except ListenError as error:
+            narrate(f"{error}")
+            sys.exit(Exit.UNREADABLE)
+        try:
+            if self._record is not None:
+                self._recorder = Recorder(open_capture(Path(self._record)), self._record, self.tell)
+                server.tap = self._recorder
+            yield server
+        except KeyboardInterrupt:
+            pass
+        finally:
+            server.close()
+
+    def serve(
+        self, server: Server, take: Callable[[int], None] = _ignore, watched: list[int] | None = None
+    ) -> None:
+        """Serve until interrupted.
+
+        Args:
+            server: that listens.
+            take: called with each of `watched` that can be read.
+            watched: file descriptors; `take` may change it.
+        """
+        # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
+        gc.collect()
+        gc.freeze()
+        serve(server, self._idle, take, watched or [])
+
+    def end(self, summary: str) -> None:
+        """Write what is left, and the summary; exit if the capture lacks something."""
+        self.log.flush()
+        complete = self._recorder is None or self._recorder.close()
+        self.tell(summary)
+        self._screen.close()
+        if not complete:
             sys.exit(Exit.UNWRITABLE)
-        self._path = path
 
-    def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Write a UDP datagram."""
-        if self._recording:
-            self._try(lambda recording: recording.datagram(source, target, data, time))
-
-    def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Write bytes of a TCP connection."""
-        if self._recording:
-            self._try(lambda recording: recording.segment(source, target, data, time))
-
-    def ended(self, client: Address, server: Address) -> None:
-        """Forget a TCP connection."""
-        if self._recording:
-            self._recording.ended(client, server)
-
-    def _try(self, write: Callable[[Recording], None]) -> None:
-        try:
-            if self._recording:
-                write(self._recording)
-        except OSError as error:
-            self._recording = None
-            narrate(f"{self._path} is not written any more: {error.strerror or error}")
+    def _idle(self) -> None:
+        self.log.idle()
+        if self._recorder is not None:
+            self._recorder.idle()
 
 
 class Log:
-    """Lines for stdout, made when the client has its answer, written at the latest after `_PATIENCE`."""
+    """Lines for stdout, made when the client has its answer, handed on at the latest after `_PATIENCE`."""
 
     _PATIENCE = 20_000_000
 
-    def __init__(self, wanted: bool) -> None:
+    def __init__(self, wanted: bool, screen: Screen) -> None:
         self.calls = 0
         self._wanted = wanted
+        self._screen = screen
         self._told: list[tuple[Peer, Report] | str] = []
         self._lines: list[str] = []
         self._written = 0
@@ -127,19 +137,18 @@ class Log:
             self._told.append(f"# {text}")
 
     def idle(self) -> None:
-        """Make the lines of what was told; write if the last time is long ago."""
+        """Make the lines of what was told; hand them on if the last time is long ago."""
         self._make()
         if self._lines and time.monotonic_ns() - self._written > self._PATIENCE:
             self.flush()
 
     def flush(self) -> None:
-        """Write what there is."""
+        """Hand on what there is."""
         self._make()
         self._written = time.monotonic_ns()
         if self._lines:
-            lines, self._lines = self._lines, []
-            sys.stdout.write("\n".join(lines) + "\n")
-            sys.stdout.flush()
+            self._screen.show(self._lines)
+            self._lines = []
 
     def _make(self) -> None:
         told, self._told = self._told, []

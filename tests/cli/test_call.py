@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -52,6 +56,24 @@ def test_what_a_function_needs_is_opened_and_released() -> None:
         ("Controller_Disconnect", 101),
         ("Service_Stop",),
     ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_releases_everything(number: signal.Signals) -> None:
+    def prepare(peer: Peer) -> None:
+        peer.answers["Robot_GetName"] = None
+
+    with udp_server(prepare) as server:
+        words = ["call", "127.0.0.1", "--port", str(server.port), "Robot_GetName"]
+        with subprocess.Popen([sys.executable, "-m", "bcapscope", *words]) as program:
+            while not any("Robot_GetName" in peer.functions for peer in list(server.peers.values())):
+                assert program.poll() is None
+                threading.Event().wait(0.02)
+            (peer,) = server.peers.values()
+            peer.end()
+            program.send_signal(number)
+        assert program.returncode == Exit.INTERRUPTED
+    assert peer.functions[-3:] == ["Robot_Release", "Controller_Disconnect", "Service_Stop"]
 
 
 def test_names_and_strings_can_be_chosen() -> None:

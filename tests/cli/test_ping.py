@@ -8,6 +8,8 @@ import subprocess
 import sys
 import threading
 
+import pytest
+
 from bcapscope.cli.exits import Exit
 from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
 from bcapscope.protocol.simulated import SIMULATOR_TEXT
@@ -86,7 +88,8 @@ def test_nobody_is_there() -> None:
     assert ran.out == ""
 
 
-def test_ctrl_c_releases_everything() -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_releases_everything_and_what_was_found_is_shown(number: signal.Signals) -> None:
     with udp_server() as server:
         words = ["ping", "127.0.0.1", "--port", str(server.port), "-n", "99999"]
         argv = [sys.executable, "-m", "bcapscope", *words]
@@ -94,8 +97,9 @@ def test_ctrl_c_releases_everything() -> None:
             while not any(len(peer.executed) > 12 for peer in list(server.peers.values())):
                 assert program.poll() is None
                 threading.Event().wait(0.02)
-            program.send_signal(signal.SIGINT)
+            program.send_signal(number)
             out, _ = program.communicate()
     (peer,) = server.peers.values()
-    assert (program.returncode, out) == (Exit.INTERRUPTED, b"")
+    assert program.returncode == Exit.INTERRUPTED
+    assert b" calls, 0 lost\nround trip, ms: p50 " in out
     assert peer.functions[-3:] == ["Robot_Release", "Controller_Disconnect", "Service_Stop"]
