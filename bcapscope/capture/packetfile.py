@@ -8,6 +8,7 @@ from io import RawIOBase
 from typing import BinaryIO
 
 from bcapscope.capture.packet import Interface, Packet
+from bcapscope.capture.spool import append
 
 _SECTION_BLOCK, _INTERFACE_BLOCK, _PACKET_BLOCK = 0x0A0D0D0A, 1, 6
 _SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
@@ -24,7 +25,7 @@ class PacketWriter:
         """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
         self._file = file
         self._interfaces: dict[Interface, int] = {}
-        file.write(_block(_SECTION_BLOCK, _SECTION))
+        append(file, _block(_SECTION_BLOCK, _SECTION))
 
     def write(self, packet: Packet) -> None:
         """Write a packet; times are kept to the nanosecond, of comments what fits an option.
@@ -38,13 +39,13 @@ class PacketWriter:
             number = self._describe(interface)
         head = struct.pack("<IIIII", number, time >> 32 & 0xFFFFFFFF, time & 0xFFFFFFFF, len(data), original)
         options = b"".join(_option(_COMMENT, comment) for comment in comments)
-        self._file.write(_block(_PACKET_BLOCK, head + _padded(data) + (options + _END if options else b"")))
+        append(self._file, _block(_PACKET_BLOCK, head + _padded(data) + (options + _END if options else b"")))
 
     def _describe(self, interface: Interface) -> int:
         name = _option(_NAME, interface.name) if interface.name else b""
         resolution = struct.pack("<HH", _RESOLUTION, 1) + _padded(_NANOSECONDS)
         body = struct.pack("<HHI", interface.linktype, 0, 0) + name + resolution + _END
-        self._file.write(_block(_INTERFACE_BLOCK, body))
+        append(self._file, _block(_INTERFACE_BLOCK, body))
         number = self._interfaces[interface] = len(self._interfaces)
         return number
 

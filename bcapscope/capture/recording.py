@@ -86,6 +86,10 @@ class Recording:
             packet = self._segment(source, target, _PUSH | _ACK, piece)
             self._packets.write((time, packet, len(packet), where, (comment,) if comment else ()))
 
+    def skipped(self, source: Address, target: Address, size: int) -> None:
+        """Go on behind so many bytes of a TCP connection that are not written: who reads it sees a gap."""
+        self._sequence[source, target] = self._sequence.get((source, target), 1) + size & 0xFFFFFFFF
+
     def opened(self, client: Address, server: Address, time: int, *, where: Interface = _NOWHERE) -> None:
         """Write that a TCP connection was made, as the three packets that this takes."""
         first = time // _SEQUENCE_NS & 0xFFFFFFFF

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+from io import RawIOBase
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -44,8 +45,8 @@ class Appender:
             OSError: there is no room.
         """
         if self._offsets:
-            _write(self._file, self._pending)
-            _write(self._index, self._offsets)
+            append(self._file, self._pending)
+            append(self._index, self._offsets)
             self._pending, self._offsets = bytearray(), bytearray()
 
     def close(self) -> None:
@@ -54,10 +55,15 @@ class Appender:
         self._index.close()
 
 
-def _write(file: BinaryIO, data: bytearray) -> None:
+def append(file: BinaryIO | RawIOBase, data: bytes | bytearray) -> None:
+    """Write all of `data`: a file that is not buffered may take less at once.
+
+    Raises:
+        OSError: there is no room.
+    """
     rest = memoryview(data)
     while rest:
-        rest = rest[file.write(rest) :]
+        rest = rest[file.write(rest) or 0 :]
 
 
 class Window:

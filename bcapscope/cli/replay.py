@@ -13,7 +13,7 @@ from bcapscope.cli.connection import Target, failures_told, optional_target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.reading import Reading
-from bcapscope.cli.serving import Log, Tap, reach, serve_in_order
+from bcapscope.cli.serving import Serving, reach
 from bcapscope.cli.signals import end_in_order
 from bcapscope.cli.stats import wanted_calls
 from bcapscope.client.reach import Reach
@@ -31,7 +31,6 @@ from bcapscope.render.replay import ReplayRenderer
 from bcapscope.replay.performance import Performance, Played
 from bcapscope.replay.script import Script, scripts_of
 from bcapscope.replay.standin import StandIn
-from bcapscope.simulator.server import ListenError, Server
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 
@@ -100,10 +99,13 @@ def command(
     """
     script = _script(Reading([capture], ()), wanted, client)
     if side == "server":
-        log = Log(not quiet)
-        standin = StandIn(script, log.take, delays=not no_delay)
-        _serve(standin, listen, target.port, Tap(record) if record else None, log)
-        narrate(_served(log.calls, standin.unknown))
+        serving = Serving(quiet=quiet, record=record)
+        standin = StandIn(script, serving.log.take, delays=not no_delay)
+        with serving.listen(standin, listen, target.port) as server:
+            host, port = server.address
+            narrate(f"the recorded controller answers on {host} port {port}, UDP and TCP; {reach(host)}")
+            serving.serve(server)
+        serving.end(_served(serving.log.calls, standin.unknown))
         return
     if not target.host:
         raise click.UsageError("which HOST is to be called?")
@@ -133,18 +135,6 @@ def _script(reading: Reading, wanted: Filter | None, client: str | None) -> Scri
 def _ends(script: Script) -> tuple[str, str]:
     end = script.conversation.client
     return printable(str(end)), printable(end.host)
-
-
-def _serve(standin: StandIn, listen: str, port: int, tap: Tap | None, log: Log) -> None:
-    try:
-        server = Server(standin, listen, port, tap)
-    except ListenError as error:
-        narrate(f"{error}")
-        sys.exit(Exit.UNREADABLE)
-    host, port = server.address
-    narrate(f"the recorded controller answers on {host} port {port}, UDP and TCP; {reach(host)}")
-    serve_in_order(server, log)
-    log.flush()
 
 
 def _served(calls: int, unknown: int) -> str:

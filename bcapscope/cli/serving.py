@@ -92,7 +92,7 @@ class Serving:
             take: called with each of `watched` that can be read.
             watched: file descriptors; `take` may change it.
         """
-        # What was loaded so far stays: looking through it for garbage again and again would cost milliseconds.
+        # What was loaded so far stays: looking through it for garbage again and again costs milliseconds.
         gc.collect()
         gc.freeze()
         serve(server, self._idle, take, watched or [])

@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 _SCREEN = """
 import sys, time
 from bcapscope.cli import screen
@@ -36,7 +38,7 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
     wait = 'time.sleep(0.2); it.show(["two"]); it.tell("still here")'
     _, err = ran(f'it.show(["one"]); {wait}', stdout=writing)
     os.close(writing)
-    sentence = "standard output is closed: nothing is shown there any more, the relay goes on"
+    sentence = "standard output is closed: nothing is shown there any more, all else goes on"
     assert err == f"{sentence}\nstill here\n"
 
 
@@ -48,8 +50,12 @@ def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
             'for number in range(50): it.show(["x" * 99] * 1000)\n'
             "assert time.monotonic() - began < 10"
         )
-        _, err = ran(do, "screen._LEAVES_WITHIN = 0.5", stdout=writing)
-        assert err == ""
+        _, err = ran(f'{do}; it.tell("a sentence")', "screen._LEAVES_WITHIN = 0.5", stdout=writing)
+        assert err.startswith("a sentence\n")
+        missing = int(err.split()[2].replace(",", ""))
+        assert err.endswith(" lines are not shown: standard output takes nothing\n")
+        shown = os.read(reading, 1 << 20).count(b"\n")
+        assert shown + missing == pytest.approx(50_000, abs=41)  # it is written 4096 bytes at a time
     finally:
         os.close(reading)
         os.close(writing)

@@ -7,7 +7,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -42,6 +43,13 @@ def ask(port: int) -> Frame:
         return Frame(sock.recv(4096))
 
 
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until something is true."""
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_answers_logs_and_ends(number: signal.Signals) -> None:
     with simulator("--profile", "rc7") as (process, port):
@@ -51,6 +59,49 @@ def test_it_answers_logs_and_ends(number: signal.Signals) -> None:
         assert process.returncode == 0
         assert re.fullmatch(r'tcp 127\.0\.0\.1:\d+ Service_Start "?,WDT=400"? -> S_OK\n', out), out
         assert err.startswith("1 calls; 0 datagrams")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_in_order_as_soon_as_it_listens(number: signal.Signals) -> None:
+    with simulator() as (process, _):
+        process.send_signal(number)
+        out, err = process.communicate(timeout=30)
+    assert (process.returncode, out) == (0, "")
+    assert err.endswith("0 calls; 0 datagrams dropped, no sound requests or of clients too many\n")
+
+
+def test_a_stdout_that_nobody_reads_holds_no_client_up() -> None:
+    request = encode(1, 0, 1, [bstr(",WDT=400" + " " * 200)])
+    longest = 0.0
+    with simulator() as (process, port), socket.create_connection(("127.0.0.1", port), 20) as sock:
+        for _ in range(2000):  # lines of more than 100 characters, where a pipe holds 64 kB
+            began = time.monotonic()
+            sock.sendall(request)
+            assert Frame(sock.recv(4096)).code == 0
+            longest = max(longest, time.monotonic() - began)
+        assert process.stdin is not None
+        process.stdin.write("nonsense\n")
+        process.stdin.flush()
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("reset (forget all clients)")
+        process.send_signal(signal.SIGINT)
+        told = process.stderr.read()
+        assert process.wait(30) == 0
+    assert longest < 1
+    assert re.fullmatch(
+        r"2000 calls; 0 datagrams .*\n[\d,]+ lines are not shown: standard output takes nothing\n", told
+    ), told
+
+
+def test_it_goes_on_when_the_reader_of_its_log_has_gone() -> None:
+    with simulator() as (process, port):
+        assert process.stdout is not None
+        process.stdout.close()
+        for _ in range(3):
+            assert ask(port).code == 0
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("standard output is closed")
+        assert ask(port).code == 0
 
 
 def test_commands_are_taken_while_it_runs() -> None:
@@ -76,6 +127,7 @@ def test_what_passes_is_recorded(tmp_path: Path) -> None:
             sock.connect(("127.0.0.1", port))
             sock.send(encode(1, 0, 1, [bstr("")]))
             assert sock.recv(4096)
+        wait_for(lambda: len(run("decode", path, "--port", str(port)).lines) == 4)
         process.kill()
         process.communicate(timeout=30)
     ran = run("decode", path, "--port", str(port))
@@ -92,15 +144,15 @@ def test_a_capture_is_never_written_over(tmp_path: Path) -> None:
     path = tmp_path / "a.pcapng"
     path.write_bytes(b"mine")
     ran = run("sim", "--port", "0", "--record", path)
-    assert (ran.code, ran.err) == (6, f"{path} cannot be written: File exists\n")
+    assert (ran.code, ran.err) == (6, f"Error: {path}: file exists\n")
     assert path.read_bytes() == b"mine"
 
 
-def test_a_port_in_use_is_one_sentence() -> None:
+def test_a_port_in_use_is_one_sentence(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        ran = run("sim", "--port", str(port))
-    assert (ran.code, ran.out) == (4, "")
+        ran = run("sim", "--port", str(port), "--record", tmp_path / "a.pcapng")
+    assert (ran.code, ran.out, list(tmp_path.iterdir())) == (4, "", [])
     assert ran.err == f"cannot listen on 127.0.0.1 TCP port {port}: Address already in use\n"
 
 

@@ -1,0 +1,159 @@
+"""A capture that is written behind the server's back, by disks that are slow, stuck or full."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from io import BytesIO, FileIO, RawIOBase
+from pathlib import Path
+from threading import Event
+
+import pytest
+
+from bcapscope.cli import recorder as module
+from bcapscope.cli.files import FileRefused
+from bcapscope.cli.recorder import Recorder, open_capture
+from bcapscope.protocol.frame import encode
+from tests.cli.run import run
+
+CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
+TIME = 1_700_000_000_000_000_000
+REQUEST, REPLY = encode(7, 0, 2), encode(7, 0, 0)
+
+
+class Disk(RawIOBase):
+    """A disk that takes nothing until it is told to, and then a few bytes at a time."""
+
+    def __init__(self) -> None:
+        self.taken = BytesIO()
+        self.runs = Event()
+
+    def write(self, data: object) -> int:
+        """Take some bytes."""
+        assert isinstance(data, bytes | memoryview)
+        self.runs.wait(30)
+        return self.taken.write(bytes(data)[:100])
+
+    def close(self) -> None:
+        """Stay readable."""
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until something is true."""
+    end = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+def frames(path: Path, data: bytes) -> tuple[int, str, list[str]]:
+    """Decode a capture; return the exit code, stderr, and the lines."""
+    path.write_bytes(data)
+    ran = run("decode", path)
+    return ran.code, ran.err, ran.lines
+
+
+def test_what_is_taken_is_written(tmp_path: Path) -> None:
+    path, told = tmp_path / "a.pcapng", list[str]()
+    recorder = Recorder(open_capture(path), "a.pcapng", told.append)
+    recorder.datagram(CLIENT, SERVER, REQUEST, TIME)
+    recorder.segment(CLIENT, SERVER, REQUEST, TIME + 1)
+    recorder.ended(CLIENT, SERVER)
+    recorder.idle()
+    wait_for(lambda: path.stat().st_size > 200)
+    recorder.datagram(SERVER, CLIENT, REPLY, TIME + 2)
+    assert recorder.close()
+    assert told == []
+    assert len(frames(path, path.read_bytes())[2]) == 3
+
+
+def test_a_file_is_never_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcapng"
+    path.write_bytes(b"mine")
+    with pytest.raises(FileRefused, match="file exists"):
+        open_capture(path)
+    assert path.read_bytes() == b"mine"
+
+
+def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(tmp_path: Path) -> None:
+    disk, told = Disk(), list[str]()
+    recorder = Recorder(disk, "a.pcapng", told.append, most=50_000)
+    began = time.monotonic()
+    for number in range(1000):
+        recorder.datagram(CLIENT, SERVER, REQUEST, TIME + number)
+        recorder.idle()
+    assert time.monotonic() - began < 5
+    assert told == ["a.pcapng is not written fast enough: what passes now is missing in it"]
+    kept = len(recorder._steps)
+    assert 50 < kept < 100
+    disk.runs.set()
+    wait_for(lambda: not recorder._steps)
+    recorder.datagram(SERVER, CLIENT, REPLY, TIME + 1000)
+    assert not recorder.close()
+    assert told[1:] == [f"a.pcapng lacks {1000 - kept} packets: it was not written fast enough"]
+    code, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
+    assert (code, len(lines)) == (0, kept + 1)
+    comment = f"{1000 - kept} packets before this one could not be written in time"
+    assert comment.encode() in disk.taken.getvalue()
+
+
+def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path) -> None:
+    disk, told = Disk(), list[str]()
+    recorder = Recorder(disk, "a.pcapng", told.append, most=5_000)
+    for number in range(100):
+        recorder.segment(CLIENT, SERVER, REQUEST, TIME + number)
+        recorder.idle()
+    kept = len(recorder._steps)
+    assert 5 < kept < 20
+    disk.runs.set()
+    wait_for(lambda: not recorder._steps)
+    recorder.segment(CLIENT, SERVER, REQUEST, TIME + 100)
+    assert not recorder.close()
+    _, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
+    gaps = [line for line in lines if f"{(100 - kept) * len(REQUEST)} bytes" in line]
+    assert len(lines) == kept + 2
+    assert len(gaps) == 1, lines
+
+
+def test_a_connection_that_ended_unseen_is_forgotten() -> None:
+    disk = Disk()
+    recorder = Recorder(disk, "a.pcapng", lambda text: None, most=5_000)
+    for number in range(100):
+        recorder.segment(CLIENT, SERVER, REQUEST, TIME + number)
+        recorder.idle()
+    recorder.ended(CLIENT, SERVER)
+    for port in range(1000):
+        recorder.segment((CLIENT[0], port), SERVER, REQUEST, TIME)
+        recorder.ended((CLIENT[0], port), SERVER)
+    assert len(recorder._late) == 1
+    assert not recorder._gaps
+    assert not recorder._ways
+    disk.runs.set()
+    recorder.close()
+
+
+def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_ENDS_WITHIN", 0.05)
+    disk, told = Disk(), list[str]()
+    recorder = Recorder(disk, "a.pcapng", told.append)
+    for _ in range(3):
+        recorder.datagram(CLIENT, SERVER, REQUEST, TIME)
+        recorder.idle()
+    assert not recorder.close()
+    assert told == ["a.pcapng lacks 3 packets: it was not written fast enough"]
+    disk.runs.set()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
+def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
+    told = list[str]()
+    recorder = Recorder(FileIO("/dev/full", "w"), "a\x1b.pcapng", told.append)
+    wait_for(lambda: bool(told))
+    for _ in range(3):
+        recorder.datagram(CLIENT, SERVER, REQUEST, TIME)
+        recorder.segment(CLIENT, SERVER, REQUEST, TIME)
+        recorder.ended(CLIENT, SERVER)
+        recorder.idle()
+    assert not recorder._steps
+    assert not recorder.close()
+    assert told == ["a\\x1b.pcapng is not written any more: no space left on device"]
