@@ -53,7 +53,11 @@ FASTEST = 0.98
 """Share of the period that a controller may ask for on average: clocks differ by far less than 2%."""
 
 _START = 5_000_000
-_PREPARING = 300_000  # ns kept free before a deadline, for reading the reply and making the next packet
+_PREPARING = 300_000
+"""ns kept free before a deadline, for making the next packet. Where there is more time, more of it is kept: the
+first steps after a sleep take ten times as long as those that follow each other, with caches that others have
+filled meanwhile."""
+
 _PATIENCE = 8_000_000
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
@@ -116,6 +120,7 @@ class Pacer:
         self._course = course
         self._idle = idle
         self._silence = SILENCE if exchanger.link.datagrams else move.pace.timeout
+        self._preparing = max(_PREPARING, move.period // 8)
         self._throttle = _Throttle(round(FASTEST * move.period), move.mode.slots + 1)
         self._last = 0
         self._word = 0  # when the newest of the set points was sent that are known to be answered
@@ -179,7 +184,7 @@ class Pacer:
         """Wait for the reply, as long as the mode lets us."""
         exchanger, link = self._exchanger, self._exchanger.link
         if self._move.mode.kind in _BY_CLOCK:
-            until = due + self._move.period - _PREPARING
+            until = due + self._move.period - self._preparing
             return exchanger.settle(until) or exchanger.abandon()
         while True:
             settled = exchanger.settle(link.now() + _PATIENCE)
