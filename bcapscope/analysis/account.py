@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.analysis.diagnosis import Diagnosis, Seen
-from bcapscope.analysis.finding import Finding
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.finding import Finding, Seen
 from bcapscope.analysis.marks import MOST_MARKS, MOST_SPELLS, PAUSE_NS, Mark, MarkKind, Marks
 from bcapscope.analysis.rules.rule import all_seen
 from bcapscope.analysis.slave import ChosenStays

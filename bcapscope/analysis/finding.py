@@ -1,9 +1,10 @@
-"""What a diagnosis says: one finding a rule, in words for people."""
+"""What a diagnosis says: one finding a rule, in words for people, and how much was looked at."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 
 class Severity(StrEnum):
@@ -41,3 +42,21 @@ class Finding:
     consequence_of: int | None
     advice: str
     source: str
+
+
+class Seen(NamedTuple):
+    """How much a diagnosis saw.
+
+    Attributes:
+        frames: frames and malformed items.
+        calls: calls.
+        clients: conversations that asked at least once.
+        nanoseconds: from the first frame to the end.
+        chosen: of the calls those that were asked for; None where all were.
+    """
+
+    frames: int
+    calls: int
+    clients: int
+    nanoseconds: int
+    chosen: int | None = None

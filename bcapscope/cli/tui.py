@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import click
 from click.core import ParameterSource
@@ -19,10 +20,6 @@ from bcapscope.cli.tuilive import ProxyWishes, show_proxy, show_simulator
 from bcapscope.cli.tuiserve import serve_option
 from bcapscope.client.paces import PORT
 from bcapscope.render.escape import printable
-
-if TYPE_CHECKING:
-    from bcapscope.tui.traffic.feed import Feed
-
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 """Endings that no host has; a name that has one is meant to be a file."""
@@ -106,8 +103,8 @@ def command(
     English or Japanese (LANG).
 
     Exit codes: 0 it was ended; 2 the command line makes no sense; 4 the capture cannot be opened, an address
-    not be listened on, or no proxy be found; 6 the recording cannot be written; 9 there is no controller of
-    that name.
+    not be listened on, or no proxy be found; 6 there is no room for a recording or a journal; 9 there is no
+    controller of that name.
     """
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("name a host or a capture, or one of -i, --proxy and --sim")
@@ -116,29 +113,37 @@ def command(
     if scenario is not None and not sim:
         raise click.UsageError("--scenario is that of a simulator: add --sim")
     if proxy is not None:
-        show_proxy(ProxyWishes(proxy, listen, to, record, rules))
+        with _folders():
+            show_proxy(ProxyWishes(proxy, listen, to, record, rules))
         return
     if sim:
         typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
         words = ["--profile", profile] if typed else []
         words += ["--scenario", scenario] if scenario else []
-        show_simulator(ports[0] if ports else PORT, words)
+        with _folders():
+            show_simulator(ports[0] if ports else PORT, words)
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
         narrate(f"{printable(path)}: no such file")
         sys.exit(Exit.UNREADABLE)
-    if not is_file and not interface:
-        _test(Wanted(path or "", ports[0] if ports else PORT, tcp, option, profile), requests)
-        return
-    # Reading begins before the screen is even loaded, in a process of its own.
-    from bcapscope.tui.traffic.feed import Feed
+    with _folders():
+        if is_file or interface:
+            _show(path or "", interface or "", ports)
+        else:
+            _test(Wanted(path or "", ports[0] if ports else PORT, tcp, option, profile), requests)
 
-    feed = Feed(path=path or "", interface=interface or "", ports=ports)
+
+@contextmanager
+def _folders() -> Iterator[None]:
+    """End the program where there is no room for what the screen keeps as long as it is there."""
+    from bcapscope.tui.traffic.folder import FolderError
+
     try:
-        _show(feed, Path(path).name if path else interface or "")
-    finally:
-        feed.close()
+        yield
+    except FolderError as error:
+        narrate(printable(str(error)))
+        sys.exit(Exit.UNWRITABLE)
 
 
 def _test(wanted: Wanted, requests: Path | None) -> None:
@@ -146,27 +151,35 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
     from bcapscope.tui.desk import audit, saved
     from bcapscope.tui.screens.tester import Start, Tester
     from bcapscope.tui.screens.traffic import TrafficScreen
-    from bcapscope.tui.traffic.feed import Feed, new_folder
+    from bcapscope.tui.traffic.feed import Feed
+    from bcapscope.tui.traffic.folder import Folder
     from bcapscope.tui.traffic.tap import Tap
 
-    folder = new_folder()
-    own = folder / "own.pcapng"
-    tap = Tap(own)
-    start = Start(requests or saved.default_folder(), audit.default_folder(), *wanted, tap.take)
-    tester = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
-    traffic = Spot(
-        "traffic", "f3", "traffic", lambda: TrafficScreen(Feed(path=str(own), follow=True), wanted.host)
-    )
-    try:
-        Scope([tester, traffic]).run()
-    finally:
-        tap.close()
-        shutil.rmtree(folder, ignore_errors=True)
+    with Folder() as folder:
+        own = folder.path / "own.pcapng"
+        tap = Tap(own)
+        start = Start(requests or saved.default_folder(), audit.default_folder(), *wanted, tap.take)
+        tester = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
+        traffic = Spot(
+            "traffic", "f3", "traffic", lambda: TrafficScreen(Feed(path=str(own), follow=True), wanted.host)
+        )
+        try:
+            Scope([tester, traffic]).run()
+        finally:
+            tap.close()
     narrate(f"what was sent is written down in {start.audit}")
 
 
-def _show(feed: Feed, title: str) -> None:
-    from bcapscope.tui.app import Scope, Spot
-    from bcapscope.tui.screens.traffic import TrafficScreen
+def _show(path: str, interface: str, ports: tuple[int, ...]) -> None:
+    # Reading begins before the screen is even loaded, in a process of its own.
+    from bcapscope.tui.traffic.feed import Feed
 
-    Scope([Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]).run()
+    feed = Feed(path=path, interface=interface, ports=ports)
+    try:
+        from bcapscope.tui.app import Scope, Spot
+        from bcapscope.tui.screens.traffic import TrafficScreen
+
+        title = Path(path).name or interface
+        Scope([Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]).run()
+    finally:
+        feed.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -66,11 +65,11 @@ def _show_running(address: str) -> None:
 
     figures = _figures(address)
     if figures.recording is None:
-        _run(None, _screen(address, figures, note=say("proxy.unrecorded")))
+        _run(None, _screen(address, figures, None, note=say("proxy.unrecorded")))
         return
     feed = Feed(path=figures.recording, follow=True, ports=figures.ports, leg=_NEAR_LEG)
     try:
-        _run(feed, _screen(address, figures))
+        _run(feed, _screen(address, figures, feed))
     finally:
         feed.close()
 
@@ -85,10 +84,11 @@ def _show_own(wishes: ProxyWishes) -> None:
     if wishes.record is not None:
         check_free(wishes.record, False)
     from bcapscope.tui.traffic.feed import Feed
+    from bcapscope.tui.traffic.folder import Folder
 
-    with _folder() as folder:
-        record = wishes.record or folder / "proxy.pcapng"
-        control = wishes.rules.control or _control_in(folder)
+    with Folder() as folder:
+        record = wishes.record or folder.path / "proxy.pcapng"
+        control = wishes.rules.control or _control_in(folder.path)
         words = [word for each in wishes.listen for word in ("--listen", each)]
         words += [word for each in wishes.to for word in ("--to", each)]
         words += ["--record", str(record), "--control", control, "--quiet", *wishes.rules.typed]
@@ -96,7 +96,7 @@ def _show_own(wishes: ProxyWishes) -> None:
             figures = _figures(child.control)
             feed = Feed(path=str(record), follow=True, ports=figures.ports, leg=_NEAR_LEG)
             try:
-                _run(feed, _screen(child.control, figures, child))
+                _run(feed, _screen(child.control, figures, feed, child))
             finally:
                 feed.close()
 
@@ -111,9 +111,10 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
     from bcapscope.tui.app import Scope, Spot
     from bcapscope.tui.screens.simulated import Simulated
     from bcapscope.tui.traffic.feed import Feed
+    from bcapscope.tui.traffic.folder import Folder
 
-    with _folder() as folder:
-        record = folder / "simulator.pcapng"
+    with Folder() as folder:
+        record = folder.path / "simulator.pcapng"
         with _child("sim", "--port", f"{port}", "--record", str(record), "--quiet", *words) as child:
             (address,) = child.listening
             feed = Feed(path=str(record), follow=True, ports=(int(address.rpartition(":")[2]),))
@@ -123,10 +124,12 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
                 feed.close()
 
 
-def _screen(address: str, figures: Figures, child: Child | None = None, note: str = "") -> ProxyScreen:
+def _screen(
+    address: str, figures: Figures, feed: Feed | None, child: Child | None = None, note: str = ""
+) -> ProxyScreen:
     from bcapscope.tui.screens.proxy import ProxyScreen
 
-    return ProxyScreen(address, ", ".join(figures.listening), child, note)
+    return ProxyScreen(address, ", ".join(figures.listening), feed, child, note)
 
 
 def _run(feed: Feed | None, screen: ProxyScreen) -> None:
@@ -176,18 +179,6 @@ def _child(*words: str) -> Iterator[Child]:
         with suppress(OSError):  # the terminal may be closed
             for line in said:
                 narrate(printable(line))
-
-
-@contextmanager
-def _folder() -> Iterator[Path]:
-    """Make a folder for what lasts as long as the screen."""
-    from bcapscope.tui.traffic.feed import new_folder
-
-    folder = new_folder()
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _control_in(folder: Path) -> str:

@@ -6,14 +6,13 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import orjson
 
-from bcapscope.analysis.diagnosis import Seen
-from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.finding import Finding, Seen, Severity
 from bcapscope.analysis.rules import RULES
 from bcapscope.analysis.rules.rule import Rule
-from bcapscope.analysis.speech import counted, span
 from bcapscope.render.columns import wrapped
 from bcapscope.render.escape import printable
 from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.render.verdict import verdict
 
 NARROWEST, WIDEST = 40, 120
 """Columns that text is wrapped to at least, where the terminal has fewer, and at most, where it is "
@@ -38,7 +37,7 @@ class FindingsRenderer:
             depths.append(0 if cause is None else depths[cause - 1] + 1)
             yield from self._finding(number, finding, " " * _STEP * min(depths[-1], _DEEPEST))
             yield ""
-        yield self._sum(findings, seen)
+        yield verdict([finding.severity for finding in findings], seen, self._palette)
 
     def _finding(self, number: int, finding: Finding, indent: str) -> Iterator[str]:
         color = self._palette
@@ -60,27 +59,6 @@ class FindingsRenderer:
             return
         for line in wrapped(f"{caption}{printable(text)}", max(self._width - len(indent), NARROWEST // 2)):
             yield f"{indent}{shade}{line}{self._palette.reset}"
-
-    def _sum(self, findings: Sequence[Finding], seen: Seen) -> str:
-        color = self._palette
-        if not seen.frames:
-            return "No b-CAP was seen."
-        counts = {severity: 0 for severity in Severity}
-        for finding in findings:
-            counts[finding.severity] += 1
-        told = [counted(count, severity.value) for severity, count in counts.items() if count]
-        size = (
-            f"{counted(seen.frames, 'frame')}, {counted(seen.calls, 'call')}, "
-            f"{counted(seen.clients, 'client')}, "
-            f"{span(seen.nanoseconds)}"
-        )
-        if seen.chosen is not None:
-            size = f"what concerns {counted(seen.chosen, 'call')} that fit the filter, of {size}"
-            size = size.replace("fit ", "fits ", 1) if seen.chosen == 1 else size
-        if counts[Severity.ERROR] or counts[Severity.WARNING]:
-            return f"{', '.join(told)} in {size}"
-        notes = f"; {told[0]}" if told else ""
-        return f"{color.good}No problem found{color.reset} in {size}{notes}"
 
 
 def finding_record(number: int, finding: Finding) -> bytes:

@@ -17,9 +17,11 @@ from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
 from textual.driver import Driver
+from textual.filter import LineFilter
 from textual.reactive import reactive
 
 from bcapscope.tui.halting import HALT_KEYS, halting
+from bcapscope.tui.harmless import Harmless
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.settings import default_path, load, save
 from bcapscope.tui.themes import THEMES, styles_of
@@ -90,6 +92,7 @@ class Scope(App[None]):
             language: of the labels, instead of what the settings or the environment say.
         """
         self._halts: list[Callable[[], bool]] = []  # before the driver that uses it is made
+        self._harmless = Harmless()
         super().__init__()
         self.spots = tuple(spots)
         self._settings_path = settings_path or default_path()
@@ -154,6 +157,10 @@ class Scope(App[None]):
     def at_close(self, closer: Closer) -> None:
         """Have something done before the screen closes, however it is closed; the last is done first."""
         self._closers.append(closer)
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return what every line passes through on its way to the terminal."""
+        return (self._harmless, *super().get_line_filters())
 
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver, which knows the keys of HALT."""

@@ -59,7 +59,7 @@ class Child:
         self._lock = threading.Lock()
         self._tell: Callable[[str], None] | None = None
         self._over: Callable[[str], None] = lambda words: None
-        self._wanted = True
+        self._wanted, self._ended = True, False
         argv = [sys.executable, "-m", "bcapscope", *words, "--attended"]
         self._process = subprocess.Popen(
             argv,
@@ -102,8 +102,10 @@ class Child:
             if tell is not None:
                 tell(text)
         self._process.wait()
+        with self._lock:
+            self._ended, over = True, self._over
         if self._wanted:
-            self._over(self._reason())
+            over(self._reason())
 
     def _reason(self) -> str:
         """Return why it ended by itself, as far as it could say; "" where it was killed."""
@@ -130,8 +132,9 @@ class Child:
 
     def at_end(self, over: Callable[[str], None]) -> None:
         """Have told why it ended by itself, "" if killed; in another thread, or now if it has ended."""
-        self._over = over
-        if self._process.poll() is not None and self._wanted:
+        with self._lock:
+            self._over, ended = over, self._ended
+        if ended and self._wanted:
             over(self._reason())
 
     def end(self) -> list[str]:

@@ -10,8 +10,8 @@ import io
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.analysis.diagnosis import Diagnosis, Seen
-from bcapscope.analysis.finding import Finding
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.finding import Finding, Seen
 from bcapscope.capture.file import CaptureFile
 from bcapscope.capture.observer import Observer
 from bcapscope.protocol.variant import EMPTY, Variant

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.analysis.diagnosis import Diagnosis, Seen
-from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.finding import Seen, Severity
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.observer import Observer
 from bcapscope.protocol.frame import Frame, Malformed, Problem, encode, parse_bytes

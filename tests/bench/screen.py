@@ -14,7 +14,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
@@ -122,32 +123,35 @@ def a_file(path: Path, frames: int, presses: int, prefix: tuple[str, ...]) -> No
             print(f"  memory {sum(most.values()):.0f} MB at most: {told}")
 
 
-def live(folder: Path, presses: int, prefix: tuple[str, ...]) -> None:
-    """Measure while a capture grows by 2,000 frames a second, with the cursor on its last line and above."""
-    path = folder / "growing.pcap"
+@contextmanager
+def growing(path: Path) -> Iterator[None]:
+    """Let a new capture grow by 2,000 frames a second for the length of a block."""
     path.write_bytes(_HEADER)
     writer = subprocess.Popen(
         [sys.executable, "-m", "tests.bench.screen", "--grow", str(path)], cwd=ROOT, stdin=subprocess.PIPE
     )
-    pause = random.Random(3).uniform
     try:
-        argv = [*prefix, sys.executable, "-m", "tests.bench.screen", "--follow", str(path)]
-        with Terminal(argv, 160, 48) as terminal:
-            terminal.until("Frame ")
-            terminal.rest(2.0)
-            terminal.press(HOME)
-            terminal.until("Service_Start")
-            terminal.rest(0.5)
-            print(f"\nlive, {LIVE_RATE} frames/s, 160 x 48")
-            print(
-                f"  key                  {quantiles(keys(terminal, 1, presses, lambda: pause(0.01, 0.06)))}"
-            )
-            print(f"  resize               {quantiles(resizes(terminal, 160, 48, 10))}")
-            memory = terminal.megabytes()
-            print(f"  memory {sum(memory.values()):.0f} MB")
+        yield
     finally:
         writer.kill()
         writer.communicate()
+
+
+def live(folder: Path, presses: int, prefix: tuple[str, ...]) -> None:
+    """Measure while a capture grows by 2,000 frames a second, with the cursor on its last line and above."""
+    path = folder / "growing.pcap"
+    pause = random.Random(3).uniform
+    argv = [*prefix, sys.executable, "-m", "tests.bench.screen", "--follow", str(path)]
+    with growing(path), Terminal(argv, 160, 48) as terminal:
+        terminal.until("Frame ")
+        terminal.rest(2.0)
+        terminal.press(HOME)
+        terminal.until("Service_Start")
+        terminal.rest(0.5)
+        print(f"\nlive, {LIVE_RATE} frames/s, 160 x 48")
+        print(f"  key                  {quantiles(keys(terminal, 1, presses, lambda: pause(0.01, 0.06)))}")
+        print(f"  resize               {quantiles(resizes(terminal, 160, 48, 10))}")
+        print(f"  memory {sum(terminal.megabytes().values()):.0f} MB")
 
 
 def grow(path: Path) -> None:

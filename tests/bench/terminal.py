@@ -101,6 +101,19 @@ class Terminal:
             self._take(left)
         self._text = self._text[-4096:]
 
+    def wait(self, limit: float) -> None:
+        """Read what is drawn until the program ends.
+
+        Raises:
+            SystemExit: it does not in time.
+        """
+        end = time.perf_counter() + limit
+        while self._process.poll() is None:
+            if time.perf_counter() > end:
+                sys.exit(f"it has not ended within {limit} s; last: {self.seen()[-2000:]!r}")
+            self._take(0.1)
+            self._text = self._text[-4096:]
+
     def seen(self) -> bytes:
         """Return what was drawn lately, without styles."""
         return _STYLES.sub(b"", self._text)

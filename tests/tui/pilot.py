@@ -7,7 +7,6 @@ import re
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import TypeVar
 
 from textual.pilot import Pilot
@@ -38,8 +37,8 @@ def drive(app: Scope, act: Act, size: tuple[int, int] = (80, 24), limit: float =
 
 
 def make(*spots: Spot, language: Language = Language.ENGLISH, settings: Path | None = None) -> Scope:
-    """Make the application with settings of its own."""
-    return Scope(spots, settings or Path(mkdtemp(prefix="bcap-tui-")) / "screen.yaml", language)
+    """Make the application; its settings lie in the folder of the test."""
+    return Scope(spots, settings, language)
 
 
 async def until(pilot: Pilot[None], true: Callable[[], object], limit: float = LIMIT) -> None:

@@ -12,6 +12,7 @@ from textual.widgets import Static
 from bcapscope.tui.app import Scope, Spot
 from bcapscope.tui.screens.traffic import TrafficScreen
 from bcapscope.tui.traffic.feed import Feed
+from bcapscope.tui.widgets.viewbar import ViewBar
 from bcapscope.tui.words import Language
 from tests.tui.pilot import Act, drive, make, until
 
@@ -43,7 +44,7 @@ def act_on(path: Path, act: Act, size: tuple[int, int] = (80, 24)) -> None:
 async def read(pilot: Pilot[None], feed: Feed) -> None:
     """Wait until all was read and shown."""
     await until(pilot, lambda: feed.progress.ended)
-    await until(pilot, lambda: "●" not in screen(pilot)._states()[2])
+    await until(pilot, lambda: not any("●" in text for text in screen(pilot).query_one(ViewBar)._states))
 
 
 def screen(pilot: Pilot[None]) -> TrafficScreen:

@@ -68,7 +68,11 @@ def _proposed(frame: Frame, offset: int) -> str:
     for index, argument in (*here, *reversed(numbered)):
         text = bare_text(argument.variant)
         if text is not None:
-            return (
-                f"set arg[{index}]={text if _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=False)}"
-            )
+            return f"set arg[{index}]={_typed(text)}"
     return ""
+
+
+def _typed(text: str) -> str:
+    """Write a text as one would type it; what is not plainly visible is escaped."""
+    is_plain = text.isprintable()
+    return text if is_plain and _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=not is_plain)

@@ -13,6 +13,7 @@ from bcapscope.render.escape import printable, quoted
 from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.getters import Told
 from bcapscope.tui.words import say
+from bcapscope.tui.words import told as spoken
 
 _MOMENT = re.compile(r"(\d+(?:\.\d*)?)\s*s")
 _MOST_IN_CHAIN = 64
@@ -31,7 +32,7 @@ def about(told: Told, settled: Settled | None, note: str | None) -> str:
     parts = []
     if isinstance(settled, Exchange):
         role = next((event.role for event in settled.events if event.seen.number == number), "")
-        parts.append(say("traffic.about.request", number=number, role=role, call=settled.call))
+        parts.append(say("traffic.about.request", number=number, role=spoken(role), call=settled.call))
         reply, time = settled.reply, settled.latency
         if reply is None or time is None:
             parts.append(say("traffic.about.unanswered"))

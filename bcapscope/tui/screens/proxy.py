@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
-import msgspec
 from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
@@ -15,34 +13,34 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.events import Resize
 from textual.message import Message
-from textual.widgets import ContentSwitcher, Input, Static
+from textual.widgets import ContentSwitcher, Static
 
 from bcapscope.errors import BcapError
 from bcapscope.faults.notation import read_fault
 from bcapscope.protocol.frame import parse_datagram
-from bcapscope.proxy.control_client import Answer, ControlClient, ControlRefused
+from bcapscope.proxy.control_client import Answer, ControlRefused
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.child import Child
 from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.proxy.asking import Asker
 from bcapscope.tui.proxy.editing import edited, proposal
 from bcapscope.tui.proxy.lists import ClientList, HeldList, RuleList, Told
-from bcapscope.tui.proxy.standing import Client, Held, Rule, Standing, figures_of, list_of
+from bcapscope.tui.proxy.standing import Held, Standing
 from bcapscope.tui.proxy.summary import intercepts, summary
-from bcapscope.tui.screens.place import Place
 from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.views import Views, view_keys
+from bcapscope.tui.traffic.feed import Feed
+from bcapscope.tui.widgets.checkedline import CheckedLine
 from bcapscope.tui.widgets.fieldtree import FieldTree
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet import PacketView
 from bcapscope.tui.widgets.viewbar import ViewBar
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
-VIEWS = ("clients", "rules", "held", "told")
 EVERY = 0.5
 """Seconds between two questions how the proxy stands."""
-
-T = TypeVar("T")
 
 _OF_RULES = frozenset({"switch", "remove"})
 _OF_HELD = frozenset({"forward", "drop", "edit", "bytes"})
@@ -56,6 +54,20 @@ class Stands(Message):
         self.standing, self.trouble = standing, trouble
 
 
+class Obeyed(Message):
+    """The proxy has done what it was told, or said why not.
+
+    A message and no call, since the thread that asked must not wait for a screen that is being closed.
+
+    Attributes:
+        then: what is to be done in the screen's thread.
+    """
+
+    def __init__(self, then: Callable[[], None]) -> None:
+        super().__init__()
+        self.then = then
+
+
 class Said(Message):
     """The proxy said something, or ended; then `text` are its last words."""
 
@@ -64,17 +76,15 @@ class Said(Message):
         self.text, self.is_end = text, is_end
 
 
-class ProxyScreen(Place):
+class ProxyScreen(Views):
     """Shows a proxy and tells it what to do."""
 
     NAME = "proxy"
     ABOUT = "proxy.about"
     AUTO_FOCUS = "#clients"
+    VIEWS = ("clients", "rules", "held", "told")
     BINDINGS: ClassVar[list[BindingType]] = [
-        *(
-            Binding(f"{number}", f"view('{view}')", f"proxy.{view}", show=False, tooltip="proxy.view.tip")
-            for number, view in enumerate(VIEWS, 1)
-        ),
+        *view_keys(NAME, VIEWS),
         Binding("space", "switch", "proxy.switch", id="proxy.switch", tooltip="proxy.switch.tip"),
         Binding("a", "add", "proxy.add", id="proxy.add", tooltip="proxy.add.tip"),
         Binding("d", "remove", "proxy.remove", id="proxy.remove", tooltip="proxy.remove.tip"),
@@ -86,22 +96,29 @@ class ProxyScreen(Place):
         Binding("escape", "back", "proxy.back", id="proxy.back", show=False, tooltip="proxy.back.tip"),
     ]
 
-    def __init__(self, address: str, way: str, child: Child | None = None, note: str = "") -> None:
+    def __init__(
+        self,
+        address: str,
+        way: str,
+        feed: Feed | None = None,
+        child: Child | None = None,
+        note: str = "",
+    ) -> None:
         """Take the proxy.
 
         Args:
             address: of its control socket.
             way: where it listens and where that leads, for people.
+            feed: what passes, where that is shown: it is told when nothing more will.
             child: the proxy itself, where the screen has started it.
             note: what is to be said at first; "" for nothing.
         """
         super().__init__()
-        self._client = ControlClient(address)
-        self._lock = threading.Lock()
+        self._asker = Asker(address)
         self.way = way
+        self._feed = feed
         self._child = child
         self._note = note
-        self._view = "clients"
         self._standing: Standing | None = None
         self._trouble = ""
         self._is_over = False
@@ -111,21 +128,18 @@ class ProxyScreen(Place):
     def content(self) -> ComposeResult:
         """Yield what is true of all of it, then the lists."""
         yield Static(id="summary")
-        yield ViewBar([(view, f"proxy.{view}") for view in VIEWS], id="views")
+        yield self.bar()
         yield Static(id="head")
         with ContentSwitcher(initial="clients", id="lists"):
             yield ClientList(id="clients")
             yield RuleList(id="rules")
             yield HeldList(id="held")
             yield Told(id="told")
-        with Vertical(id="adding"):
-            yield Input(placeholder=say("proxy.add.hint"), id="fault")
-            yield Static(id="fault-error")
+        yield CheckedLine("fault", read_fault, say("proxy.add.hint"))
         with Vertical(id="message"):
             yield Static(id="intercepts")
             yield PacketView(id="packet")
-            yield Input(placeholder=say("proxy.edit.hint"), id="change", select_on_focus=False)
-            yield Static(id="change-error")
+            yield CheckedLine("change", self._changed, say("proxy.edit.hint"))
 
     def on_mount(self) -> None:
         """Begin to ask."""
@@ -144,14 +158,14 @@ class ProxyScreen(Place):
         self.post_message(Said(text, is_end))
 
     async def _close(self) -> None:
-        self._client.close()
+        self._asker.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer what has to do with a rule or a message only where one is."""
         if action in _OF_RULES:
-            return self._view == "rules" and self.rules.current is not None
+            return self.view == "rules" and self.rules.current is not None
         if action in _OF_HELD:
-            return self._view == "held" and self.held.current is not None
+            return self.view == "held" and self.held.current is not None
         return True
 
     # asking and telling
@@ -164,37 +178,27 @@ class ProxyScreen(Place):
 
     def _ask_all(self) -> Stands:
         """Ask; in a thread, as it may wait."""
-        with self._lock:
-            try:
-                ask = self._client.ask
-                return Stands(
-                    Standing(
-                        list_of(ask({"do": "clients"}), "clients", Client),
-                        list_of(ask({"do": "rules"}), "rules", Rule),
-                        list_of(ask({"do": "held"}), "held", Held),
-                        figures_of(ask({"do": "stats"})),
-                    )
-                )
-            except msgspec.ValidationError:
-                return Stands(None, say("proxy.strange"))
-            except BcapError as error:
-                return Stands(None, str(error))
+        try:
+            return Stands(self._asker.standing())
+        except BcapError as error:
+            return Stands(None, str(error))
 
     @work(thread=True, group="order")
     def _order(self, question: Mapping[str, object], done: Callable[[Answer], None]) -> None:
         """Have the proxy do something; `done` is called when it has."""
-        app = scope_of(self)
         try:
-            with self._lock:
-                answer = self._client.ask(question)
+            self.post_message(Obeyed(partial(done, self._asker.order(question))))
         except ControlRefused as error:
-            text = say("proxy.refusal", reason=printable(str(error)))
-            app.call_from_thread(app.tell, text, "error")
+            text = say("proxy.refusal", reason=printable(told(str(error))))
+            self.post_message(Obeyed(partial(scope_of(self).tell, text, "error")))
         except BcapError as error:
             self.post_message(Stands(None, str(error)))
-        else:
-            app.call_from_thread(done, answer)
         self.post_message(self._ask_all())
+
+    def on_obeyed(self, message: Obeyed) -> None:
+        """Do what is next."""
+        message.stop()
+        message.then()
 
     def on_stands(self, message: Stands) -> None:
         """Show how the proxy stands."""
@@ -205,14 +209,22 @@ class ProxyScreen(Place):
             if not self._trouble:
                 text = say("proxy.gone", reason=printable(message.trouble))
                 scope_of(self).tell(text, "error")
+                self._doubt(text)
             self._trouble = message.trouble
         else:
+            if self._trouble:
+                self._doubt("")
             self._trouble = ""
             self._standing = message.standing
             self.clients.show(message.standing.clients)
             self.rules.show(message.standing.rules)
             self.held.show(message.standing.held)
-        self._show_state()
+        self.show_state()
+
+    def _doubt(self, why: str) -> None:
+        """Let whoever looks at what passes know why nothing more may."""
+        if self._feed is not None:
+            self._feed.doubt(why)
 
     def on_said(self, message: Said) -> None:
         """Show what the proxy said."""
@@ -222,9 +234,12 @@ class ProxyScreen(Place):
             self._is_over = True
             self._trouble = say("proxy.ended", reason=reason)
             scope_of(self).tell(self._trouble, "error")
+            self._doubt(self._trouble)
+            if self._feed is not None:
+                self._feed.stop()
         else:
             self.query_one(Told).add(message.text)
-        self._show_state()
+        self.show_state()
 
     # what is shown
 
@@ -243,13 +258,8 @@ class ProxyScreen(Place):
         """The list of messages that wait."""
         return self.query_one(HeldList)
 
-    @property
-    def _list(self) -> Lines:
-        found = self.query_one(f"#{self._view}")
-        assert isinstance(found, Lines)
-        return found
-
-    def _show_state(self) -> None:
+    def show_state(self) -> None:
+        """Show how the proxy stands, and the message under the cursor."""
         app, standing = scope_of(self), self._standing
         key, ink = ("proxy.not_here", "bad") if self._trouble else ("proxy.here", "good")
         waiting = (
@@ -272,7 +282,7 @@ class ProxyScreen(Place):
         if lines != self._lines:  # its height may be another, which is to lay out the screen anew
             self._lines = lines
             self.query_one("#summary", Static).update(inked("\n".join(lines), app.inks))
-        self.query_one(ViewBar).show(self._view, counts, ())
+        self.query_one(ViewBar).show(self.view, counts, ())
         self._show_message()
         self.refresh_bindings()
 
@@ -282,7 +292,7 @@ class ProxyScreen(Place):
         number = None if held is None else held.number
         if number != self._shown:
             self._shown = number
-            self.query_one("#change", Input).value = ""
+            self._change.propose("")
             self._show_bytes(held, b"" if held is None else held.data)
 
     def _show_bytes(self, held: Held | None, data: bytes) -> None:
@@ -303,27 +313,13 @@ class ProxyScreen(Place):
         if message.lines is self.held:
             self._show_message()
 
-    # views
-
-    @on(ViewBar.Wanted)
-    def _wanted(self, message: ViewBar.Wanted) -> None:
-        self.action_view(message.view)
-
-    def action_view(self, view: str) -> None:
-        """Show another list."""
-        self._view = view
-        self.query_one(ContentSwitcher).current = view
-        self.query_one("#adding").display = view == "rules"
-        self.query_one("#message").display = view == "held"
-        shown = self._list
+    def show_view(self) -> None:
+        """Show what is above the columns, and below them what belongs to them."""
+        self.query_one("#fault-line").display = self.view == "rules"
+        self.query_one("#message").display = self.view == "held"
+        shown = self.seen
         head = shown.head() if isinstance(shown, ClientList | RuleList | HeldList) else ""
         self.query_one("#head", Static).update(Text(head, no_wrap=True, overflow="crop"))
-        shown.focus()
-        self._show_state()
-
-    def action_back(self) -> None:
-        """Go from a line to the list."""
-        self._list.focus()
 
     # rules
 
@@ -342,33 +338,16 @@ class ProxyScreen(Place):
     def action_add(self) -> None:
         """Go to the line where a fault is typed."""
         self.action_view("rules")
-        self.query_one("#fault", Input).focus()
+        self.query_one("#fault").focus()
 
-    @on(Input.Changed, "#fault")
-    def _fault_typed(self, event: Input.Changed) -> None:
-        self._read(event, "#fault-error", read_fault)
-
-    @on(Input.Submitted, "#fault")
-    def _fault_entered(self, event: Input.Submitted) -> None:
-        if self._read(event, "#fault-error", read_fault) is not None:
-            self._order({"do": "add", "rule": event.value.strip()}, self._added)
+    @on(CheckedLine.Entered, "#fault-line")
+    def _fault_entered(self, message: CheckedLine.Entered) -> None:
+        if message.text:
+            self._order({"do": "add", "rule": message.text}, self._added)
 
     def _added(self, answer: Answer) -> None:
-        self.query_one("#fault", Input).value = ""
-        self._list.focus()
-
-    def _read(self, event: Input.Changed | Input.Submitted, place: str, read: Callable[[str], T]) -> T | None:
-        """Read what was typed; None where that is nothing or makes no sense, as is said below the line."""
-        error, text, made = self.query_one(place, Static), event.value.strip(), None
-        reason = ""
-        try:
-            made = read(text) if text else None
-        except ValueError as wrong:
-            reason = str(wrong)
-        error.update(Text(reason))
-        error.display = bool(reason)
-        event.input.set_class(bool(reason), "-invalid")
-        return made
+        self.query_one("#fault-line", CheckedLine).propose("")
+        self.seen.focus()
 
     # messages that wait
 
@@ -399,7 +378,7 @@ class ProxyScreen(Place):
 
     def _decided(self, text: str, answer: Answer) -> None:
         self.query_one(Told).add(text)
-        self._list.focus()
+        self.seen.focus()
 
     def action_edit(self) -> None:
         """Propose a change of the argument that the cursor of the tree is on."""
@@ -413,32 +392,30 @@ class ProxyScreen(Place):
         if held is not None:
             self._propose(held.data.hex(" ").upper())
 
+    @property
+    def _change(self) -> CheckedLine:
+        return self.query_one("#change-line", CheckedLine)
+
     def _propose(self, text: str) -> None:
-        field = self.query_one("#change", Input)
-        with field.prevent(Input.Changed):  # what is proposed changes nothing yet
-            field.value = text
-        field.cursor_position = len(text)
-        field.focus()
+        self._change.propose(text)  # what is proposed changes nothing yet
+        self._change.field.focus()
 
-    def _changed(self, event: Input.Changed | Input.Submitted) -> bytes | None:
-        """Return what becomes of the message by what was typed; None where that makes no sense."""
+    def _changed(self, text: str) -> bytes | None:
+        """Return what becomes of the message by what was typed; None where there is no message any more."""
         held = self.held.current
-        if held is None:
-            return None
-        return self._read(event, "#change-error", partial(edited, held.data, held.flow))
+        return None if held is None else edited(held.data, held.flow, text)
 
-    @on(Input.Changed, "#change")
-    def _change_typed(self, event: Input.Changed) -> None:
+    @on(CheckedLine.Typed, "#change-line")
+    def _change_typed(self, message: CheckedLine.Typed) -> None:
         """Show what would become of the message."""
-        held, made = self.held.current, self._changed(event)
-        if held is not None and (made is not None or not event.value.strip()):
-            self._show_bytes(held, made or held.data)
+        held, made = self.held.current, message.made
+        if held is not None:
+            self._show_bytes(held, made if isinstance(made, bytes) else held.data)
 
-    @on(Input.Submitted, "#change")
-    def _change_entered(self, event: Input.Submitted) -> None:
-        made = self._changed(event)
-        if made is not None:
-            self._decide("edit", "proxy.edited", hex=made.hex())
+    @on(CheckedLine.Entered, "#change-line")
+    def _change_entered(self, message: CheckedLine.Entered) -> None:
+        if isinstance(message.made, bytes):
+            self._decide("edit", "proxy.edited", hex=message.made.hex())
 
 
 def _nothing(answer: Answer) -> None:

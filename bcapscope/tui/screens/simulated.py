@@ -47,7 +47,8 @@ class Simulated(TrafficScreen):
     def on_ended(self, message: Ended) -> None:
         """Tell that it is gone; what was seen stays."""
         message.stop()
-        self._feed.stop()
+        reason = say("simulator.ended", reason=printable(message.text) or say("proxy.no_words"))
+        self.feed.stop()
+        self.feed.doubt(reason)
         self._tell_place("bad", "○")
-        reason = printable(message.text) or say("proxy.no_words")
-        scope_of(self).tell(say("simulator.ended", reason=reason), "error")
+        scope_of(self).tell(reason, "error")

@@ -2,58 +2,45 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, cast
-
-import platformdirs
+from typing import IO, Any, NamedTuple, TypeAlias, cast
 
 from bcapscope.capture.callbook import Callbook
 from bcapscope.capture.journal import Journal
-from bcapscope.tui.traffic.report import Ask, Job, Matches, Progress, Saving, Verdict, receive, send
+from bcapscope.tui.traffic.folder import Folder, place
+from bcapscope.tui.traffic.report import (
+    STOP,
+    Ask,
+    Job,
+    Matches,
+    Progress,
+    Saving,
+    Verdict,
+    receive,
+    send,
+)
 
-Told = Callable[[Progress | Verdict | Matches], None]
-
-_PREFIX = "traffic-"
 _GRACE = 2.0
 """Seconds that a process is given to end by itself."""
 
 
-def new_folder() -> Path:
-    """Make a folder for a journal where the platform keeps what may be lost, and remove those left over."""
-    root = _root()
-    root.mkdir(parents=True, exist_ok=True)
-    for left in root.glob(f"{_PREFIX}*"):
-        if not _is_used(left):
-            shutil.rmtree(left, ignore_errors=True)
-    return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=root))
+class Doubt(NamedTuple):
+    """Whether more will come is not known, or it will not.
+
+    Attributes:
+        why: one sentence; "" once there is no doubt any more.
+    """
+
+    why: str
 
 
-def _root() -> Path:
-    return platformdirs.user_cache_path("bcapscope", appauthor=False)
-
-
-def _is_used(folder: Path) -> bool:
-    """Tell whether the process that a folder is named after still runs."""
-    number = folder.name.removeprefix(_PREFIX).partition("-")[0]
-    if not number.isdigit():
-        return True
-    if sys.platform == "win32":
-        return True  # os.kill would end it; what is left over is small and lies in a cache
-    try:
-        os.kill(int(number), 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    return True
+News: TypeAlias = Progress | Verdict | Matches | Doubt
+Told = Callable[[News], None]
 
 
 class Feed:
@@ -77,17 +64,16 @@ class Feed:
         leg: str = "",
     ):
         """Begin to read a capture, finished or still being written, or on an interface; see `Job`."""
-        folder = new_folder()
-        self.job = Job(str(folder), path, interface, follow, ports, leg)
+        self._folder = Folder()
+        self.job = Job(str(self._folder.path), path, interface, follow, ports, leg)
         self.journal: Journal | None = None
         self.calls: Callbook | None = None
         self.progress = Progress()
         self.is_closed = False
-        self._folder = folder
         self._tell: Told | None = None
-        self._waiting: list[Progress | Verdict | Matches] = []
+        self._waiting: list[News] = []
         self._lock = threading.Lock()
-        self._errors = (folder / "errors").open("w+b")
+        self._errors = (self._folder.path / "errors").open("w+b")
         self._reader = self._start("reading")
         self._searcher: subprocess.Popen[bytes] | None = None
         self._asks = 0
@@ -115,7 +101,7 @@ class Feed:
     def name(self) -> Path:
         """The capture that is read, for names of others; what lies where it will be removed has none."""
         path = Path(self.job.path)
-        lasts = self.job.path and not path.is_relative_to(_root())
+        lasts = self.job.path and not path.is_relative_to(place())
         return path if lasts else Path("live.pcapng")
 
     def attach(self, tell: Told) -> None:
@@ -130,8 +116,8 @@ class Feed:
         """Open the journal, if there is one by now."""
         if self.journal is None:
             try:
-                self.journal = Journal(self._folder)
-                self.calls = Callbook(self._folder, self.journal)
+                self.journal = Journal(self._folder.path)
+                self.calls = Callbook(self._folder.path, self.journal)
             except OSError:
                 self.journal = None
         return self.journal is not None
@@ -152,7 +138,7 @@ class Feed:
         *_, last = self._errors.read().decode(errors="replace").splitlines() or ["reading ended"]
         return last
 
-    def _pass(self, message: Progress | Verdict | Matches) -> None:
+    def _pass(self, message: News) -> None:
         with self._lock:
             tell = self._tell
             if tell is None:
@@ -174,7 +160,7 @@ class Feed:
         if self._searcher is None:
             if not expression:
                 return self._asks
-            self._searcher = self._start("searching", str(self._folder))
+            self._searcher = self._start("searching", str(self._folder.path))
             self._listen(self._hear_matches, self._searcher)
         with suppress(OSError):  # it died in this moment; what is asked next begins it anew
             send(_pipe(self._searcher.stdin), ask)
@@ -185,24 +171,33 @@ class Feed:
             for message in receive(answers, Matches):
                 self._pass(message)
 
-    def save(self, target: str, notes: dict[int, str]) -> str:
-        """Save all packets with notes in a new file; takes a while, so not to be called by the screen itself.
+    def saving(self, target: str, notes: dict[int, str]) -> Saving:
+        """Say what is to be saved: all packets seen by now, with notes by packet, in a new file."""
+        most = 0
+        if self.journal is not None and not self.progress.ended and len(self.journal):
+            most = self.journal.told(len(self.journal)).seen.packet
+        return Saving(self.progress.packets, target, notes, most)
+
+    def save(self, wanted: Saving) -> str:
+        """Save it; takes a while, so to be called in a thread of its own, unlike all else here.
 
         Returns:
             Why that was not possible, "" where it was.
         """
         process = self._start("saving")
-        packets = self.progress.packets
-        most = 0
-        if self.journal is not None and not self.progress.ended and len(self.journal):
-            most = self.journal.told(len(self.journal)).seen.packet
-        send(_pipe(process.stdin), Saving(packets, target, notes, most))
+        send(_pipe(process.stdin), wanted)
         out, _ = process.communicate()
         return out.decode() if process.returncode == 0 else self._last_words()
 
     def stop(self) -> None:
-        """Read no more; what was read stays."""
-        _let_go(self._reader)
+        """Wait for nothing more to come: what is there by now is read to its end, and stays."""
+        with suppress(OSError):  # it has ended
+            _pipe(self._reader.stdin).write(STOP)
+            _pipe(self._reader.stdin).flush()
+
+    def doubt(self, why: str) -> None:
+        """Have told why nothing more may come, in one sentence; "" to take that back. From any thread."""
+        self._pass(Doubt(why))
 
     def close(self) -> None:
         """End all processes and remove the journal."""
@@ -218,7 +213,7 @@ class Feed:
         for thread in self._threads:
             thread.join(_GRACE)
         self._errors.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.close()
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

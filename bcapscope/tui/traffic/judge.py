@@ -9,8 +9,6 @@ from bcapscope.analysis.slave import SlaveWatcher
 from bcapscope.analysis.statistics import Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.render.escape import printable
-from bcapscope.render.findings import FindingsRenderer
-from bcapscope.render.palette import PLAIN
 from bcapscope.render.slave import stay_lines
 from bcapscope.render.statistics import statistics_lines
 from bcapscope.traffic.exchange import Exchange, Settled
@@ -47,7 +45,6 @@ class Judge:
         for stay in watcher.finish():
             self._tell(stays, stay)
         statistics = self._summary.statistics()
-        *_, total = FindingsRenderer(PLAIN).lines(findings, diagnosis.seen)
         causes = tuple(
             Cause(
                 each.rule,
@@ -61,7 +58,7 @@ class Judge:
             for each in findings
         )
         lines = [] if statistics is None else list(statistics_lines(statistics, INK))
-        return Verdict(causes, total, stays, lines)
+        return Verdict(causes, diagnosis.seen, stays, lines)
 
     @staticmethod
     def _tell(lines: list[str], stay: Stay) -> None:

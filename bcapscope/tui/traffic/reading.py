@@ -1,7 +1,8 @@
 """The process that reads: packets go into a journal, calls beside it, and the screen is told what to think.
 
 Run as ``python -m bcapscope.tui.traffic.reading``; the job comes through standard input, reports go to
-standard output. When standard input is closed, by the screen or by its death, reading ends.
+standard output. What follows the job on standard input says that nothing more will be written to the capture;
+when it is closed, by the screen or by its death, reading ends at once.
 """
 
 from __future__ import annotations
@@ -54,17 +55,20 @@ LIVE_FILE = "live.pcapng"
 class Reading:
     """One job."""
 
-    def __init__(self, job: Job, reports: BinaryIO, ended: threading.Event) -> None:
+    def __init__(
+        self, job: Job, reports: BinaryIO, ended: threading.Event, unwanted: threading.Event
+    ) -> None:
         """Begin.
 
         Args:
             job: what to read.
             reports: where reports go.
-            ended: is set when nothing more is wanted.
+            ended: is set when what is there by then is all there will be.
+            unwanted: is set when nothing more is to be read, be it there or not.
         """
         self._job = job
         self._reports = reports
-        self._ended = ended
+        self._ended, self._unwanted = ended, unwanted
         folder = Path(job.folder)
         self._journal = JournalWriter(folder)
         self._calls = CallbookWriter(folder)
@@ -108,7 +112,7 @@ class Reading:
                     self._the_judge()
                     take = self._take
                 self._pause()
-                if self._ended.is_set():
+                if self._unwanted.is_set():
                     return
 
     def _wait(self, seen: Observation) -> None:
@@ -238,18 +242,19 @@ def main() -> None:
     job = next(receive(asked, Job), None)
     if job is None:
         return
-    ended = threading.Event()
+    ended, unwanted = threading.Event(), threading.Event()
 
     def wait_for_the_end() -> None:
         while asked.read(1):
-            pass
+            ended.set()
+        unwanted.set()
         ended.set()
 
     threading.Thread(target=wait_for_the_end, daemon=True, name="end").start()
     gc.freeze()
     gc.set_threshold(20_000, 20, 100)  # frames and calls hold no cycles
     try:
-        Reading(job, cast(BinaryIO, sys.stdout.buffer), ended).run()
+        Reading(job, cast(BinaryIO, sys.stdout.buffer), ended, unwanted).run()
     except BrokenPipeError:  # the screen is gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

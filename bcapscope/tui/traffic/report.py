@@ -11,9 +11,14 @@ from typing import BinaryIO, TypeVar
 
 import msgspec
 
+from bcapscope.analysis.finding import Seen
+
 _NICE = 5
 _SIZE = struct.Struct("<I")
 T = TypeVar("T")
+
+STOP = b"."
+"""Sent after a job: its source has ended, so that what is there is all there will be."""
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -77,15 +82,19 @@ class Verdict(msgspec.Struct, tag=True, frozen=True):
 
     Attributes:
         findings: the first cause first.
-        sum: how much was seen, and whether anything was found, in one line.
+        seen: how much was looked at.
         stays: about slave mode, rendered lines.
         statistics: rendered lines.
     """
 
     findings: tuple[Cause, ...]
-    sum: str
+    seen: Seen
     stays: list[str]
     statistics: list[str]
+
+
+NOTHING = Verdict((), Seen(0, 0, 0, 0), [], [])
+"""Before anything was seen."""
 
 
 class Ask(msgspec.Struct, frozen=True):

@@ -12,6 +12,7 @@ from bcapscope.render.outline import Row, RowKind, Section, rows
 from bcapscope.render.tree import value_colored
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import told
 
 MOST_ROWS = 20_000
 """Rows of one section: a frame of a megabyte can hold more than anyone reads."""
@@ -115,7 +116,9 @@ class FieldTree(Lines):
         name_width = _NARROW_NAME if self.size.width < _NARROW else _NAME_WIDTH
         width = max(1, name_width - len(indent))
         place = f"{row.start:>4}" if row.stop > row.start else "    "
-        return f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {value_colored(row, INK)}"
+        return (
+            f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {value_colored(_told(row), INK)}"
+        )
 
     def on_lines_moved(self, message: Lines.Moved) -> None:
         """Tell which bytes the cursor is on."""
@@ -185,6 +188,14 @@ class FieldTree(Lines):
         """Show every element and every character, or the first of many again."""
         self._full = not self._full
         self._fill()
+
+
+def _told(row: Row) -> Row:
+    """Put the meaning of a result code into the language of the labels; its name is the vendor's in any."""
+    if row.failed is None:
+        return row
+    code, comma, meaning = row.text.partition(", ")
+    return row._replace(text=f"{code}{comma}{told(meaning)}")
 
 
 def _entries(section: int, found: list[Row], first: int) -> list[_Entry]:

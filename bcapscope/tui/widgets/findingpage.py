@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -10,10 +10,11 @@ from textual.events import Resize
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.render.columns import wrapped
+from bcapscope.render.verdict import verdict as summed_up
 from bcapscope.tui.ink import INK
-from bcapscope.tui.traffic.report import Cause
+from bcapscope.tui.traffic.report import NOTHING, Cause, Verdict
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 _STEP, _DEEPEST = 3, 4
 _WIDEST, _NARROWEST = 120, 30
@@ -29,14 +30,13 @@ class FindingPage(Lines):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._causes: tuple[Cause, ...] = ()
-        self._sum = ""
+        self._verdict = NOTHING
         self._lines: list[tuple[str, int]] = []
 
-    def show(self, causes: Sequence[Cause], total: str) -> None:
-        """Show findings and the line that sums them up."""
-        if tuple(causes) != self._causes or total != self._sum:
-            self._causes, self._sum = tuple(causes), total
+    def show(self, verdict: Verdict) -> None:
+        """Show findings under the line that sums them up."""
+        if verdict != self._verdict:
+            self._verdict = verdict
             self._write()
 
     def finding(self) -> int | None:
@@ -66,9 +66,12 @@ class FindingPage(Lines):
 
     def _write(self) -> None:
         here = self.finding()
-        self._lines = [(f" {self._sum}", 0), ("", 0)] if self._sum else []
+        found, self._lines = self._verdict.findings, []
+        if self._verdict is not NOTHING:
+            severities = [cause.severity for cause in found]
+            self._lines = [(f" {summed_up(severities, self._verdict.seen, INK, told)}", 0), ("", 0)]
         depths: list[int] = []
-        for number, cause in enumerate(self._causes, 1):
+        for number, cause in enumerate(found, 1):
             depths.append(depths[cause.consequence_of - 1] + 1 if cause.consequence_of else 0)
             indent = " " * _STEP * min(depths[-1], _DEEPEST)
             self._lines += [
@@ -87,15 +90,24 @@ class FindingPage(Lines):
         follows = (
             f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
         )
-        yield f"{INK.number}{number}{INK.reset} {shade}{cause.severity}{INK.reset} {cause.rule}{follows}"
+        title = told(cause.rule)
+        yield f"{INK.number}{number}{INK.reset} {shade}{told(cause.severity)}{INK.reset} {title}{follows}"
         frames = ", ".join(map(str, cause.frames[:_MOST_FRAMES])) + (
             " …" if len(cause.frames) > _MOST_FRAMES else ""
         )
         for text, color in (
             (cause.sentence, INK.name),
             (say("traffic.finding.frames", frames=frames) if frames else "", INK.number),
-            (say("traffic.finding.advice", advice=cause.advice) if cause.advice else "", INK.good),
+            (say("traffic.finding.advice", advice=_advice(cause)) if cause.advice else "", INK.good),
             (say("traffic.finding.source", source=cause.source) if cause.source else "", INK.dim),
+            (cause.rule if title != cause.rule else "", INK.dim),
         ):
             if text:
                 yield from (f"  {color}{line}{INK.reset}" for line in wrapped(text, width))
+
+
+def _advice(cause: Cause) -> str:
+    """Return what to do; where codes are listed, theirs begins with a small letter and has no full stop."""
+    whole = told(cause.advice)
+    part = cause.advice[:1].lower() + cause.advice[1:].removesuffix(".")
+    return whole if whole != cause.advice or told(part) == part else told(part)

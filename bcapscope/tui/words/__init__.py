@@ -1,7 +1,8 @@
-"""Every label of the screen in English and Japanese, by a key.
+"""Everything that the screen says, in English and Japanese.
 
-One module a screen holds the pairs; nothing is written in place. Keys have the name of their screen or
-widget before the point: ``say("shell.quit")``.
+Labels have a key, with the name of their screen or widget before the point: ``say("shell.quit")``. One module
+a screen holds the pairs; nothing is written in place. Sentences that come ready from rooms below, which know
+English only, are put into Japanese by `told`.
 """
 
 from __future__ import annotations
@@ -9,14 +10,39 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from enum import StrEnum
+from functools import lru_cache
 from types import MappingProxyType
 
-from bcapscope.tui.words import proxy, shell, tester, traffic, widgets
+from bcapscope.tui.words import (
+    commands,
+    desk,
+    preflight,
+    proxy,
+    reading,
+    reasons,
+    results,
+    rules,
+    shell,
+    tester,
+    traffic,
+    widgets,
+)
+from bcapscope.tui.words.phrases import Phrasebook
 
 CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {**proxy.WORDS, **shell.WORDS, **tester.WORDS, **traffic.WORDS, **widgets.WORDS}
+    {**desk.WORDS, **proxy.WORDS, **shell.WORDS, **tester.WORDS, **traffic.WORDS, **widgets.WORDS}
 )
 """English and Japanese by key. Braces hold places for values, as in `str.format`."""
+
+_BOOKS = (commands, preflight, reading, reasons, results, rules)
+
+PHRASES: Mapping[str, str] = MappingProxyType(
+    {english: japanese for book in _BOOKS for english, japanese in book.PHRASES.items()}
+)
+"""Japanese by English, as `Phrasebook` takes it."""
+
+_KEPT = 1000
+"""Sentences in Japanese that are kept: the same ones are drawn again and again."""
 
 
 class Language(StrEnum):
@@ -42,7 +68,7 @@ def speak(language: Language) -> None:
     _Speaker.language = language
 
 
-def say(key: str, **values: object) -> str:
+def say(key: str, /, **values: object) -> str:
     """Return a label; `values` fill its places and are harmless already.
 
     Raises:
@@ -51,3 +77,18 @@ def say(key: str, **values: object) -> str:
     english, japanese = CATALOGUE[key]
     text = japanese if _Speaker.language is Language.JAPANESE else english
     return text.format(**values) if values else text
+
+
+def told(english: str) -> str:
+    """Return a sentence of a room below in the language of the labels; as it is where that is not known."""
+    return _japanese(english) if _Speaker.language is Language.JAPANESE else english
+
+
+@lru_cache(1)
+def _phrasebook() -> Phrasebook:
+    return Phrasebook(PHRASES)  # made when it is needed: that takes as long as many a screen
+
+
+@lru_cache(_KEPT)
+def _japanese(english: str) -> str:
+    return _phrasebook().japanese(english)

@@ -141,7 +141,6 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.head.what": ("What", "内容"),
     "traffic.reading": ("reading", "読込中"),
     "traffic.live": ("live", "受信中"),
-    "traffic.read": ("read", "読込済"),
     "traffic.ended": ("ended", "終了"),
     "traffic.lost": ("{count} packets lost", "{count} パケット欠落"),
     "traffic.trouble": ("Reading ended: {reason}", "読み込みが終了しました: {reason}"),

@@ -15,7 +15,7 @@ from textual.widgets import Input, Static
 
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.observer import Observer
-from bcapscope.client import Paces, open_session, over_udp
+from bcapscope.client import Paces, open_session, over_tcp, over_udp
 from bcapscope.errors import BcapError
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.requester import Pace
@@ -27,6 +27,7 @@ from bcapscope.tui.proxy.standing import Client, Delays, Figures, Held, Rule, St
 from bcapscope.tui.screens.proxy import ProxyScreen, Stands
 from bcapscope.tui.screens.traffic import TrafficScreen
 from bcapscope.tui.traffic.feed import Feed
+from bcapscope.tui.widgets.viewbar import ViewBar
 from bcapscope.tui.words import Language
 from tests.tui.pilot import drive, make, picture, shown, until
 from tests.tui.showing import screen as traffic_screen
@@ -57,8 +58,8 @@ def proxied(folder: Path, to: int, *words: str) -> Iterator[tuple[Scope, ProxySc
     child = Child("proxy", *spec, *control, *words)
     try:
         port = int(child.listening[0].partition(" > ")[0].rpartition(":")[2])
-        place = ProxyScreen(child.control, child.listening[0], child)
         feed = Feed(path=str(record), follow=True, ports=(port,), leg="clients of ")
+        place = ProxyScreen(child.control, child.listening[0], feed, child)
         try:
             spots = [
                 Spot("proxy", "f2", "proxy", lambda: place),
@@ -71,10 +72,11 @@ def proxied(folder: Path, to: int, *words: str) -> Iterator[tuple[Scope, ProxySc
         child.end()
 
 
-async def ask(port: int, name: str, *values: object, pace: Pace = ONCE) -> str:
+async def ask(port: int, name: str, *values: object, pace: Pace = ONCE, tcp: bool = False) -> str:
     """Call a function; give "answered", or why it was not."""
+    opener = (over_tcp if tcp else over_udp)("127.0.0.1", port)
     try:
-        async with open_session(over_udp("127.0.0.1", port), paces=Paces(pace, pace, pace)) as session:
+        async with open_session(opener, paces=Paces(pace, pace, pace)) as session:
             await session.invoke(name, *values)
     except BcapError as error:
         return type(error).__name__
@@ -183,6 +185,47 @@ def test_a_message_that_waits_is_edited_and_arrives_edited(
     assert sorted(arrived, key=str) == sorted([(77, "slvChangeMode", 0), (77, HOSTILE, 258)], key=str)
 
 
+def test_tcp_clients_are_seen_and_their_messages_held_edited_and_dropped(
+    simulated: tuple[int, Path], tmp_path: Path
+) -> None:
+    wanted = "command == slvChangeMode and kind == request"
+    with proxied(tmp_path, simulated[0], "--intercept", wanted) as (app, place, _, port):
+
+        async def act(pilot: Pilot[None]) -> None:
+            mode = Variant(VT.I4, 258)
+            pair = (78, "slvChangeMode", mode), (79, "slvChangeMode", mode)
+            edited = asyncio.create_task(ask(port, "Robot_Execute", *pair[0], pace=PATIENT, tcp=True))
+            await until(pilot, lambda: len(place.held.items) == 1)
+            brief = Pace(3_000_000_000, 0)
+            dropped = asyncio.create_task(ask(port, "Robot_Execute", *pair[1], pace=brief, tcp=True))
+            await until(pilot, lambda: len(place.held.items) == 2)
+            assert [client.transport for client in place.clients.items] == ["tcp", "tcp"]
+            await pilot.press("3", "home", "e")
+            await pilot.pause()
+            await type_in(pilot, "set arg[2]=1")
+            await pilot.press("enter")
+            await until(pilot, lambda: len(place.held.items) == 1)
+            await pilot.press("x")
+            await until(pilot, lambda: not place.held.items)
+            assert await edited == "ControllerError"
+            await until(pilot, lambda: "TCP bytes: up " in text_of(place, "#summary"))
+            assert await dropped == "ExchangeTimeout"
+            await pilot.press("1")
+            await until(pilot, lambda: not place.clients.items)  # they have hung up
+            await pilot.press("f3")
+            await until(
+                pilot, lambda: "tcp" in str(traffic_screen(pilot).query_one("#about", Static).content)
+            )
+
+        drive(app, act, (160, 40))
+    arrived = [
+        tuple(argument.variant.value for argument in frame.arguments)
+        for frame in requests(simulated[1])
+        if frame.code == 64 and frame.arguments[0].variant.value in (78, 79)
+    ]
+    assert arrived == [(78, "slvChangeMode", 1)]
+
+
 def requests(path: Path) -> list[Frame]:
     """Return the requests in a recording."""
     with open_capture(path) as capture:
@@ -213,18 +256,29 @@ def test_a_message_is_dropped_and_what_is_held_is_chosen(simulated: tuple[int, P
 
 
 def test_a_relay_that_is_killed_is_told_in_one_sentence(simulated: tuple[int, Path], tmp_path: Path) -> None:
-    with proxied(tmp_path, simulated[0]) as (app, place, child, _):
+    with proxied(tmp_path, simulated[0]) as (app, place, child, port):
 
         async def act(pilot: Pilot[None]) -> None:
             await until(pilot, lambda: "p99.9" in text_of(place, "#summary"))
+            assert await ask(port, "Service_Start", "") == "answered"
             os.kill(child.pid, signal.SIGKILL)
             await until(pilot, lambda: "The proxy has ended: it was killed" in text_of(place, "#summary"))
             assert "○ 127.0.0.1" in shown(app)
-            await pilot.press("2", "a")
+            await pilot.press("f3")
+            await until(pilot, lambda: "The proxy has ended: it was killed" in states(pilot))
+            assert "live" not in states(pilot)
+            await until(pilot, lambda: traffic_screen(pilot).feed.progress.ended)
+            assert traffic_screen(pilot).frames.count == 4
+            await pilot.press("f2", "2", "a")
             await type_in(pilot, "loss=5%")
             await pilot.press("enter", "1", "4", "ctrl+q")
 
-        drive(app, act)
+        drive(app, act, (160, 40))
+
+
+def states(pilot: Pilot[None]) -> str:
+    """Return what is said of the traffic above its lists, where there is room for all of it."""
+    return traffic_screen(pilot).query_one(ViewBar)._states[0]
 
 
 class Still(ProxyScreen):

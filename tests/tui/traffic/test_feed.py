@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from bcapscope.tui.traffic.feed import Feed, new_folder
-from bcapscope.tui.traffic.report import Matches, Progress, Verdict
+from bcapscope.tui.traffic.feed import Doubt, Feed, News
+from bcapscope.tui.traffic.report import Matches, Progress
 from tests.cli.run import CAPTURES
 
 LIMIT = 30.0
@@ -27,21 +25,21 @@ class Ear:
     """Hears what a feed tells, in its threads."""
 
     def __init__(self, feed: Feed) -> None:
-        self.heard: list[Progress | Verdict | Matches] = []
+        self.heard: list[News] = []
         self._news = threading.Condition()
         feed.attach(self.take)
 
-    def take(self, told: Progress | Verdict | Matches) -> None:
+    def take(self, told: News) -> None:
         with self._news:
             self.heard.append(told)
             self._news.notify_all()
 
-    def wait(self, true: Callable[[Progress | Verdict | Matches], bool]) -> None:
+    def wait(self, true: Callable[[News], bool]) -> None:
         with self._news:
             assert self._news.wait_for(lambda: any(map(true, self.heard)), LIMIT)
 
 
-def ended(told: Progress | Verdict | Matches) -> bool:
+def ended(told: News) -> bool:
     return isinstance(told, Progress) and told.ended
 
 
@@ -55,8 +53,9 @@ def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, c
     assert feed.journal.refresh() == 6
     generation = feed.ask("frame", "kind == response")
     ear.wait(lambda told: isinstance(told, Matches) and told.generation == generation and told.searched == 6)
-    assert feed.save(str(tmp_path / "new.pcapng"), {1: "x"}) == ""
-    assert "exists" in feed.save(str(tmp_path / "new.pcapng"), {1: "x"})
+    wanted = feed.saving(str(tmp_path / "new.pcapng"), {1: "x"})
+    assert feed.save(wanted) == ""
+    assert "exists" in feed.save(wanted)
     assert list(cache.glob("traffic-*")) != []
     feed.close()
     assert list(cache.glob("traffic-*")) == []
@@ -97,14 +96,17 @@ def test_a_search_that_died_is_begun_anew() -> None:
         feed.close()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="there it cannot be told who still runs")
-def test_folders_of_processes_that_died_are_removed(cache: Path) -> None:
-    (cache / "traffic-99999999-x").mkdir(parents=True)
-    (cache / f"traffic-{os.getpid()}-y").mkdir()
-    (cache / "traffic-notes").mkdir()
-    made = new_folder()
-    assert {path.name for path in cache.glob("traffic-*")} == {
-        made.name,
-        f"traffic-{os.getpid()}-y",
-        "traffic-notes",
-    }
+def test_a_source_that_ends_is_read_to_its_end_and_doubted_aloud() -> None:
+    feed = Feed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
+    try:
+        ear = Ear(feed)
+        feed.doubt("The proxy has ended: it was killed")
+        feed.stop()
+        ear.wait(ended)
+        assert Doubt("The proxy has ended: it was killed") in ear.heard
+        assert feed.open()
+        assert feed.journal is not None
+        assert feed.journal.refresh() == 6
+        feed.stop()  # once more, when it has ended
+    finally:
+        feed.close()

@@ -17,6 +17,7 @@ import pytest
 from bcapscope.capture.callbook import Callbook
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.journal import Journal
+from bcapscope.render.verdict import verdict as verdict_line
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.tui.traffic import reading as readings
 from bcapscope.tui.traffic.reading import Reading
@@ -31,7 +32,7 @@ LIMIT = 20.0
 def read(folder: Path, path: Path) -> list[Progress | Verdict]:
     """Read a capture as the process does and return what it tells."""
     reports = BytesIO()
-    Reading(Job(str(folder), str(path)), reports, threading.Event()).run()
+    Reading(Job(str(folder), str(path)), reports, threading.Event(), threading.Event()).run()
     return told(reports)
 
 
@@ -61,7 +62,8 @@ def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) 
     frames = run("decode", path).lines
     calls = run("calls", path).lines
     assert lines(tmp_path) == (len(frames), len(calls))
-    assert verdict.sum == run("diagnose", path).lines[-1]
+    severities = [cause.severity for cause in verdict.findings]
+    assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
     assert verdict.stays
 
 
@@ -86,7 +88,8 @@ def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch
     path.write_bytes(data[: len(data) // 2])
     (tmp_path / "journal").mkdir()
     reports, ended = BytesIO(), threading.Event()
-    reading = Reading(Job(str(tmp_path / "journal"), str(path), follow=True), reports, ended)
+    job = Job(str(tmp_path / "journal"), str(path), follow=True)
+    reading = Reading(job, reports, ended, threading.Event())
     thread = threading.Thread(target=reading.run)
     thread.start()
     try:
@@ -101,15 +104,25 @@ def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch
     found = told(reports)
     assert isinstance(found[-1], Progress)
     assert found[-1].ended
-    assert len({verdict.sum for verdict in found if isinstance(verdict, Verdict)}) >= 2
+    assert len({verdict.seen for verdict in found if isinstance(verdict, Verdict)}) >= 2
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_nothing_more_is_read_when_nothing_more_is_wanted(tmp_path: Path) -> None:
+    unwanted, reports = threading.Event(), BytesIO()
+    unwanted.set()
+    job = Job(str(tmp_path), str(CAPTURES / "slave-session.pcapng"))
+    Reading(job, reports, threading.Event(), unwanted).run()
+    assert lines(tmp_path)[0] == readings._BATCH + 1
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_what_is_there_when_its_source_ends_is_read_to_the_end(tmp_path: Path) -> None:
     ended, reports = threading.Event(), BytesIO()
     ended.set()
-    Reading(Job(str(tmp_path), str(CAPTURES / "slave-session.pcapng")), reports, ended).run()
-    assert lines(tmp_path)[0] == readings._BATCH + 1
+    job = Job(str(tmp_path), str(CAPTURES / "slave-session.pcapng"), follow=True)
+    Reading(job, reports, ended, threading.Event()).run()
+    assert lines(tmp_path)[0] == 518
 
 
 def _wait(true: object) -> None:

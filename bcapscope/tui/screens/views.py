@@ -1,0 +1,76 @@
+"""A screen of several lists, of which one is seen at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import ClassVar
+
+from textual import on
+from textual.binding import Binding
+from textual.widgets import ContentSwitcher
+
+from bcapscope.tui.screens.place import Place
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.viewbar import ViewBar
+
+
+def view_keys(name: str, views: Sequence[str]) -> Iterator[Binding]:
+    """Give each view of a screen its number as a key."""
+    for number, view in enumerate(views, 1):
+        yield Binding(
+            f"{number}", f"view('{view}')", f"{name}.{view}", show=False, tooltip=f"{name}.view.tip"
+        )
+
+
+class Views(Place):
+    """Shows one of its lists; number keys and the bar lead from one to another.
+
+    The content of a subclass has the bar that `bar` makes, and a `ContentSwitcher` with a `Lines` for each of
+    `VIEWS`, whose id is the view.
+
+    Attributes:
+        VIEWS: their names for the program, the first of them seen first.
+        view: the one that is seen.
+    """
+
+    VIEWS: ClassVar[tuple[str, ...]]
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.view = self.VIEWS[0]
+
+    def bar(self) -> ViewBar:
+        """Make the bar that names the views."""
+        return ViewBar([(view, f"{self.NAME}.{view}") for view in self.VIEWS], id="views")
+
+    @property
+    def seen(self) -> Lines:
+        """The list that is seen."""
+        found = self.query_one(f"#{self.view}")
+        assert isinstance(found, Lines)
+        return found
+
+    @on(ViewBar.Wanted)
+    def _wanted(self, message: ViewBar.Wanted) -> None:
+        self.action_view(message.view)
+
+    def action_view(self, view: str) -> None:
+        """Show another view."""
+        self.view = view
+        self.query_one(ContentSwitcher).current = view
+        self.show_view()
+        self.seen.focus()
+        self.refresh_bindings()
+        self.show_state()
+
+    def show_view(self) -> None:
+        """Show what belongs to the view besides its list, and nothing else."""
+        raise NotImplementedError
+
+    def show_state(self) -> None:
+        """Show how much is in each view, and all else that is true of the screen at this moment."""
+        raise NotImplementedError
+
+    def action_back(self) -> None:
+        """Go to the list."""
+        self.seen.focus()

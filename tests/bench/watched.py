@@ -1,0 +1,142 @@
+"""How late set points go out while the screen is busy, and while there is none, turn by turn.
+
+The player is started as the screen starts it. The screen is a program in a terminal of its own: it draws the
+plots of the run as fast as the player tells of it, and on another of its screens it follows traffic of 2,000
+frames a second. Run from the project's root as ``python -m tests.bench.watched``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import sys
+import tempfile
+from pathlib import Path
+from statistics import median
+
+import msgspec
+import numpy as np
+from textual.app import ComposeResult
+
+from bcapscope.client.target import Target
+from bcapscope.player.lateness import Spread
+from bcapscope.player.messages import Plan
+from bcapscope.player.trajectory import Source, Trajectory
+from bcapscope.protocol.slavemode import PoseType
+from bcapscope.tui.app import Scope, Spot, scope_of
+from bcapscope.tui.desk.playing import Stage
+from bcapscope.tui.desk.slaverun import SlaveRun
+from bcapscope.tui.screens.place import Place
+from bcapscope.tui.screens.traffic import TrafficScreen
+from bcapscope.tui.tester.slavelive import SlaveLive
+from bcapscope.tui.traffic.feed import Feed
+from tests.bench.play import HEAD, Round, line, play, simulator, stolen, wave
+from tests.bench.screen import LIVE_RATE, growing
+from tests.bench.terminal import Terminal
+
+PERIOD = 8_000_000
+SIZE = 200, 50
+_POINTS = ("p50", "p99", "p999", "most")
+
+
+class Watching(Place):
+    """Plays and draws, as the screen of slave mode does."""
+
+    NAME = "tester.slave"
+    ABOUT = "tester.slave.about"
+
+    def __init__(self, plan: Plan, result: Path) -> None:
+        super().__init__()
+        self._plan, self._result = plan, result
+
+    def content(self) -> ComposeResult:
+        """Show nothing but the run."""
+        yield SlaveLive()
+
+    def on_mount(self) -> None:
+        """Begin, once the other screen is at work too."""
+        self.run_worker(self._play())
+
+    async def _play(self) -> None:
+        app = scope_of(self)
+        await app.switch_mode("traffic")
+        await asyncio.sleep(2.0)
+        await app.switch_mode("watching")
+        stage, live = Stage(), self.query_one(SlaveLive)
+        trajectory = Trajectory(PoseType.J, np.array(self._plan.points), Source("wave", "made up"))
+        run = SlaveRun(self._plan, trajectory)
+        await stage.begin(self._plan)
+        while run.ended is None:
+            for message in await stage.messages():
+                answer = run.take(message)
+                if answer is not None or run.question is not None:
+                    stage.answer(answer or "yes")
+            live.show(run)
+        await stage.end()
+        self._result.write_bytes(msgspec.json.encode(run.ended.lateness))
+        await app.action_quit()
+
+
+def watch(plan: Path, capture: Path, result: Path) -> None:
+    """Be the screen."""
+    wanted = msgspec.json.decode(plan.read_bytes(), type=Plan)
+    feed = Feed(path=str(capture), follow=True)
+    spots = [
+        Spot("watching", "f2", "tester.slave", lambda: Watching(wanted, result)),
+        Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, capture.name)),
+    ]
+    Scope(spots, result.with_name("screen.yaml")).run()
+
+
+def watched(plan: Plan, folder: Path, limit: float) -> Spread:
+    """Play with a screen that is busy."""
+    paths = folder / "plan.json", folder / "growing.pcap", folder / "lateness.json"
+    paths[0].write_bytes(msgspec.json.encode(plan))
+    argv = [sys.executable, "-m", "tests.bench.watched", "--watch", *map(str, paths)]
+    with growing(paths[1]), Terminal(argv, *SIZE) as terminal:
+        terminal.wait(limit)
+    return msgspec.json.decode(paths[2].read_bytes(), type=Spread)
+
+
+def measure(target: Target, seconds: float, rounds: int, folder: Path) -> None:
+    """Play with and without, in alternation, and print both."""
+    plan = wave(target, PERIOD, round(seconds * 1e9 / PERIOD), True)
+    print(
+        f"a set point each {PERIOD / 1e6:g} ms, {rounds} rounds of {seconds:g} s in turns; lateness in µs; "
+        f"the busy screen draws {SIZE[0]} x {SIZE[1]} and follows {LIVE_RATE} frames/s"
+    )
+    print(HEAD)
+    alone: list[Round] = []
+    busy: list[Round] = []
+    for _ in range(rounds):
+        before = stolen()
+        spread, priority = play(plan)
+        alone.append(Round(spread, stolen() - before))
+        before = stolen()
+        busy.append(Round(watched(plan, folder, seconds + 60), stolen() - before))
+    print(line(f"no screen{'' if priority else ' (no real-time priority)'}", alone))
+    print(line("the screen is busy", busy))
+    print(f"{'times as late':38}" + "".join(f"{_ratio(point, busy, alone):10.2f}" for point in _POINTS))
+
+
+def _ratio(point: str, busy: list[Round], alone: list[Round]) -> float:
+    ours, bare = (float(median(getattr(each.spread, point) for each in rounds)) for rounds in (busy, alone))
+    return ours / max(1.0, bare)
+
+
+def main() -> None:
+    """Measure as the command line asks."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--watch", nargs=3, type=Path, help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    if chosen.watch:
+        watch(*chosen.watch)
+        return
+    with tempfile.TemporaryDirectory(prefix="bcap-bench-") as name, simulator() as target:
+        measure(target, chosen.seconds, chosen.rounds, Path(name))
+
+
+if __name__ == "__main__":
+    main()

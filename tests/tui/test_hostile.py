@@ -1,0 +1,249 @@
+"""Texts that would do something, wherever one from outside is shown: shown they are, and nothing happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from rich.segment import Segment
+from textual.color import Color
+from textual.events import Paste
+from textual.pilot import Pilot
+from textual.widgets import Input
+
+from bcapscope.capture.recording import Recording
+from bcapscope.protocol.frame import encode
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.render.escape import printable
+from bcapscope.traffic.observation import Direction, Transport
+from bcapscope.tui.app import Scope, Spot
+from bcapscope.tui.harmless import Harmless
+from bcapscope.tui.proxy.editing import edited, proposal
+from bcapscope.tui.proxy.standing import Client, Figures, Held, Rule, Standing
+from bcapscope.tui.screens.proxy import ProxyScreen, Said, Stands
+from bcapscope.tui.screens.traffic import TrafficScreen
+from bcapscope.tui.tester.choice import Choice
+from bcapscope.tui.tester.history import HistoryLines
+from bcapscope.tui.traffic.feed import Feed
+from tests.client.server import udp_server
+from tests.tui.pilot import drive, make, shown, until
+from tests.tui.showing import read
+from tests.tui.showing import screen as traffic_screen
+from tests.tui.tester import answered, connected, finish, focus, make_tester, write
+
+TEXTS = {
+    "markup": "[/foo][red]x[@click=app.quit]",
+    "escape": "\x1b[2J\x1b]52;c;eA==\x07\x9b31m\x00\r\n",
+    "bidi": "\u202egnp\u2066\u200f\u2028",
+    "long": "[bold]" + "x" * 10_000 + "[/foo]",
+    "surrogate": "a\ud800b\udfff",
+}
+CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
+TIME = 1_700_000_000_000_000_000
+EXECUTE, INVALID = 64, 0x80070057
+
+pytestmark = pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
+
+
+def assert_harmless(app: Scope) -> str:
+    """Look at all that is drawn, and at the picture of it; return what is drawn."""
+    drawn = shown(app)
+    assert [char for char in drawn if not char.isprintable() and char not in "\n\u3000"] == []
+    drawn.encode()
+    assert ElementTree.fromstring(app.export_screenshot()).tag.endswith("svg")
+    return drawn
+
+
+async def look(pilot: Pilot[None]) -> str:
+    """Let all be drawn, and look."""
+    await pilot.pause()
+    assert isinstance(pilot.app, Scope)
+    return assert_harmless(pilot.app)
+
+
+def capture(path: Path, text: str) -> None:
+    """Write a capture in which the text is everywhere that a peer can put it."""
+    string = Variant(VT.BSTR, text)
+    with path.open("wb") as file:
+        recording = Recording(file)
+
+        def say(
+            serial: int, code: int, values: list[Variant], answer: list[Variant], result: int = 0
+        ) -> None:
+            at = TIME + serial * 10**7
+            recording.segment(CLIENT, SERVER, encode(serial, 0, code, values), at)
+            recording.segment(SERVER, CLIENT, encode(serial, 0, result, answer), at + 10**6)
+
+        say(1, 1, [string], [])
+        say(2, 3, [string, string, string, string], [Variant(VT.I4, 1)])
+        say(3, 7, [Variant(VT.I4, 1), string, string], [Variant(VT.I4, 2)])
+        say(4, EXECUTE, [Variant(VT.I4, 2), string, string], [string], INVALID)
+        say(5, EXECUTE, [Variant(VT.I4, 2), string, Variant.array(VT.BSTR, (text, text))], [string])
+        recording.segment(CLIENT, SERVER, b"\x01" + text.encode("utf-16-le", "surrogatepass"), TIME + 10**9)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (200, 50)], ids=["narrow", "wide"])
+def test_traffic(text: str, size: tuple[int, int], tmp_path: Path) -> None:
+    path = tmp_path / "hostile.pcapng"
+    capture(path, text)
+    feed = Feed(path=str(path))
+    app = make(Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, text)))
+
+    async def act(pilot: Pilot[None]) -> None:
+        await read(pilot, feed)
+        here = traffic_screen(pilot)
+        app.settings.captures.insert(0, text)
+        for number in range(1, here.frames.count + 1):
+            here.go_to_frame(number)
+            await look(pilot)
+        here.go_to_frame(7)
+        for keys in (
+            ("enter", "a", "end"),
+            ("tab", "end", "home", "escape"),
+            ("K", "escape"),
+            ("H", "escape"),
+        ):
+            await pilot.press(*keys)
+            await look(pilot)
+        for key in "12345":
+            await pilot.press(key, "home", "space", "end", "right", "right", "left")
+            await look(pilot)
+        await pilot.press("1", "slash")
+        app.post_message(Paste(text))
+        await look(pilot)
+        await pilot.press("escape", "escape", "f1")
+        await look(pilot)
+        await pilot.press("escape", "ctrl+p", *"open")
+        await look(pilot)
+        await pilot.press("escape", "e")
+        await pilot.pause()
+        app.screen.query_one("#prompt-input", Input).value = text
+        await look(pilot)
+        await pilot.press("enter")
+        await look(pilot)
+        assert here.frames.marks
+        feed.doubt(text)
+        await pilot.pause()
+        here._open(text)
+        app.tell(text, "error")
+        await look(pilot)
+        await pilot.press("s")
+        app.screen.query_one("#prompt-input", Input).value = str(tmp_path / "notes.pcapng")
+        await pilot.press("enter")
+        await until(pilot, lambda: any("Saved" in note.message for note in app._notifications))
+
+    try:
+        drive(app, act, size)
+    finally:
+        feed.close()
+
+
+class _Told(ProxyScreen):
+    """A proxy that says what it is made to."""
+
+    def __init__(self, standing: Standing, way: str) -> None:
+        super().__init__("nowhere", way)
+        self._stands = Stands(standing)
+
+    def _ask_all(self) -> Stands:
+        return self._stands
+
+
+def standing(text: str) -> Standing:
+    """Make up a proxy that has the text wherever one can be."""
+    string = Variant(VT.BSTR, text)
+    message = encode(1, 0, EXECUTE, [Variant(VT.I4, 1), string, string]).hex()
+    address = "10.0.0.2:50001"
+    ends = (address, "10.0.0.1:5007", Transport.TCP, Direction.REQUEST)
+    return Standing(
+        [Client(1, text, text, text, text, 1.0, 1, None, 0, None)],
+        [Rule(text, True, 1, text)],
+        [
+            Held(1, *ends, EXECUTE, text, text, 1.0, 59.0, message),
+            Held(2, *ends, None, None, None, 1.0, 59.0, text.encode("utf-16-le", "surrogatepass").hex()),
+        ],
+        Figures({text: 1}, 0, True, text, 1, recording=text),
+    )
+
+
+def test_proxy(text: str) -> None:
+    place = _Told(standing(text), text)
+    app = make(Spot("proxy", "f2", "proxy", lambda: place))
+
+    async def act(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: place.held.items)
+        place.post_message(Said(text, False))
+        for key in "1234":
+            await pilot.press(key)
+            await look(pilot)
+        await pilot.press("3", "e")
+        proposed = place.query_one("#change", Input).value
+        assert proposed.isprintable()
+        await look(pilot)
+        await pilot.press("escape", "down", "b")
+        await look(pilot)
+        await pilot.press("escape", "i")
+        await look(pilot)
+        await pilot.press("escape", "a")
+        app.post_message(Paste(text))
+        await look(pilot)
+        place.post_message(Said(text, True))
+        await look(pilot)
+
+    drive(app, act)
+
+
+def test_what_is_proposed_for_a_held_message_is_read_back_as_it_was(text: str) -> None:
+    flow = standing("x").held[0].flow
+    message = encode(1, 0, EXECUTE, [Variant(VT.I4, 1), Variant(VT.BSTR, text)])
+    proposed = proposal(message, len(message) - 10)
+    assert proposed.isprintable()
+    with pytest.raises(ValueError, match="changes nothing"):
+        edited(message, flow, proposed)
+
+
+def test_tester(text: str, tmp_path: Path) -> None:
+    answers = {
+        "Robot_Execute": (0, [Variant(VT.BSTR, text)]),
+        "Variable_GetValue": (INVALID, [Variant(VT.BSTR, text)]),
+    }
+    with udp_server(lambda peer: peer.answers.update(answers)) as server:
+        app = make_tester(tmp_path, "127.0.0.1", server.port)
+
+        async def act(pilot: Pilot[None]) -> None:
+            here = await connected(pilot)
+            await focus(pilot, "#robot-forms .command")
+            await write(pilot, "slvGetMode")
+            await pilot.press("enter")
+            await answered(pilot, "#execute ResultView", printable(text)[:20])
+            await look(pilot)
+            for name in ("sent", "received", "history", "watch", "saved"):
+                here.query_one("#view", Choice).chosen = name
+                await look(pilot)
+            here.query_one("#view", Choice).chosen = "history"
+            here.query_one(HistoryLines).focus()
+            await pilot.press("end")
+            await look(pilot)
+            await focus(pilot, "#robot-forms .command")
+            app.post_message(Paste(text))
+            await look(pilot)
+            await pilot.press("f1")
+            await look(pilot)
+            await pilot.press("escape")
+            await finish(pilot)
+
+        drive(app, act, (120, 40))
+
+
+def test_the_guard_before_the_terminal_keeps_every_column(text: str) -> None:
+    guard: Callable[[list[Segment], Color], list[Segment]] = Harmless().apply
+    line = [Segment("名前 "), Segment(text), Segment("\u3000")]
+    (first, middle, last) = guard(line, Color(0, 0, 0))
+    assert first.text == "名前 "
+    assert middle.text.isprintable()
+    assert last.text == "\u3000"
+    assert sum(segment.cell_length for segment in guard(line, Color(0, 0, 0))) == sum(
+        segment.cell_length for segment in line
+    )

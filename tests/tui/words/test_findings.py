@@ -1,0 +1,115 @@
+"""Findings, filters and damaged captures, in Japanese."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bcapscope.analysis.finding import Seen, Severity
+from bcapscope.analysis.rules import RULES
+from bcapscope.analysis.rules.rule import Rule
+from bcapscope.capture.file import open_capture
+from bcapscope.errors import CaptureError
+from bcapscope.render.verdict import verdict
+from bcapscope.traffic.exchange import Role
+from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.filters import FilterError, compile_filter
+from bcapscope.tui.words import Language, speak, told
+from tests.cli.run import CAPTURES
+
+JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
+_CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[A-Z]\w+|slv\w+)\b")
+"""What a translation neither loses nor changes: result codes, modes, times, names of functions and commands."""
+
+
+@pytest.fixture(autouse=True)
+def _japanese() -> Iterator[None]:
+    speak(Language.JAPANESE)
+    yield
+    speak(Language.ENGLISH)
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
+def test_every_rule_has_a_title_and_an_advice(rule: Rule) -> None:
+    title, advice = told(rule.id), told(rule.advice)
+    assert JAPANESE.search(title)
+    assert JAPANESE.search(advice)
+    assert set(_CODES.findall(rule.advice)) == set(_CODES.findall(advice))
+    assert set(re.findall(r"\b[0-9A-F]{8}\b", rule.finds)) == set(re.findall(r"[0-9A-F]{8}", title))
+
+
+def test_the_sum_of_all() -> None:
+    seen = Seen(518, 257, 1, 5_200_000_000)
+    assert verdict([Severity.ERROR, Severity.NOTE], seen, tongue=told) == (
+        "エラー 1 件, 情報 1 件、対象: フレーム 518, コール 257, クライアント 1, 5.2 s"
+    )
+    assert verdict([], seen, tongue=told).startswith("問題は見つかりませんでした、対象: ")
+    assert JAPANESE.search(verdict([], Seen(0, 0, 0, 0), tongue=told))
+
+
+@pytest.mark.parametrize("role", Role)
+def test_what_a_frame_is_to_its_call(role: Role) -> None:
+    assert JAPANESE.search(told(role))
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "serial = 1",
+        "serial == 1 & serial == 2",
+        "serial == 1 | serial == 2",
+        'command == "x',
+        "serial ==",
+        "serial == 1 and",
+        "serial == 1 serial",
+        "(serial == 1",
+        "seriel == 1",
+        "xyzzy == 1",
+        "hresult == S_OKK",
+        "latency > 5",
+        "latency > 5xs",
+        "client == nobody",
+        'command ~ "("',
+        "serial ~ x",
+        "serial[0] == 1",
+        "==",
+        "serial contains 5",
+        "command > 5",
+        "serial == abc",
+        "kind == foo",
+        "retries == 1",
+        "hresult == 0x1ffffffff",
+        "command in x",
+        "#",
+    ],
+)
+def test_what_is_wrong_with_a_filter(expression: str) -> None:
+    kind = RecordKind.CALL if "latency" in expression else RecordKind.FRAME
+    with pytest.raises(FilterError) as raised:
+        compile_filter(expression, kind)
+    assert JAPANESE.search(told(str(raised.value).partition("\n")[0]))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"no capture at all", b"\xd4\xc3\xb2\xa1", b"PK\x03\x04" * 9, b"\x1f\x8b\x08" + bytes(40)],
+    ids=["empty", "text", "header", "zip", "gzip"],
+)
+def test_what_is_wrong_with_a_capture(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "a.pcap"
+    path.write_bytes(data)
+    with pytest.raises(CaptureError) as raised, open_capture(path) as capture:
+        list(capture)
+    assert JAPANESE.search(told(str(raised.value)))
+
+
+def test_a_capture_that_breaks_off_or_is_not_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcapng"
+    path.write_bytes((CAPTURES / "slave-session.pcapng").read_bytes()[:-10])
+    for each in (path, tmp_path / "none"):
+        with pytest.raises(CaptureError) as raised, open_capture(each) as capture:
+            list(capture)
+        assert JAPANESE.search(told(str(raised.value)))
