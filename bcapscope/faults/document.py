@@ -13,9 +13,13 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 import msgspec
 import yaml
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
+from yaml.resolver import Resolver
 
 from bcapscope.faults.fault import AnyFault
 from bcapscope.faults.quantities import QUANTITIES
+from bcapscope.faults.yamlevents import YamlError, events
 from bcapscope.traffic.filter_tokens import nearest
 
 LONGEST_DOCUMENT = 1 << 20
@@ -126,13 +130,32 @@ def _decode(kind: type, written: object) -> object:
     raise NotImplementedError(f"{kind} is no quantity")
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(Composer, SafeConstructor, Resolver):
     """Refuses what makes a document mean something else than it seems to."""
 
+    def __init__(self, text: str) -> None:
+        Composer.__init__(self)
+        SafeConstructor.__init__(self)
+        Resolver.__init__(self)
+        self._events = events(text)
+        self._next: yaml.Event | None = None
+
+    def peek_event(self) -> yaml.Event | None:
+        if self._next is None:
+            self._next = next(self._events, None)
+        return self._next
+
+    def check_event(self, *choices: type[yaml.Event]) -> bool:
+        return isinstance(self.peek_event(), choices or yaml.Event)
+
+    def get_event(self) -> yaml.Event | None:
+        event, self._next = self.peek_event(), None
+        return event
+
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()  # type: ignore[no-untyped-call]
-            raise yaml.MarkedYAMLError(problem="anchors are not read", problem_mark=event.start_mark)
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent):
+            raise YamlError("anchors are not read", event.start_mark)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
@@ -153,16 +176,15 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         raise DocumentError((), 0, f"longer than {LONGEST_DOCUMENT} characters, the most that is read")
     try:
         loader = _Loader(text)
-        try:
-            root = loader.get_single_node()
-            return root, None if root is None else loader.construct_document(root)
-        finally:
-            loader.dispose()
+        root = loader.get_single_node()
+        return root, None if root is None else loader.construct_document(root)
+    except YamlError as error:
+        raise DocumentError((), error.line, error.problem) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         raise DocumentError((), mark.line + 1 if mark else 0, error.problem or "no YAML") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise DocumentError((), 0, f"no YAML: {error}") from error
+    except ValueError as error:  # a number too long, a date that is none
+        raise DocumentError((), 0, f"this is no YAML: {error}") from error
 
 
 class _Place(NamedTuple):

@@ -9,6 +9,8 @@ from pathlib import Path
 import msgspec
 import platformdirs
 
+from bcapscope.faults.document import read_document
+
 MOST_RECENT = 20
 """Recent files and hosts that are remembered."""
 
@@ -45,12 +47,12 @@ def load(path: Path) -> tuple[Settings, str]:
         The settings, defaults where there are none, and why they could not be read, "" where they could.
     """
     try:
-        return msgspec.yaml.decode(path.read_bytes(), type=Settings), ""
+        return read_document(path.read_text(encoding="utf-8"), Settings), ""
     except FileNotFoundError:
         return Settings(), ""
     except OSError as error:
         return Settings(), error.strerror or str(error)
-    except (msgspec.MsgspecError, UnicodeError, ValueError, RecursionError) as error:
+    except ValueError as error:  # no UTF-8, or a `DocumentError`
         return Settings(), " ".join(str(error).split())
 
 

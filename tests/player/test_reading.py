@@ -118,7 +118,7 @@ def test_way_points_of_ros() -> None:
         ),
         ("way.json", "[1, 2", "line 1, column 6: this is no JSON: "),
         ("way.json", "[" * 10_000, "line 1, column 1026: this is no JSON: "),
-        ("way.yaml", "[" * 100_000, "line 1: more than 64 levels"),
+        ("way.yaml", "[" * 100_000, "line 1, column 65: more than 64 levels"),
         ("way.yaml", "a: [", "line 2, column 1: this is no YAML: "),
         ("way.csv", "1," * LONGEST_LINE, f"line 1: the line is longer than {LONGEST_LINE} characters"),
         ("way.csv", TABLE + "5," + "6" * LONGEST_LINE, "line 4: the line is longer"),

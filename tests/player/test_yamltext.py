@@ -9,8 +9,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.faults.yamlevents import DEEPEST
 from bcapscope.player.trajectory import TrajectoryError
-from bcapscope.player.yamltext import DEEPEST, read_yaml
+from bcapscope.player.yamltext import read_yaml
 
 
 @pytest.mark.parametrize(
