@@ -121,7 +121,8 @@ def command(
         keys = _Keys(_actions(simulator, server, serving.tell), serving.tell, attended)
         serving.serve(server, keys.take, keys.watched)
     dropped = f"{simulator.dropped} datagrams dropped, no sound requests or of clients too many"
-    serving.end(f"{serving.log.calls} calls; {dropped}")
+    unheard = f"; {server.turns.unheard} more came too fast" if server.turns.unheard else ""
+    serving.end(f"{serving.log.calls} calls; {dropped}{unheard}")
 
 
 def _chosen(scenario: Scenario | None, profile: str | None, defects: tuple[str, ...]) -> Scenario:

@@ -6,16 +6,16 @@ modes that wait for the 8 ms grid go out on time. There are never more sockets t
 
 from __future__ import annotations
 
-import os
 import select
 import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from bcapscope.errors import BcapError
 from bcapscope.simulator.simulator import Abort, Output, Peer
+from bcapscope.simulator.turns import Turns
 from bcapscope.transport.tcp import reset
 
 LARGEST_DATAGRAM = 65535
@@ -30,13 +30,17 @@ _HELD_UP = 2_000_000
 processor, which a real controller never waits for."""
 
 # ns. To wake a processor that has nothing to do takes longer, on a virtual machine, than to answer a call.
+# Yielding meanwhile would cost a whole time slice wherever another program runs.
 _LINGER = 60_000
-_give_way: Callable[[], None] = getattr(os, "sched_yield", lambda: time.sleep(0))
 
-_AT_ONCE = 512  # datagrams that are taken before TCP has its turn
+_AT_ONCE = 1024  # datagrams that are taken from the system before any but the first is looked at
 _PORTION = 256  # bytes that are taken of a connection before the others have their turn
 
+_RECEIVE_BUFFER = 4 << 20
+"""Bytes of datagrams that may wait while others are answered; the system gives what its own limit allows."""
+
 Address: TypeAlias = tuple[str, int]
+_Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
 _Source: TypeAlias = "socket.socket | int"
 
 
@@ -91,6 +95,7 @@ class Server:
     Attributes:
         address: host and port that it listens on.
         tap: is shown all that passes; None for nobody.
+        turns: datagrams that wait.
     """
 
     def __init__(self, simulator: Answerer, host: str, port: int) -> None:
@@ -106,6 +111,7 @@ class Server:
         """
         self._simulator = simulator
         self.tap: Tap | None = None
+        self.turns: Turns[_Address] = Turns()
         self._connections: dict[socket.socket, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._awake_until = 0
@@ -136,7 +142,7 @@ class Server:
             Those of `also` that can be read.
         """
         due = self._simulator.due(self.now())
-        readable, writable = self._wait([*self._readers, *also], until, due)
+        readable, writable = self._wait([*self._readers, *also], 0 if self.turns else until, due)
         if due is not None:
             self._catch_up(due)
         for blocked in writable:
@@ -148,6 +154,10 @@ class Server:
                 self._accept()
             elif isinstance(sock, socket.socket):
                 self._take_segment(sock)
+                if len(readable) > 2:  # datagrams need not wait for all connections that ask for something
+                    self._take_datagrams()
+                    self._hear_turns()
+        self._hear_turns()
         now = self.now()
         if readable:
             self._awake_until = now + _LINGER
@@ -170,29 +180,35 @@ class Server:
         """Wait for sockets that can be read and written; shortly behind a request without going to sleep."""
         now = self.now()
         end = self._awake_until if due is None else min(self._awake_until, due)
-        while now < end:
+        while now < end and until:
             readable, writable, _ = select.select(readers, self._writers, [], 0)
             if readable or writable:
                 return readable, writable
-            _give_way()
             now = self.now()
         wait = until if due is None else min(until, max(0, due - now) / 1e9)
         return select.select(readers, self._writers, [], wait)[:2]
 
     def _take_datagrams(self) -> None:
-        take, receive, clock = self._simulator.datagram, self._udp.recvfrom, self.now
-        for _ in range(_AT_ONCE):
+        """Take datagrams from the system before it runs out of room: the first is answered at once."""
+        receive, turns = self._udp.recvfrom, self.turns
+        for number in range(_AT_ONCE):
             try:
                 data, address = receive(LARGEST_DATAGRAM)
             except OSError:  # nothing left; on Windows also an earlier client's closed port
                 return
             if self.tap:
                 self.tap.datagram(address[:2], self.address, data, time.time_ns())
-            outputs = take(("udp", address), data, clock())
-            self._send(outputs)
-            # Its client has the word now; without an answer there may be more, of a flood.
-            if outputs:
-                return
+            if number or turns:
+                turns.add(address, data)
+            else:
+                self._hear(address, data)
+
+    def _hear_turns(self) -> None:
+        for address, data in self.turns.take():
+            self._hear(address, data)
+
+    def _hear(self, address: _Address, data: bytes) -> None:
+        self._send(self._simulator.datagram(("udp", address), data, self.now()))
 
     def _accept(self) -> None:
         with suppress(OSError):
@@ -299,6 +315,8 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
         sock.setblocking(False)
         if kind == socket.SOCK_STREAM:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        else:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         sock.bind(address)
         if kind == socket.SOCK_STREAM:
             sock.listen(32)

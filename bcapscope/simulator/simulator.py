@@ -10,7 +10,8 @@ from collections.abc import Callable, Hashable
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame, parse_datagram
+from bcapscope.protocol.content import EOT, SMALLEST_FRAME, SOH
+from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.stream import Splitter
 from bcapscope.simulator.conversation import Conversation, Report
 from bcapscope.simulator.machine import Machine, Start
@@ -48,6 +49,17 @@ class Output(NamedTuple):
 class _Link(NamedTuple):
     conversation: Conversation
     splitter: Splitter | None
+
+
+def _frame(data: bytes) -> Frame | None:
+    """Return the one sound frame that a datagram is, or None; of a flood as fast as can be."""
+    size = len(data)
+    if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
+        return None
+    if int.from_bytes(data[1:5], "little") != size:
+        return None
+    frame = Frame(data)
+    return None if frame.problems else frame
 
 
 def _ignore(peer: Peer, report: Report) -> None:
@@ -92,9 +104,8 @@ class Simulator:
 
     def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]:
         """Take a UDP datagram; return what to send."""
-        items = parse_datagram(data) if len(data) <= LARGEST_UDP_FRAME else ()
-        frame = items[0] if len(items) == 1 else None
-        if not isinstance(frame, Frame) or frame.problems:
+        frame = _frame(data)
+        if frame is None:
             self.dropped += 1
             return []
         link = self._links.get(peer) or self._new_udp(peer, now)

@@ -14,6 +14,7 @@ from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.server import ListenError, Server
 from bcapscope.simulator.simulator import MOST_CLIENTS, Output, Simulator
 from bcapscope.simulator.stage import Stage
+from bcapscope.simulator.turns import MOST_OF_ONE
 from bcapscope.simulator.values import bstr
 
 START = encode(1, 0, 1, [bstr("")])
@@ -138,6 +139,37 @@ def test_the_time_of_the_controller_stands_still_while_it_gets_no_processor() ->
     assert 0 <= simulator.went_on - simulator.was_due < 25_000_000
     assert time.monotonic_ns() - server.now() >= 50_000_000
     server.close()
+
+
+def test_each_sender_of_datagrams_has_its_turn(server: Server) -> None:
+    with client(server, socket.SOCK_DGRAM) as greedy, client(server, socket.SOCK_DGRAM) as good:
+        exchange(server, greedy, START)
+        for serial in range(2, 30):
+            greedy.send(encode(serial, 0, 1, [bstr("")]))
+        good.send(START)
+        good.setblocking(False)
+        for _ in range(3):
+            server.step(0)
+        assert Frame(good.recv(4096)).code == 0
+        answered = 0
+        for _ in range(40):
+            server.step(0)
+        greedy.setblocking(False)
+        while True:
+            try:
+                greedy.recv(4096)
+            except BlockingIOError:
+                break
+            answered += 1
+        assert (answered, server.turns.unheard) == (28, 0)
+
+
+def test_what_one_sender_sends_too_fast_is_thrown_away_and_counted(server: Server) -> None:
+    with client(server, socket.SOCK_DGRAM) as greedy, client(server, socket.SOCK_DGRAM) as good:
+        for serial in range(1, MOST_OF_ONE + 12):
+            greedy.send(encode(serial, 0, 1, [bstr("")]))
+        assert Frame(exchange(server, good, START)).code == 0
+        assert server.turns.unheard == 10
 
 
 def test_a_port_in_use_is_said(server: Server) -> None:
