@@ -76,6 +76,11 @@ class Arm:
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property
+    def ends(self) -> int:
+        """Time at which the command of the last ordinary motion arrives."""
+        return self._motion.ends
+
+    @property
     def settles(self) -> int:
         """Time at which the encoders stand still, unless something new comes."""
         return self._changed + LAG if self._steps else max(self._changed, self._motion.ends) + LAG

@@ -1,7 +1,7 @@
 """What the simulated controller does, where we have it from, and how sure we are.
 
 A behaviour goes by the field of `Profile` that decides it, by the constant of the result that it ends in, or,
-where it is neither, by a word of ours.
+where it is neither, by a word of ours. What is partly known has a row for each part.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ class Certainty(StrEnum):
     """How sure we are that a real controller does the same."""
 
     DOCUMENTED = "documented"
-    """A paper, sample or list of the vendor says so."""
+    """A paper or list of the vendor, or a published description of its commands, says so."""
     OBSERVED = "observed"
-    """Seen: in the vendor's server, in dumps, or by users who reported it."""
+    """Seen: in the vendor's server or driver, in dumps, or by users who reported it."""
     ASSUMED = "assumed"
     """Nobody says so; it is what seems likeliest, or the least that works."""
 
@@ -26,125 +26,143 @@ class Behaviour(NamedTuple):
 
     Attributes:
         name: field, constant or word.
-        text: what is done, one clause.
         certainty: how sure we are.
+        text: what is done, one clause.
         source: where we have it from; where it is assumed, what it was concluded from.
     """
 
     name: str
-    text: str
     certainty: Certainty
+    text: str
     source: str
 
 
 _SLIDES = "DENSO Wave 2009, How to use the Slave mode"
 _ERRORS = "list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
+_CODES = "denso_robot.py in nkawa/Denso_CobottaPro900_MQTT_Control"
 _SAMPLES = "ShoheiKobata/orin_bcap_python_samples"
+_MODES = f"{_SAMPLES}, table of slave modes"
 _DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core"
 _ISSUES = "issues of DENSORobot/denso_robot_ros"
+_MAIN = "start-jsk/denso denso_controller/src/main.cpp"
+_ANSI = "b-Cap.h of the ANSI-C client"
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SYMBOLS = "orin_bcap CSharp ORiNDefine.cs"
+_COMMON = "orin_bcap C/include/dn_common.h"
+_LIMITS = "orin_bcap C/include/dn_udp.h"
+_PROVIDER = "H. Suzuki, VE026A_JNI.java (a wrapper of the RC8 provider)"
 _NONE = "no source says"
 
 _D, _O, _A = Certainty.DOCUMENTED, Certainty.OBSERVED, Certainty.ASSUMED
 
 _PROFILE = (
-    ("generation", "the number of a slave mode means another thing on RC7 and on later ones", _D, _SLIDES),
-    ("replies", "reserved is repeated on RC7, as in dumps, and 0 on later ones", _A, f"{_SLIDES}; {_SERVER}"),
-    ("empty_result", "slvChangeMode answers no argument on RC7, EMPTY on later ones", _O, _DRIVER),
-    ("empty_on_error", "a refused call that could have a result carries EMPTY, but on RC7", _A, _SERVER),
-    ("mode_type", "slvGetMode answers VT_I2 on RC7", _D, _SLIDES),
-    ("real", "poses are VT_R4 on RC7 and VT_R8 on later ones", _O, f"{_SLIDES}; {_SAMPLES}"),
-    ("providers", "Controller_Connect wants VRC, VRC9 on RC9; RC7 takes any", _D, f"{_SAMPLES}; {_SLIDES}"),
-    ("needs_robslave", "slave mode of RC7 needs the running program RobSlave", _D, _SLIDES),
-    ("needs_arm", "motions need TakeArm, but on RC7", _D, _SAMPLES),
-    ("async_detector", "a late set point ends an Async mode of RC7 if the pendant says so", _D, _SLIDES),
-    (
-        "running_result",
-        "slvChangeMode is refused when the robot moves for 500 ms more",
-        _D,
-        f"{_SLIDES}; {_ERRORS}",
-    ),
-    ("lacks", "commands of other generations are not known", _A, "who documents a command has it"),
-    ("version", "@VERSION of each generation", _A, _NONE),
-    ("defects", "the C server forgets the first serial and takes serial 0 for a retry", _O, _SERVER),
+    ("generation", _D, "modes 0x001 to 0x103 of RC7: Sync and Async", _SLIDES),
+    ("generation", _D, "modes of later ones: 0 (0x00n), 1 (0x10n), 2 (0x20n)", _MODES),
+    ("replies", _D, "reserved is repeated on RC7", f"{_SLIDES}, dumps of retries"),
+    ("replies", _A, "reserved is 0 on later ones", f"as in {_SERVER}"),
+    ("empty_result", _D, "slvChangeMode answers no argument on RC7", _SLIDES),
+    ("empty_result", _A, "a call without result answers EMPTY on later ones", f"as in {_SERVER}"),
+    ("empty_on_error", _A, "a refused call that could have a result carries EMPTY", f"as in {_SERVER}"),
+    ("empty_on_error", _A, "but not on RC7", _NONE),
+    ("mode_type", _D, "slvGetMode answers VT_I2 on RC7", _SLIDES),
+    ("mode_type", _A, "and VT_I4 on later ones", _NONE),
+    ("real", _D, "poses are VT_R4 on RC7", _SLIDES),
+    ("real", _O, "and VT_R8 on later ones", f"{_DRIVER}; {_SAMPLES}"),
+    ("providers", _D, "Controller_Connect wants CaoProv.DENSO.VRC, and VRC9 on RC9", _SAMPLES),
+    ("providers", _O, "RC7 takes any, also none", "a comment in a public copy of DENSO's sample"),
+    ("needs_robslave", _D, "slave mode of RC7 needs the running program RobSlave", _SLIDES),
+    ("needs_arm", _D, "motions need TakeArm", _SAMPLES),
+    ("needs_arm", _A, "but on RC7", f"not in the procedure of {_SLIDES}"),
+    ("async_detector", _D, "a late set point ends an Async mode of RC7 if the pendant says so", _SLIDES),
+    ("running_result", _D, "600B: the robot has not come to rest within 500 ms of slvChangeMode", _SLIDES),
+    ("running_result", _A, "in 32 bits that is 0000600B", _NONE),
+    ("running_result", _D, "8150100D on later ones", _ERRORS),
+    ("lacks", _A, "commands of other generations are not known", "who documents a command has it"),
+    ("version", _A, "@VERSION of each generation", _NONE),
+    ("defects", _O, "the C server forgets the first serial and takes serial 0 for a retry", _SERVER),
 )
 
 _RESULTS = (
-    ("E_INVALIDARG", "an argument is missing or makes no sense, or there is no such function", _O, _SERVER),
-    ("E_NOTIMPL", "a function or a known command is not simulated", _O, _SERVER),
-    ("E_HANDLE", "a handle is wrong, released, or of another class", _O, _SERVER),
-    ("E_MAX_OBJECT", "a client has 1000 objects", _D, _SERVER),
-    ("E_BUSY", "a call after one that ran longer than InvokeTimeout", _O, _SERVER),
-    (
-        "E_TOO_MUCH_DATA",
-        "an answer over UDP would have more than 503 bytes",
-        _A,
-        "orin_bcap C/include/dn_udp.h",
-    ),
-    ("E_FAIL", "slave mode of RC7 without RobSlave", _A, _NONE),
-    ("E_CAO_COLLECTION_REGISTERED", "a controller is connected twice by one name", _A, _SYMBOLS),
-    ("NOT_CONNECTED", "any call before Service_Start", _A, _SYMBOLS),
-    ("OBJECT_NOT_FOUND", "there is no variable, program or file of that name", _A, _SYMBOLS),
-    ("NOT_WRITABLE", "a variable cannot be written", _A, _SYMBOLS),
-    ("INVALID_COMMAND", "there is no such command", _A, _SYMBOLS),
-    ("OUT_OF_MEMORY", "a name or a value is too long to be kept", _A, "our bound"),
-    ("TYPE_MISMATCH", "a number, text or pose is wanted and none is there", _A, _SYMBOLS),
-    ("OVERFLOW", "a number does not fit into a variable", _A, _SYMBOLS),
-    ("BAD_INDEX", "a variable, I/O or record of that number does not exist", _A, _SYMBOLS),
-    ("MOTOR_IS_OFF", "a motion while the motor is off", _D, _ERRORS),
-    ("ERROR_IS_ACTIVE", "a motion while an error is active", _D, _ERRORS),
-    ("NOT_AUTOMATIC", "a motion in manual mode", _D, _ERRORS),
-    ("NO_TOKEN", "a motion while the executable token is another's", _D, _ERRORS),
-    (
-        "EMERGENCY_STOP",
-        "a motion while the emergency stop is pressed, which also ends all motions",
-        _D,
-        _ERRORS,
-    ),
-    ("E_ARM_NOT_TAKEN", "a motion without TakeArm, or TakeArm while another has the arm", _D, _ERRORS),
-    ("E_ROBOTISBUSY", "a motion while another one goes on", _A, _SYMBOLS),
-    ("IS_STOPPING", "the motion that a Robot_Halt stops", _D, _ERRORS),
-    ("SOFTWARE_LIMIT", "the goal of a motion is beyond a limit", _D, _ERRORS),
-    ("POSITION_LIMIT", "a set point is beyond a limit; the motor goes off", _D, _ERRORS),
-    ("SPEED_LIMIT", "a set point needs an axis to be too fast; slave mode ends", _D, _ERRORS),
-    ("ACCELERATION_LIMIT", "a set point needs an axis to accelerate too much; slave mode ends", _D, _ERRORS),
-    ("INVALID_SET_POINT", "a set point is no number; slave mode ends", _D, _ERRORS),
-    ("E_REFUSED_IN_SLAVE_MODE", "a call that slave mode forbids, which ends it", _O, f"{_ISSUES}, 42 and 48"),
-    ("E_NOT_IN_SLAVE_MODE", "slvMove while slave mode is off", _O, f"{_ISSUES}, 6 and 42"),
-    ("E_SLAVE_UNDERFLOW", "no set point in time while moving; slave mode ends", _O, f"{_ISSUES}, 49"),
-    ("E_SLAVE_OVERFLOW", "a set point more than the buffer of mode 0 holds", _D, f"{_SAMPLES}, slave modes"),
-    ("S_BUF_FULL", "the buffer of mode 0 is full; the set point counts", _D, f"{_SAMPLES}, slave modes"),
+    ("E_INVALIDARG", _O, "there is no such function, or WDT is too short", _SERVER),
+    ("E_INVALIDARG", _O, "a format of set points is not known, or the provider is another", f"{_ISSUES}, 47"),
+    ("E_INVALIDARG", _A, "an argument is missing or makes no sense; the C server does not look", _NONE),
+    ("E_NOTIMPL", _O, "a function that is not simulated, as one without callback in the C server", _SERVER),
+    ("E_NOTIMPL", _A, "Chuck, Unchuck, GoHome: not among the methods of the RC8 provider", _PROVIDER),
+    ("E_NOTIMPL", _A, "Rotate, which RC8 has; hands, force control, files: known, and not simulated", "ours"),
+    ("E_HANDLE", _A, "a handle is wrong, released, or of another class", f"the name in {_COMMON}"),
+    ("E_MAX_OBJECT", _O, "a client has 1000 objects", _SERVER),
+    ("E_BUSY", _O, "a call after one that ran longer than InvokeTimeout", _SERVER),
+    ("E_TOO_MUCH_DATA", _A, "an answer over UDP would have more than 503 bytes", _LIMITS),
+    ("E_FAIL", _A, "slave mode of RC7 without RobSlave", _NONE),
+    ("E_CAO_COLLECTION_REGISTERED", _A, "a controller is connected twice by one name", _SYMBOLS),
+    ("NOT_CONNECTED", _A, "any call before Service_Start", _SYMBOLS),
+    ("OBJECT_NOT_FOUND", _A, "there is no variable, program or file of that name", _SYMBOLS),
+    ("NOT_WRITABLE", _A, "a variable cannot be written", _SYMBOLS),
+    ("INVALID_COMMAND", _D, "there is no such command", _ANSI),
+    ("OUT_OF_MEMORY", _A, "a name or a value is too long to be kept", "our bound"),
+    ("TYPE_MISMATCH", _A, "a number, text or pose is wanted and none is there", f"the name in {_COMMON}"),
+    ("OVERFLOW", _A, "a number does not fit into a variable", f"the name in {_COMMON}"),
+    ("BAD_INDEX", _A, "a variable, I/O or record of that number does not exist", f"the name in {_COMMON}"),
+    ("MOTOR_IS_OFF", _D, "a motion while the motor is off", _ERRORS),
+    ("ERROR_IS_ACTIVE", _D, "a motion while an error is active", _ERRORS),
+    ("NOT_AUTOMATIC", _D, "a motion in manual mode", _ERRORS),
+    ("NO_TOKEN", _D, "a motion while the executable token is another's", _ERRORS),
+    ("EMERGENCY_STOP", _D, "a motion while the emergency stop is pressed", _ERRORS),
+    ("EMERGENCY_STOP", _A, "ClearError meanwhile, and the motion that it ended", _NONE),
+    ("E_ARM_NOT_TAKEN", _O, "a motion without TakeArm, or TakeArm while another has it", f"{_ISSUES}, 29"),
+    ("E_ROBOTISBUSY", _O, "a motion while another one goes on; clients repeat it then", _ANSI),
+    ("IS_STOPPING", _A, "the motion that a Robot_Halt stops", f"the text in {_ERRORS}"),
+    ("SOFTWARE_LIMIT", _D, "the goal of a motion is beyond a limit", _ERRORS),
+    ("POSITION_LIMIT", _D, "a set point is beyond a limit; the motor goes off", _ERRORS),
+    ("SPEED_LIMIT", _D, "a set point needs an axis to be too fast; slave mode ends", _ERRORS),
+    ("ACCELERATION_LIMIT", _D, "a set point needs an axis to accelerate too much; slave mode ends", _ERRORS),
+    ("INVALID_SET_POINT", _D, "a set point is no number; slave mode ends", _ERRORS),
+    ("E_REFUSED_IN_SLAVE_MODE", _O, "a call that slave mode forbids, which ends it", f"{_ISSUES}, 42"),
+    ("E_NOT_IN_SLAVE_MODE", _O, "slvMove while slave mode is off", f"{_ISSUES}, 6 and 42"),
+    ("E_SLAVE_UNDERFLOW", _O, "no set point in time while moving; slave mode ends", f"{_ISSUES}, 49"),
+    ("E_SLAVE_OVERFLOW", _D, "a set point more than the buffer of mode 0 holds", f"{_ERRORS}; {_SAMPLES}"),
+    ("S_BUF_FULL", _O, "the buffer of mode 0 is full now; the set point counts", f"{_DRIVER}; {_MAIN}"),
 )
 
 _OTHERS = (
-    ("retries", "a request that comes again is answered again and not executed again", _D, _SLIDES),
+    ("retries", _D, "a request that comes again has a new serial, and the first in reserved", _SLIDES),
+    ("retries", _O, "it is answered again and not executed again", _SERVER),
+    ("notices", _O, "S_EXECUTING each WDT while a call runs", _SERVER),
+    ("notices", _O, "WDT and InvokeTimeout have 80 ms at least", _SERVER),
+    ("bad datagram", _A, "is dropped; the C server's UDP service ends", "for the simulator's users"),
+    ("bad frame", _O, "ends its TCP connection without a reply", _SERVER),
+    ("clients", _O, "20 over each transport; on UDP one may be forgotten after 10 s of silence", _SERVER),
+    ("reset", _D, "the button on the pendant frees the places of dead clients", _SLIDES),
+    ("period", _D, "one set point is taken each 8 ms", _SLIDES),
+    ("period", _A, "on a grid of the controller's own, which does not follow the client", _NONE),
+    ("buffers", _D, "1 set point waits in mode 1, 3 in modes 0 and 2", _MODES),
+    ("buffers", _A, "1 on RC7, and slvMove of a Sync mode answers when it was taken", _NONE),
+    ("standstill", _D, "slvChangeMode waits 500 ms for it", _SLIDES),
+    ("error", _D, "an error ends slave mode and RobSlave, and stays active until ClearError", _SLIDES),
     (
-        "notices",
-        "S_EXECUTING each WDT while a call runs; WDT and InvokeTimeout of 80 ms at least",
+        "owed error",
         _O,
-        _SERVER,
+        "the next slvMove answers an error, later ones that slave mode is off",
+        f"{_ISSUES}, 20",
     ),
-    ("bad datagram", "is dropped; the C server's UDP service ends", _A, "for the simulator's users"),
-    ("bad frame", "ends its TCP connection without a reply", _O, _SERVER),
-    ("clients", "20 over each transport; on UDP one may be forgotten after 10 s of silence", _O, _SERVER),
-    ("reset", "the button on the pendant frees the places of dead clients", _D, _SLIDES),
-    ("period", "one set point is taken each 8 ms", _D, _SLIDES),
-    ("buffers", "1 set point waits on RC7 and in mode 1, 3 in modes 0 and 2", _D, f"{_SLIDES}; {_SAMPLES}"),
-    ("standstill", "slvChangeMode waits 500 ms for it", _D, _SLIDES),
-    ("error", "an error ends slave mode and RobSlave, and stays active until ClearError", _D, _SLIDES),
-    ("encoders", "show what was commanded 24 ms before", _A, f"joints behind their set points in {_SLIDES}"),
-    ("formats", "slvSendFormat and slvRecvFormat choose the parts of slvMove", _D, _DRIVER),
-    ("motions", "follow the minimum-jerk curve, as fast as the limits of the axes allow", _A, _NONE),
-    ("arm", "a simple one of six axes; limits and lengths are ours", _A, _NONE),
-    ("motor", "takes 400 ms to go on", _A, _NONE),
-    ("order of checks", "emergency stop, errors, mode, token, motor, arm", _A, _NONE),
-    (
-        "control log",
-        "a record of 39 values each 8 ms; what no source explains is ours",
-        _D,
-        f"{_SAMPLES}, Get_Syslog",
-    ),
+    ("allowed in slave mode", _O, "slvMove, slvGetMode, CurPos, CurJnt, GetSrvData and the like", _CODES),
+    ("allowed in slave mode", _A, "other calls that only read", _NONE),
+    ("motor", _D, "errors of level 4 and 5 switch it off", _ERRORS),
+    ("motor", _A, "takes 400 ms to go on", _NONE),
+    ("arm's owner", _D, "TakeArm sets internal speed, tool and work back unless told to keep them", _SAMPLES),
+    ("arm's owner", _A, "the arm is free when its client has gone", _NONE),
+    ("hold", _D, "Robot_Hold pauses a motion, Robot_Unhold lets it go on", _PROVIDER),
+    ("hold", _A, "on RC7 too; at once, and anybody may; what is left begins anew from rest", _NONE),
+    ("encoders", _A, "show what was commanded 24 ms before", f"joints behind their set points in {_SLIDES}"),
+    ("formats", _O, "slvSendFormat and slvRecvFormat choose the parts of slvMove", _DRIVER),
+    ("formats", _A, "before slvRecvFormat slvMove answers a pose of the mode's type", _SLIDES),
+    ("motions", _A, "follow the minimum-jerk curve, as fast as the limits of the axes allow", _NONE),
+    ("motions", _A, "a line is followed like PTP; @P lets the next one begin after 70 % of the time", "ours"),
+    ("motions", _A, "circles and free curves are not simulated", "ours"),
+    ("robot", _A, "a simple one of six axes; limits and lengths are ours", _NONE),
+    ("order of checks", _A, "emergency stop, errors, mode, token, motor, arm", _NONE),
+    ("control log", _D, "a record of 39 values", f"{_SAMPLES}, Get_Syslog"),
+    ("control log", _A, "one each 8 ms, 10,000 at most; currents and loads from the encoders' lag", "ours"),
 )
 
 BEHAVIOURS: tuple[Behaviour, ...] = tuple(Behaviour(*row) for row in (*_PROFILE, *_RESULTS, *_OTHERS))

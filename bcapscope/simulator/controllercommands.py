@@ -93,7 +93,7 @@ def state_bits(machine: Machine, now: int) -> int:
         11: automatic,
         17: True,
         18: machine.mode == MANUAL,
-        20: now < machine.free_at or not machine.slave.is_empty,
+        20: now < machine.arm.ends or not machine.slave.is_empty,
         21: not machine.arm.stands(now),
     }
     return sum(1 << bit for bit, value in bits.items() if value)

@@ -15,6 +15,7 @@ from bcapscope.faults.document import FieldError
 from bcapscope.faults.fault import Count, Fault
 from bcapscope.faults.quantities import ResultCode
 from bcapscope.protocol.hresult import is_failure
+from bcapscope.simulator.journey import Journey
 from bcapscope.simulator.kinematics import AXIS_COUNT, eight
 from bcapscope.simulator.machine import AUTOMATIC, MANUAL, OTHER_CLIENT, TEACH_CHECK
 from bcapscope.simulator.simulator import Output, Simulator
@@ -165,7 +166,7 @@ class MoveArm(Event, frozen=True, kw_only=True, tag="move"):
     def happen(self, simulator: Simulator, now: int) -> list[Output]:
         machine = simulator.machine
         if machine.slave.mode is None:
-            machine.free_at = machine.arm.move(eight(self.joints), now, self.speed / 100).ends
+            machine.journey = Journey(machine.arm, eight(self.joints), now, self.speed / 100)
         return []
 
 

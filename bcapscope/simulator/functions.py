@@ -1,7 +1,10 @@
 """What the functions do that are called on an object: 4 to 137.
 
 What is not here answers E_NOTIMPL, as the C server does for an id without callback (orin_bcap
-C/src/bCAPServer/bcap_server.c). Which functions a real controller leaves out is not documented.
+C/src/bCAPServer/bcap_server.c), and as DENSO's skeleton of a provider does for what it leaves out
+(CaoProvRobot.cpp, 2003). What a real controller leaves out is documented for the robot only, by the methods
+that a wrapper of the RC8 provider has (H. Suzuki, VE026A_JNI.java, 2015): Chuck, Unchuck, GoHome and Drive
+are not among them. Drive is here as clients need it; Rotate is not, as no source spells out its planes.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.context import Commands, Context
 from bcapscope.simulator.controllercommands import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.machine import RUNNING
-from bcapscope.simulator.motions import drive, halt, move
+from bcapscope.simulator.motions import drive, halt, hold, move, unhold
 from bcapscope.simulator.objects import kept
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
 from bcapscope.simulator.refusals import INVALID_COMMAND, OBJECT_NOT_FOUND, OUT_OF_MEMORY
@@ -259,8 +262,10 @@ _OWN: Mapping[str, Handler] = {
     "Robot_Change": _robot_change,
     "Robot_Drive": _robot_drive,
     "Robot_Halt": lambda context, arguments: halt(context),
+    "Robot_Hold": lambda context, arguments: hold(context),
     "Robot_Move": _robot_move,
     "Robot_Speed": _robot_speed,
+    "Robot_Unhold": lambda context, arguments: unhold(context),
     "Task_Execute": _task_execute,
     "Task_Start": _task_start,
     "Task_Stop": _task_stop,

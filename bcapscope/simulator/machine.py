@@ -14,6 +14,7 @@ from bcapscope.simulator.alarms import Alarms
 from bcapscope.simulator.arm import MS, Arm
 from bcapscope.simulator.controllog import ControlLog, Record
 from bcapscope.simulator.drive import SlaveDrive
+from bcapscope.simulator.journey import Journey
 from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, Joints, beyond_limit
 from bcapscope.simulator.memory import Memory
 from bcapscope.simulator.objects import Objects
@@ -112,6 +113,7 @@ class Machine:
         open: what each client has opened, by its number.
         stops: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
         stopped_by: result of the last of them.
+        journey: the last ordinary motion; None if it was stopped.
     """
 
     def __init__(self, profile: Profile, start: Start | None = None, now: int = 0) -> None:
@@ -136,7 +138,7 @@ class Machine:
         self.work = 0
         self.stops = 0
         self.stopped_by = 0
-        self.free_at = now
+        self.journey: Journey | None = None
         self._motor_at: int | None = now if self.start.motor else None
         for code in (*self.start.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
             self.alarms.raise_(code, now)
@@ -144,6 +146,11 @@ class Machine:
     def date(self, now: int) -> float:
         """Return the controller's clock as days since 1899-12-30."""
         return (self.start.epoch + now) / 86_400e9 + 25569.0
+
+    @property
+    def free_at(self) -> int:
+        """Return from when on another motion may begin, ns."""
+        return self.journey.done if self.journey else self.began
 
     def motor_is_on(self, now: int) -> bool:
         """Tell whether the motor is on."""
@@ -220,7 +227,7 @@ class Machine:
         self.arm.halt(now)
         self.stops += 1
         self.stopped_by = code
-        self.free_at = now
+        self.journey = None
 
     def fail(self, code: int, now: int, told: bool = False) -> None:
         """Have an error: motions and slave mode end, RobSlave stops, it stays active until ClearError.

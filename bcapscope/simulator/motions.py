@@ -1,4 +1,4 @@
-"""Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt.
+"""Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
 A call lasts as long as its motion (unless NEXT), to the end of the command, with @E until the encoders have
 arrived; with @P the next motion may begin when most of the way is done. What a second motion is answered
@@ -13,17 +13,15 @@ from typing import NamedTuple
 
 from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL, E_ROBOTISBUSY
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.arm import LAG, MS, Motion
+from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Commands, Context
+from bcapscope.simulator.journey import Journey
 from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
-from bcapscope.simulator.outcome import Answer, Outcome, RefusedError, Running
+from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError, Running
 from bcapscope.simulator.posenotation import END_OF_ENCODERS, LONGEST, PASSING, Target, parse_target
 from bcapscope.simulator.values import bstr, integer_of, items_of, nth, number_of, text_of
 
 IS_STOPPING = 0x83201404
-PASS_SHARE = 0.7
-"""Share of a motion's time after which @P lets the next one begin; ours."""
-
 LONGEST_TIME = 3_600_000
 """ms; ours."""
 
@@ -56,7 +54,27 @@ def drive(context: Context, ways: list[tuple[int, float]], absolute: bool, optio
 def halt(context: Context) -> Outcome:
     """Stop the arm at once; a motion under way answers 83201404, slave mode ends."""
     context.machine.stop(context.now, IS_STOPPING)
-    return Answer()
+    return DONE
+
+
+def hold(context: Context) -> Outcome:
+    """Pause the motion under way, if there is one; the call that waits for it waits on."""
+    if context.machine.journey:
+        context.machine.journey.hold(context.now)
+    return DONE
+
+
+def unhold(context: Context) -> Outcome:
+    """Let a motion that is paused go on, whoever it belongs to.
+
+    Raises:
+        RefusedError: the controller has trouble.
+    """
+    journey = context.machine.journey
+    if journey and journey.is_held:
+        context.machine.check_state()
+        journey.resume(context.now)
+    return DONE
 
 
 def run_motion(context: Context, target: Target, option: str = "") -> Outcome:
@@ -71,10 +89,10 @@ def run_motion(context: Context, target: Target, option: str = "") -> Outcome:
         raise RefusedError(E_ROBOTISBUSY)
     machine.check_reach(target.joints)
     manner = _manner(option)
-    motion = machine.arm.move(target.joints, now, machine.speeds.share_at(manner.speed), manner.time)
-    done = _done(motion, target.passing)
-    machine.free_at = done
-    return Answer() if manner.next else _running(context, done)
+    speed = machine.speeds.share_at(manner.speed)
+    journey = Journey(machine.arm, target.joints, now, speed, passing=target.passing, least=manner.time)
+    machine.journey = journey
+    return DONE if manner.next else _running(context, journey)
 
 
 class _Manner(NamedTuple):
@@ -102,23 +120,15 @@ def _manner(option: str) -> _Manner:
     return _Manner(speed, round(time * MS), "NEXT" in text.replace(",", " ").split())
 
 
-def _running(context: Context, done: int) -> Running:
+def _running(context: Context, journey: Journey) -> Running:
     machine, stops = context.machine, context.machine.stops
 
     def poll(now: int) -> Answer | None:
         if machine.stops != stops:
             return Answer(machine.stopped_by)
-        return Answer() if now >= done else None
+        return DONE if now >= journey.done else None
 
-    return Running(poll, lambda now: done)
-
-
-def _done(motion: Motion, passing: int) -> int:
-    if passing == END_OF_ENCODERS:
-        return motion.ends + LAG
-    if passing == PASSING:
-        return motion.began + round((motion.ends - motion.began) * PASS_SHARE)
-    return motion.ends
+    return Running(poll, lambda now: journey.done)
 
 
 def _passing(option: str) -> int:

@@ -38,11 +38,17 @@ _KEEP, _SQUARE = -1, -2
 
 
 def take_arm(context: Context, parameter: Variant) -> Outcome:
-    """Run TakeArm: refused while another client has the arm."""
-    machine = context.machine
+    """Run TakeArm: refused while another client has the arm; sets the internal speed, tool and work back
+    unless the second number is 1.
+    """
+    machine, items = context.machine, items_of(parameter)
+    keeps = len(items) > 1 and integer_of(items[1]) == 1
     if machine.owner not in (None, context.client):
         raise RefusedError(E_ARM_NOT_TAKEN)
     machine.owner = context.client
+    if not keeps:
+        machine.speeds.internal = 100.0
+        machine.tool = machine.work = 0
     return DONE
 
 

@@ -60,12 +60,16 @@ def _enter(context: Context, mode: SlaveMode) -> Outcome:
     def poll(now: int) -> Answer | None:
         if machine.stops != stops:
             return Answer(machine.stopped_by)
-        if machine.arm.stands(now):
+        if machine.arm.stands(now) and not (machine.journey and machine.journey.is_held):
             machine.slave.enter(mode, now)
             return DONE
         return Answer(machine.profile.running_result) if now >= began + PATIENCE else None
 
-    return poll(began) or Running(poll, lambda now: min(machine.arm.settles, began + PATIENCE))
+    def due(now: int) -> int:
+        settles, end = machine.arm.settles, began + PATIENCE
+        return min(settles, end) if settles > now else end
+
+    return poll(began) or Running(poll, due)
 
 
 def _leave(context: Context) -> Outcome:

@@ -1,0 +1,71 @@
+"""An ordinary motion as those see it who wait for it: when it is done, and that it can be held.
+
+That Hold stops at once, and that what is left takes its time anew from rest, is assumed; no source says how.
+"""
+
+from __future__ import annotations
+
+from bcapscope.simulator.arm import LAG, Arm
+from bcapscope.simulator.kinematics import Joints
+from bcapscope.simulator.posenotation import END_OF_ENCODERS, PASSING
+
+NEVER = 1 << 62
+"""ns; later than any clock gets."""
+
+PASS_SHARE = 0.7
+"""Share of a motion's time after which @P lets the next one begin; ours."""
+
+
+class Journey:
+    """A motion from where the arm is.
+
+    Attributes:
+        done: when the next motion may begin, ns; `NEVER` while it is held.
+    """
+
+    def __init__(
+        self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, least: int = 0
+    ) -> None:
+        """Begin.
+
+        Args:
+            arm: that moves.
+            goal: eight joints in degrees.
+            now: ns.
+            speed: share of the highest speed, above 0 up to 1.
+            passing: -1 for @P, -2 for @E.
+            least: ns that it takes at least.
+        """
+        self._arm = arm
+        self._goal = goal
+        self._speed = speed
+        self._passing = passing
+        self._left = 0
+        self.done = 0
+        self._go(now, least)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it waits for `resume`."""
+        return self.done == NEVER
+
+    def hold(self, now: int) -> None:
+        """Stop where the command is, unless it has arrived."""
+        left = self._arm.ends - now
+        if left > 0 and not self.is_held:
+            self._arm.halt(now)
+            self._left = left
+            self.done = NEVER
+
+    def resume(self, now: int) -> None:
+        """Go on, if it is held."""
+        if self.is_held:
+            self._go(now, self._left)
+
+    def _go(self, now: int, least: int) -> None:
+        ends = self._arm.move(self._goal, now, self._speed, least).ends
+        if self._passing == END_OF_ENCODERS:
+            ends += LAG
+        elif self._passing == PASSING:
+            ends = now + round((ends - now) * PASS_SHARE)
+        self.done = ends
