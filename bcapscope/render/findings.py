@@ -15,8 +15,8 @@ from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.verdict import verdict
 
 NARROWEST, WIDEST = 40, 120
-"""Columns that text is wrapped to at least, where the terminal has fewer, and at most, where it is "
-"hard to read."""
+"""Columns that text is wrapped to: at least, where the terminal has fewer, and at most, as longer lines are
+hard to read."""
 
 _STEP = 4
 _DEEPEST = 4

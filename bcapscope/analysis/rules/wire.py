@@ -151,8 +151,7 @@ class Wire(Watcher):
         self._unsure[flow] = time
 
     def _is_torn(self, seen: Observation | FrameObservation, problems: tuple[Problem, ...]) -> bool:
-        """Tell whether bytes of a stream are odd since the capture lacks what stands before or "
-        "behind them."""
+        """Tell whether bytes of a stream are odd since the capture lacks what is before or behind them."""
         since = seen.time - self._unsure.pop(seen.flow, -_AFTER_GAP)
         return any(problem.code in ("cut", "short") for problem in problems) or (
             isinstance(seen.item, Malformed) and since < _AFTER_GAP

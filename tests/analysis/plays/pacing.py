@@ -29,8 +29,7 @@ def _pause(length: float, code: int = 0, mode: int = 0x202, moving: bool = True)
 
 
 def _waits_for_reply(story: Story) -> None:
-    """The reply comes 19 ms after the set point, the client had given up at 16 ms; 8 ms later the "
-    "buffer is empty."""
+    """The reply comes 19 ms after the set point, the client had given up at 16 ms; the buffer ran empty."""
     client = story.client()
     client.open()
     client.ready()
