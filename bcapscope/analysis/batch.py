@@ -125,9 +125,9 @@ class Batch:
         replied: int
         item: Frame
         result: Frame
-        # observations are tuples, and taken apart so in less time than attribute by attribute
-        frame, time, _, _, item, _ = call.request  # type: ignore[misc]
-        reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]
+        # Taken apart so in less time than attribute by attribute.
+        frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
+        reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]  # the same
         raw, answer, reserved = item.raw, result.raw, item.reserved
         requests, results = self.requests, self.results
         if (
