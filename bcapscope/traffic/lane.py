@@ -7,15 +7,13 @@ from collections.abc import Iterator
 
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import FUNCTIONS, ResultKind
-from bcapscope.protocol.hresult import is_failure
+from bcapscope.protocol.hresult import E_BUSY, S_EXECUTING, is_failure
 from bcapscope.protocol.variant import VT
 from bcapscope.traffic.convention import Habits, ReplyReserved
 from bcapscope.traffic.exchange import Event, Exchange, FrameObservation, Role, Stray
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.question import question_of
-from bcapscope.traffic.verdict import BUSY
 
-S_EXECUTING = 0x900
 SERVICE_START = 1
 
 PATIENCE_NS = 2_000_000
@@ -265,7 +263,7 @@ class Lane:
     def _accept(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
         exchange.reply = seen
         exchange.activity = seen.time
-        if exchange.call > self._answered and frame.code != BUSY:
+        if exchange.call > self._answered and frame.code != E_BUSY:
             self._answered = exchange.call
 
     def _reply_in_trouble(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:

@@ -5,14 +5,10 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from bcapscope.protocol.hresult import is_failure
+from bcapscope.protocol.hresult import E_BUSY, is_failure
 
 if TYPE_CHECKING:
     from bcapscope.traffic.exchange import Exchange, FrameObservation
-
-BUSY = 0x809100AA
-"""Another call of this client is still running (orin_bcap C/src/bCAPServer/bcap_server.c); says nothing about
-whether this one was or will be executed."""
 
 CROSSING_NS = 500_000
 """A reply and a retry that pass the place of capture within this time of each other may have been on their
@@ -97,10 +93,13 @@ def _as_outcome(exchange: Exchange) -> Verdict:
 
 
 def _replies_differ(exchange: Exchange) -> bool:
-    """Compare result and arguments of all replies that are sound, and that the capture holds whole."""
+    """Compare result and arguments of all replies that are sound, and that the capture holds whole.
+
+    That the server was busy with another call says nothing about whether this one was executed.
+    """
     replies = (exchange.reply, *exchange.late_replies, *exchange.lost_replies)
     frames = [reply.item for reply in replies if reply is not None and not reply.item.problems]
-    contents = {frame.raw[9:] for frame in frames if frame.code != BUSY and frame.note is None}
+    contents = {frame.raw[9:] for frame in frames if frame.code != E_BUSY and frame.note is None}
     return len(contents) > 1
 
 
