@@ -5,14 +5,23 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from bcapscope.protocol.variant import ARRAY, EMPTY, MAX_NESTING, NUMBER_FORMATS, VT, Value, Variant, vt_name
+from bcapscope.protocol.variant import (
+    ARRAY,
+    EMPTY,
+    MAX_NESTING,
+    NUMBER_FORMATS,
+    NUMBER_WIDTHS,
+    VT,
+    Value,
+    Variant,
+    vt_name,
+)
 
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
 
 _TYPE_COUNT = struct.Struct("<HI")
 _U32 = struct.Struct("<I")
-_WIDTHS = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
 
 
 class Problem(NamedTuple):
@@ -167,7 +176,7 @@ class ArgumentReader:
         self._lose(self.pos, "data", f"{elements} of {vt_name(vt)} promised, bytes for {fits}")
 
     def _numbers(self, base: int, count: int) -> tuple[Value, ...]:
-        width = _WIDTHS[base]
+        width = NUMBER_WIDTHS[base]
         fits = min(count, (self._bound - self.pos) // width)
         code = NUMBER_FORMATS[base]
         values = struct.unpack_from(f"<{fits}{code}", self.raw, self.pos)

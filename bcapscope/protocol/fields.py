@@ -5,7 +5,6 @@ The values were decoded by `bcapscope.protocol.arguments`; here they are only pu
 
 from __future__ import annotations
 
-import struct
 import sys
 from bisect import bisect_left
 from collections.abc import Callable, Container, Iterator, Sequence
@@ -21,7 +20,7 @@ from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.protocol.parts import UNNAMED, Part, slv_move_part
 from bcapscope.protocol.roles import request_role, result_role
-from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Value, Variant, vt_name
+from bcapscope.protocol.variant import ARRAY, NUMBER_WIDTHS, VT, Value, Variant, vt_name
 
 HRESULT = "HRESULT"
 """Name of the field that tells how a call ended."""
@@ -30,7 +29,6 @@ UNREAD = "unread"
 """Name of the bytes of an argument that its value does not account for."""
 
 _TYPE_AND_COUNT = 6
-_WIDTHS = {int(vt): struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
 _ENVELOPE = 13  # compressed bytes of a version 1 frame begin here
 _HANDLES = {f"h{kind}": Part(text=f"handle of a {kind}") for kind in ObjectClass}
 _LOSSES = frozenset({"data", "type", "nesting"})  # problems that end the reading of an argument
@@ -253,7 +251,7 @@ class _Inside:
     def _elements(
         self, base: int, values: tuple[object, ...], start: int, parts: tuple[Part, ...]
     ) -> Sequence[Field]:
-        if base in _WIDTHS:
+        if base in NUMBER_WIDTHS:
             return _Numbers(self._walk, base, values, start, parts)
         if base == VT.BSTR:
             return _Made(lambda: self._strings(values, start))
@@ -299,8 +297,8 @@ class _Inside:
         if isinstance(value, bytes):
             return start + len(value)
         values = value if isinstance(value, tuple) else (value,)
-        if base in _WIDTHS:
-            return start + len(values) * _WIDTHS[base]
+        if base in NUMBER_WIDTHS:
+            return start + len(values) * NUMBER_WIDTHS[base]
         for each in values:
             if isinstance(each, Variant):
                 start = self._end(each, start)
@@ -346,7 +344,7 @@ class _Numbers(Sequence[Field]):
 
     def _made(self, index: int) -> Field:
         part = self._parts[index] if index < len(self._parts) else UNNAMED
-        width = _WIDTHS[self._base]
+        width = NUMBER_WIDTHS[self._base]
         start = self._start + index * width
         stop = start + width
         value: Value = self._values[index]  # type: ignore[assignment]  # plain numbers

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from bcapscope.protocol.content import EOT, HEADER_SIZE, SMALLEST_FRAME, SOH
 from bcapscope.protocol.functions import FUNCTIONS, Param
 from bcapscope.protocol.hresult import describe
-from bcapscope.protocol.variant import ARRAY, MAX_NESTING, NUMBER_FORMATS, VT
+from bcapscope.protocol.variant import ARRAY, MAX_NESTING, NUMBER_WIDTHS, VT
 
 LARGEST_LIKELY = 64 * 1024
 """Length fields beyond this are taken for damage. Frames of real sessions are below 10 KiB."""
@@ -23,7 +23,6 @@ _CODE_AT = 9
 _ARGC_AT = 13
 _U16 = struct.Struct("<H")
 _U32 = struct.Struct("<I")
-_WIDTHS = {int(vt): struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
 _TYPES: dict[str, tuple[int, ...]] = {
     "VT_I4": (VT.I4, VT.UI4, VT.I2),
     "VT_R4": (VT.R4, VT.R8),
@@ -170,9 +169,9 @@ def _array(data: bytes, start: int, bound: int, kind: tuple[int, int, int]) -> i
 
 
 def _width(base: int, at: int) -> int:
-    if base not in _WIDTHS:
+    if base not in NUMBER_WIDTHS:
         raise _Trouble(at)
-    return _WIDTHS[base]
+    return NUMBER_WIDTHS[base]
 
 
 def _string(data: bytes, start: int, bound: int) -> int:

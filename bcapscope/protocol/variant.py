@@ -59,6 +59,9 @@ NUMBER_FORMATS: dict[int, str] = {
 }
 """struct format character of each type of fixed width."""
 
+NUMBER_WIDTHS: dict[int, int] = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
+"""Bytes of an element of these types."""
+
 _NUMBERS = frozenset(NUMBER_FORMATS) - {VT.BOOL}
 _NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
 
