@@ -7,15 +7,13 @@ from collections.abc import Collection
 from bcapscope.protocol.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.functions import FUNCTIONS, function_name
 from bcapscope.protocol.hresult import S_EXECUTING, S_FALSE, S_OK
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.shape import SENT_TYPES
+from bcapscope.protocol.stream import MOST_ARGUMENTS
+from bcapscope.protocol.variant import Variant
 from bcapscope.traffic.observation import Direction
 
 PORTS = frozenset({5007})
 """Where controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
-
-_MOST_ARGUMENTS = 64
-_TYPES = {"VT_I4": (VT.I4, VT.UI4, VT.I2), "VT_R4": (VT.R4, VT.R8), "VT_BSTR": (VT.BSTR,)}
-"""What clients send where a function takes such an argument; VARIANT takes all."""
 
 
 def server_by_port(ports: Collection[int], first: int, second: int) -> int | None:
@@ -51,7 +49,7 @@ def _fits(frame: Frame) -> bool:
 
 
 def _accepts(declared: str, variant: Variant) -> bool:
-    return declared == "VARIANT" or variant.vt in _TYPES[declared]
+    return declared == "VARIANT" or variant.vt in SENT_TYPES[declared]
 
 
 def begins_frame(data: bytes) -> bool:
@@ -61,7 +59,7 @@ def begins_frame(data: bytes) -> bool:
     length = int.from_bytes(data[1:5], "little")
     if len(data) >= 5 and not SMALLEST_FRAME <= length <= LARGEST_FRAME:
         return False
-    if len(data) >= 15 and int.from_bytes(data[13:15], "little") > _MOST_ARGUMENTS:
+    if len(data) >= 15 and int.from_bytes(data[13:15], "little") > MOST_ARGUMENTS:
         return False
     return len(data) < length or len(data) < 5 or data[length - 1] == EOT
 

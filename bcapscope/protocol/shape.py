@@ -23,7 +23,7 @@ _CODE_AT = 9
 _ARGC_AT = 13
 _U16 = struct.Struct("<H")
 _U32 = struct.Struct("<I")
-_TYPES: dict[str, tuple[int, ...]] = {
+SENT_TYPES: dict[str, tuple[int, ...]] = {
     "VT_I4": (VT.I4, VT.UI4, VT.I2),
     "VT_R4": (VT.R4, VT.R8),
     "VT_BSTR": (VT.BSTR,),
@@ -133,7 +133,7 @@ def _argument(data: bytes, pos: int, bound: int, declared: str) -> int:
     stop = pos + 4 + _read(_U32, data, pos)
     if stop > bound:
         raise _Trouble(pos)
-    if declared != "VARIANT" and _read(_U16, data, pos + 4) not in _TYPES[declared]:
+    if declared != "VARIANT" and _read(_U16, data, pos + 4) not in SENT_TYPES[declared]:
         raise _Trouble(pos + 4)
     end = _variant(data, pos + 4, stop, 0)
     if end != stop:
