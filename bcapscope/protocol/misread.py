@@ -62,8 +62,8 @@ def near_name(request: bytes) -> NearName | None:
 
 
 def _is_misread(name: str, other: str) -> bool:
-    """Tell whether `name` is `other` but for a few characters that no name has."""
-    if len(name) != len(other):
+    """Tell whether `name` is `other` but for a few characters that no name has, each of one UTF-16 unit."""
+    if len(name) != len(other) or max(name) > "\uffff":
         return False
     wrong = [a for a, b in zip(name, other, strict=True) if a.casefold() != b.casefold()]
     ordinary = any(character.isascii() and character.isalnum() for character in wrong)

@@ -42,6 +42,11 @@ def test_misspelt_names_are_not_put_right(name: str, near: str) -> None:
     assert near_name(call(name)) == NearName(name, near, ())
 
 
+def test_a_character_of_two_units_is_none_that_was_misread() -> None:
+    """It would move all that follow it; the name is only near."""
+    assert near_name(call("slvM\U0001f600ve")) == NearName("slvM\U0001f600ve", "slvMove", ())
+
+
 def test_a_name_that_is_mostly_misread_is_nothing() -> None:
     assert near_name(call("\x8e\x8e\x8eMove")) is None
 
