@@ -56,7 +56,8 @@ class _Parts:
         size = self._size if more else stop
         if self._content.get(offset) == payload and size == self._size:
             return
-        if stop > LARGEST_PAYLOAD or self._size not in (None, size) or self._overlaps(offset, stop):
+        end = LARGEST_PAYLOAD if size is None else size
+        if max(stop, self._furthest) > end or self._size not in (None, size) or self._overlaps(offset, stop):
             self._spoil()
         if self._spoilt:
             return
@@ -71,6 +72,11 @@ class _Parts:
         if self._held != self._size:
             return None
         return b"".join(map(self._content.__getitem__, self._offsets))
+
+    @property
+    def _furthest(self) -> int:
+        """Offset behind the last of the parts."""
+        return self._offsets[-1] + len(self._content[self._offsets[-1]]) if self._offsets else 0
 
     def _overlaps(self, offset: int, stop: int) -> bool:
         place = bisect_left(self._offsets, offset)

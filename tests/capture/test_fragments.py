@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -74,6 +77,17 @@ def test_parts_that_contradict_each_other_spoil_the_packet() -> None:
         assert fragments.add(part(0, b"first 8 ", True), 3) is None
         fragments.close()
         assert fragments.lost == 1
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_a_part_behind_the_end_does_not_stand_in_for_a_missing_one(order: tuple[int, ...]) -> None:
+    """As many bytes as the packet has, and yet not all of it."""
+    parts = part(0, b"first 8 ", True), part(16, b"the end.", False), part(40, b"beyond 8", True)
+    fragments = Fragments()
+    for time, each in enumerate(order):
+        assert fragments.add(parts[each], time) is None
+    fragments.close()
+    assert fragments.lost == 1
 
 
 def test_a_part_that_the_capture_cut_never_completes_a_packet() -> None:
