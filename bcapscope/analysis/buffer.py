@@ -37,6 +37,14 @@ _NEVER = 1 << 80
 _MOVING = {1: True, 0: False, -1: None}
 
 
+def slack_ms(slots: int) -> float:
+    """Return how long a full buffer lasts.
+
+    A period a slot, two at the least, since a single slot is filled again while the point before is executed.
+    """
+    return float(max(slots, 2) * PERIOD_MS)
+
+
 @dataclass(frozen=True, slots=True)
 class BufferRules:
     """How the buffer of a mode behaves, and what of it is only assumed."""

@@ -222,8 +222,7 @@ class Timing:
         rtt: from the request that was answered to the accepted reply; None likewise.
         deadlines: recommended time-outs against `latency`.
         slowest: the set points with the longest latency or with no reply in time, worst first.
-        slack_ms: what the controller's buffer can bridge when full: slots times its period, two at the least,
-            since a single slot is filled again while the point before is executed.
+        slack_ms: what the controller's buffer can bridge when full, see `analysis.buffer.slack_ms`.
         gaps: cycles longer than `slack_ms`, all of them.
         gap_list: the first of them, each the set point behind the gap.
     """

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bcapscope.analysis.buffer import slack_ms
 from bcapscope.analysis.distribution import Floats, Histogram
 from bcapscope.analysis.rows import Rows
 from bcapscope.analysis.stay import MOST_LISTED, Deadline, SetPointFact, Timing
@@ -105,7 +106,7 @@ class TimingModel:
         self.grid = Grid(PERIOD_MS, "")
         self._mode = mode
         self._transport = transport
-        self._slack_ms = float(max(slots, 2) * PERIOD_MS)
+        self._slack_ms = slack_ms(slots)
         self._first: int | None = None
         self._last = 0  # time of the latest set point
         self._count = self._backwards = self._on_grid = self._skipped = self._gap_count = 0

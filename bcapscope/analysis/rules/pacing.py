@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from itertools import pairwise
 
+from bcapscope.analysis.buffer import UNKNOWN_SLOTS, slack_ms
 from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, Why, refusal
@@ -12,7 +13,6 @@ from bcapscope.analysis.rules.rule import MS, Incident, Kind, Report, Rule, Watc
 from bcapscope.analysis.speech import Speech, called, counted, name_of, span
 from bcapscope.analysis.stay import Starved, Stay
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
-from bcapscope.protocol.slavemode import ModeKind
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.question import Question
 
@@ -83,7 +83,6 @@ _TOLERANCE = 0.1
 _STRAYING = 0.05
 _RECENT = 8
 _MOST_TOLD = 64
-_DEFAULT_SLACK = 24 * MS
 
 
 class Pacing(Watcher):
@@ -182,11 +181,8 @@ class Pacing(Watcher):
 
 def _slack(client: Client) -> int:
     """Return how long the controller's buffer lasts, in nanoseconds, as far as the mode is known."""
-    entered = client.mode_call
-    mode = client.slave_mode if entered else None
-    return (
-        max(mode.slots, 1) * 8 * MS if mode is not None and mode.kind is not ModeKind.OFF else _DEFAULT_SLACK
-    )
+    mode = client.slave_mode if client.mode_call else None
+    return round(slack_ms(UNKNOWN_SLOTS if mode is None else mode.slots) * MS)
 
 
 def _pause_before(call: Exchange, client: Client) -> tuple[Exchange, Exchange] | None:

@@ -7,14 +7,21 @@ from tests.analysis.scenes import HOME, ROBOT, Play, Story, good
 from tests.samples.calls import r8s, text
 
 _EMPTY, _OVERFLOW, _FULL, _NOT_IN = 0x84201482, 0x83201483, 0x0F200501, 0x83500121
+_RC7 = "CaoProv.DENSO.NetwoRC"
 
 
-def _pause(length: float, code: int = 0, mode: int = 0x202, moving: bool = True) -> Play:
+def _pause(
+    length: float,
+    code: int = 0,
+    mode: int = 0x202,
+    moving: bool = True,
+    provider: str = "CaoProv.DENSO.VRC",
+) -> Play:
     """A client that sends nothing for `length` ms in the middle of its motion."""
 
     def play(story: Story) -> None:
         client = story.client()
-        client.open()
+        client.open(provider=provider)
         client.ready()
         client.enter(40, mode)
         client.move(50, 10, step=0.05 if moving else 0.0)
@@ -99,6 +106,20 @@ SCENES = (
         ("in the reply to slvMove 18", "0x84201482", "none was sent for 64 ms after slvMove 17"),
         _pause(64),
         "set-point-gap",
+    ),
+    Scene(
+        "set-point-gap",
+        _pause(20, _EMPTY, 0x002, provider=_RC7),
+        (33, 34, 35, 36),
+        ("sent no set point for 20 ms, and the buffer lasts 16 ms",),
+        _pause(10, _EMPTY, 0x002, provider=_RC7),
+    ),
+    Scene(
+        "underflow",
+        _pause(10, _EMPTY, 0x002, provider=_RC7),
+        (35, 36),
+        ("the set points before that were never more than 16 ms apart",),
+        _pause(20, mode=0x002, provider=_RC7),
     ),
     Scene(
         "overflow",
