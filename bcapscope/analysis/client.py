@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias, TypeVar
 
 from bcapscope.analysis.generation import NO_CLUE, better, clue_of_call
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
-from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, describe, is_failure
+from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, ends_slave_mode, is_failure
 from bcapscope.protocol.slavemode import Generation, SlaveMode, mode_value, slave_mode
 from bcapscope.protocol.variant import Value, Variant
 from bcapscope.traffic.exchange import Exchange
@@ -30,8 +30,6 @@ ID = {function.name: function.id for function in FUNCTIONS.values()}
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
 )
-ERROR_LEVEL = 3
-"""Errors of this level and above stop the program and end slave mode."""
 
 _READS_ERROR = frozenset(
     ("getcurerrorcount", "getcurerrorinfo", "geterrordescription", "geterrorlog", "geterrorlogcount")
@@ -72,20 +70,6 @@ def first_number(variant: Variant | None) -> int | None:
     if isinstance(value, str):
         return int(value) if value.isascii() and value.isdecimal() and len(value) <= 9 else None
     return int(value) if isinstance(value, int) and not isinstance(value, bool) else None
-
-
-def ends_slave_mode(code: int) -> bool:
-    """Tell whether a result is an error of the controller that switches slave mode off.
-
-    Any error of level 3 and above does; on an RC7, with its four-digit codes, any error (DENSO Wave 2009, How
-    to use the Slave mode). A buffer that is too full does not.
-    """
-    level = describe(code).level
-    return (
-        is_failure(code)
-        and code != E_SLAVE_OVERFLOW
-        and (code <= 0xFFFF or (level is not None and level >= ERROR_LEVEL))
-    )
 
 
 def gets_robslave(call: Exchange) -> bool:

@@ -13,7 +13,7 @@ from bcapscope.analysis.generation import better, clue_of_call, clue_of_set_poin
 from bcapscope.analysis.points import Heed
 from bcapscope.analysis.stay import MOST_LISTED, Exit, ExitReason, Stay
 from bcapscope.protocol.functions import FUNCTIONS
-from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, describe, is_failure
+from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, ends_slave_mode, is_failure
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation, Endpoint
@@ -51,7 +51,6 @@ _BY_NAME = {function.name: function.id for function in FUNCTIONS.values()}
 _ROBOT_EXECUTE, _ROBOT_RELEASE = _BY_NAME["Robot_Execute"], _BY_NAME["Robot_Release"]
 _ENDS = frozenset(_BY_NAME[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
 _FULL = BATCH * HEAD_SIZE
-_LEAVES_MODE = 3  # errors of this level and above end slave mode
 _HANDLE = slice(15, 29)
 
 
@@ -382,7 +381,7 @@ def _explain(ended: _Ended, controller: Controller) -> Exit:
     changes = [call for call in told if _end_of(call) >= last and _leaves(call, course)]
     if changes:
         return _exit_by(ExitReason.OTHER_CLIENT, changes[-1], exit_)
-    failures = [call for call in told if _end_of(call) >= recent and _ends_mode(call)]
+    failures = [call for call in told if _end_of(call) >= recent and ends_slave_mode(call.hresult or 0)]
     return _exit_by(ExitReason.OTHER_CALL, failures[-1], exit_) if failures and found_off else exit_
 
 
@@ -395,10 +394,3 @@ def _leaves(call: Exchange, course: Course) -> bool:
     """Tell whether a call of another client switches slave mode off."""
     foreign = call.conversation is not course.conversation
     return foreign and call.hresult is not None and not is_failure(call.hresult) and mode_asked(call) == 0
-
-
-def _ends_mode(call: Exchange) -> bool:
-    """Tell whether a call failed with an error that ends slave mode."""
-    code = call.hresult
-    level = None if code is None or not is_failure(code) else describe(code).level
-    return level is not None and level >= _LEAVES_MODE

@@ -60,6 +60,8 @@ LEVELS: tuple[str, ...] = (
 )
 """Error levels by number; 2 and 3 are read from the texts of the list, not printed there."""
 
+_ENDS_SLAVE_MODE = 3
+
 SUBSYSTEMS: dict[int, str] = {
     2: "motion and path",
     4: "servo and safety",
@@ -106,6 +108,19 @@ def is_failure(code: int) -> bool:
     error (DENSO Wave 2009, How to use the Slave mode), and no success code has that form.
     """
     return bool(code & 0x80000000) or 0x1000 <= code & 0xFFFFFFFF <= 0xFFFF
+
+
+def ends_slave_mode(code: int) -> bool:
+    """Tell whether a result, signed or unsigned, is an error of the controller that switches slave mode off.
+
+    Any error of level 3 and above does; on an RC7, with its four-digit codes, any error (DENSO Wave 2009, How
+    to use the Slave mode). A buffer that is too full does not.
+    """
+    code &= 0xFFFFFFFF
+    if not is_failure(code) or code == E_SLAVE_OVERFLOW:
+        return False
+    level = describe(code).level
+    return code <= 0xFFFF or (level is not None and level >= _ENDS_SLAVE_MODE)
 
 
 def is_success(code: int) -> bool:

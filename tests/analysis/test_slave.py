@@ -202,6 +202,17 @@ def test_found_off_after_a_call_that_was_not_allowed() -> None:
     assert stay.exit.by.command == "HandMoveA"
 
 
+def test_found_off_after_an_error_of_four_digits_as_an_rc7_gives_it() -> None:
+    plan = Plan()
+    driver, other = plan.driver(), plan.driver(50002, Transport.TCP)
+    driver.change(0, 0x002)
+    driver.moves(PACE)
+    other.execute(162, "Motor", code=0x2006)
+    driver.move(168, code=NOT_IN_SLAVE_MODE)
+    stay = only(plan)
+    assert (stay.exit.reason, stay.exit.hresult) == (ExitReason.OTHER_CALL, 0x2006)
+
+
 def test_found_off_and_nobody_did_it() -> None:
     plan = Plan()
     driver = plan.driver()

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol import hresult
-from bcapscope.protocol.hresult import describe, hresult_name, is_failure, is_success
+from bcapscope.protocol.hresult import describe, ends_slave_mode, hresult_name, is_failure, is_success
 from bcapscope.protocol.hresult_table import (
     AXIS_FAMILIES,
     RANGES,
@@ -123,6 +123,26 @@ def test_constants_are_the_codes_that_they_name() -> None:
 def test_success_and_failure(code: int, failure: bool) -> None:
     assert is_failure(code) is failure
     assert is_success(code) is not failure
+
+
+@pytest.mark.parametrize(
+    ("code", "ends"),
+    [
+        (0x84201482, True),
+        (0x83501032, True),
+        (0x83501032 - (1 << 32), True),
+        (0x600B, True),  # on an RC7 any error does
+        (0x83201483, False),  # set points may come again once there is room
+        (0x8150100D, False),
+        (0x82204021, False),
+        (0x80070057, False),
+        (0, False),
+        (0x900, False),
+        (0x0F200501, False),
+    ],
+)
+def test_which_results_end_slave_mode(code: int, ends: bool) -> None:
+    assert ends_slave_mode(code) is ends
 
 
 @pytest.mark.parametrize("base", [0x84204040, 0x84204050, 0x83204070, 0x83404D10, 0x842040A0])
