@@ -72,7 +72,7 @@ SILENT = Rule(
     "a client asked and asked, and never had any reply",
     "Check address and port (5007), that b-CAP is enabled and licensed on the controller, and that "
     "the pendant's "
-    "setting of TCP or UDP agrees with the client.",
+    "setting of TCP or UDP agrees with the client; or the capture shows one direction only.",
     f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
     ("malformed-request", "oversize-datagram"),
     60 * SECOND,
@@ -188,7 +188,7 @@ class Replies(Watcher):
 
     def gone(self, client: Client, ended: int) -> None:
         last = client.last
-        if not client.answered and (client.calls > 1 or len(last.requests) > 1):
+        if not client.answered and (client.first.given_up or len(last.requests) > 1):
             self._silent(client, ended)
         if last.reply is not None or last.given_up or last.notices or last.late_replies:
             return

@@ -83,6 +83,19 @@ def _silent(story: Story) -> None:
         client.ask(1000 * number, "Service_Start", text(""), reserved=first)
 
 
+def _just_began(story: Story) -> None:
+    """Two requests, and the capture ends before either can have been given up."""
+    client = story.client()
+    client.ask(0, "Service_Start", text(""))
+    client.ask(1, "Service_Start", text(""))
+
+
+def _asks_and_asks(story: Story) -> None:
+    client = story.client()
+    for number in range(3):
+        client.ask(1000 * number, "Service_Start", text(""))
+
+
 def _twice(story: Story) -> None:
     client = story.client()
     client.open()
@@ -205,6 +218,13 @@ SCENES = (
         (1, 4),
         ("192.168.0.1:5007 never answered your client", "1 call in 4 tries"),
         _capture_ends_first,
+    ),
+    Scene(
+        "controller-silent",
+        _asks_and_asks,
+        (1, 3),
+        ("192.168.0.1:5007 never answered your client, which made 3 calls in 2 s",),
+        _just_began,
     ),
     Scene(
         "executed-twice",
