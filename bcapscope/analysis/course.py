@@ -281,7 +281,7 @@ class _Figures:
         self._commands = Forms(Picker(_PARAMETER, self._pick_command))
         self._results = Forms(Picker(_RESULT, self._pick_result))
         self._before = np.full((2, len(self.axes)), np.nan)  # the last two poses commanded
-        self._sent = self._accepted = self._unanswered = self._full = 0
+        self._sent = self._accepted = self._unanswered = self._open = self._full = 0
         self._retries: Counter[int] = Counter()
         self._late = self._lost = 0
         self._refused: Counter[int] = Counter()
@@ -309,6 +309,7 @@ class _Figures:
             accepted=self._accepted,
             refused=dict(self._refused),
             unanswered=self._unanswered,
+            open=self._open,
             buffer_full=self._full,
             after_end=after_end,
             retries=retries,
@@ -352,8 +353,10 @@ class _Figures:
     def _count(self, rows: Rows, cycles: Floats) -> None:
         sent = len(rows.calls)
         self._sent += sent
-        unanswered = int(np.count_nonzero(~rows.answered))
-        self._unanswered += unanswered
+        open_ = int(np.count_nonzero(rows.open))
+        without_reply = int(np.count_nonzero(~rows.answered))
+        self._open += open_
+        self._unanswered += without_reply - open_
         refused = 0
         for row in np.flatnonzero(rows.codes).tolist():
             code = int(rows.codes[row])
@@ -364,7 +367,7 @@ class _Figures:
                     self.refused_list.append(set_point_fact(rows, row, cycles))
             elif code == S_BUF_FULL:
                 self._full += 1
-        self._accepted += sent - unanswered - refused
+        self._accepted += sent - without_reply - refused
         self._retries[0] += sent - len(rows.odd)
         for _, call in rows.odd:
             self._retries[call.retries] += 1

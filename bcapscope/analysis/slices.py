@@ -64,7 +64,7 @@ class Slicer:
         slot.sent += len(chosen)
         slot.retries += int(rows.retries[chosen].sum())
         slot.refused += sum(map(is_failure, codes[codes != 0].tolist()))
-        slot.unanswered += int((~answered).sum())
+        slot.unanswered += int((~answered & ~rows.open[chosen]).sum())
         slot.cycle.add(cycles[chosen])
         slot.latency.add(rows.latencies[chosen][answered])
         slot.slack = min(slot.slack, float(np.fmin.reduce(slacks[chosen], initial=np.inf)))

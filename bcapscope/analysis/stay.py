@@ -159,7 +159,8 @@ class Counts:
         sent: all.
         accepted: answered with success.
         refused: answered with a failure, by HRESULT.
-        unanswered: never answered, as far as was seen; those open at the end of the capture among them.
+        unanswered: given up by the client without a reply, as far as was seen.
+        open: still waiting for a reply when the capture ended.
         buffer_full: answered with S_BUF_FULL; accepted as well.
         after_end: refused after the end, as a consequence; in none of the other numbers.
         retries: requests beyond the first of each.
@@ -174,6 +175,7 @@ class Counts:
     accepted: int
     refused: Mapping[int, int]
     unanswered: int
+    open: int
     buffer_full: int
     after_end: int
     retries: int
@@ -454,7 +456,7 @@ class Slice(NamedTuple):
         sent: set points in it.
         retries: of them.
         refused: of them.
-        unanswered: of them.
+        unanswered: of them, those open when the capture ended left out.
         cycle: None where there was none.
         latency: None likewise.
         smallest_slack_ms: as in `Buffer`; None likewise.

@@ -262,7 +262,8 @@ def _stay_facts(stay: Stay, start: int) -> Iterator[tuple[str, Html]]:
         "Set points",
         escaped(
             f"{counts.sent:,} sent, {counts.accepted:,} accepted, {refused:,} refused, "
-            f"{counts.unanswered:,} never answered, {counts.after_end:,} more after the end"
+            f"{counts.unanswered:,} never answered, {counts.open:,} open when the capture ended, "
+            f"{counts.after_end:,} more after the end"
         ),
     )
     yield "Sent again", escaped(times(counts.retries) if counts.retries else "never")

@@ -188,6 +188,7 @@ def _counts(counts: Counts) -> _Object:
         "accepted": counts.accepted,
         "refused": refused,
         "unanswered": counts.unanswered,
+        "open": counts.open,
         "buffer_full": counts.buffer_full,
         "after_end": counts.after_end,
         "retries": counts.retries,

@@ -341,6 +341,21 @@ def test_unanswered_set_points_belong_to_the_stay() -> None:
     assert (stay.counts.sent, stay.counts.unanswered, stay.counts.accepted) == (20, 5, 15)
 
 
+def test_a_set_point_that_waits_when_the_capture_ends_is_not_unanswered() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    driver.moves(PACE)
+    driver.move(168, takes=None)
+    stay = only(plan)
+    assert (stay.counts.sent, stay.counts.unanswered, stay.counts.open, stay.counts.accepted) == (
+        21,
+        0,
+        1,
+        20,
+    )
+
+
 @pytest.mark.parametrize(
     ("prepare", "pose", "generation", "kind", "why"),
     [
@@ -483,7 +498,8 @@ def test_no_sequence_of_calls_breaks_it(played: list[Step], release: int) -> Non
     assert sent <= sum(step.command == "slvMove" for step in played)
     for stay in stays:
         counts = stay.counts
-        assert counts.sent == counts.accepted + counts.unanswered + sum(counts.refused.values())
+        without_reply = counts.unanswered + counts.open
+        assert counts.sent == counts.accepted + without_reply + sum(counts.refused.values())
         assert sum(counts.by_retries.values()) == counts.sent
         assert sum(each.sent for each in stay.slices) == counts.sent
         assert sum(sample.points for sample in stay.samples) == counts.sent
