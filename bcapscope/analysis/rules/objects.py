@@ -90,7 +90,7 @@ class Objects(Watcher):
         tally = self._tallies.get(key)
         if tally is None:
             if len(self._tallies) >= _MOST_NAMES:
-                self._tallies = {key: tally for key, tally in self._tallies.items() if tally.open > 1}
+                del self._tallies[self._least_telling()]
             tally = self._tallies[key] = _Tally()
         tally.open += 1
         if tally.open <= tally.most:
@@ -98,6 +98,11 @@ class Objects(Watcher):
         tally.most = tally.open
         if tally.most == _LEAKS_FROM:
             self._leaks(call, kind, name, tally)
+
+    def _least_telling(self) -> tuple[Conversation, ObjectClass, str]:
+        """Return an object that is not open twice, the first one; the first of all where there is none."""
+        single = (key for key, tally in self._tallies.items() if tally.open <= 1)
+        return next(single, next(iter(self._tallies)))
 
     def _leaks(self, call: Exchange, kind: ObjectClass, name: str, tally: _Tally) -> None:
         def say(speech: Speech) -> str:

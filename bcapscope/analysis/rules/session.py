@@ -138,8 +138,8 @@ class Session(Watcher):
     def stay(self, stay: Stay) -> None:
         if stay.exit.reason is ExitReason.DISCONNECTED:
             self._left_on(stay)
-        elif stay.exit.reason is ExitReason.SILENT:
-            self._silent[stay.conversation] = stay
+        elif stay.exit.reason is ExitReason.SILENT and self.clients.find(stay.conversation) is not None:
+            self._silent[stay.conversation] = stay  # until that client is said goodbye to
 
     def _left_on(self, stay: Stay) -> None:
         exit_ = stay.exit

@@ -1,0 +1,61 @@
+"""What rules remember does not grow with hostile traffic."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.analysis.client import Clients
+from bcapscope.analysis.rules import objects
+from bcapscope.analysis.rules.objects import Objects
+from bcapscope.analysis.rules.rule import Incident
+from bcapscope.analysis.rules.session import Session
+from bcapscope.analysis.stay import ExitReason
+from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.handles import Handles
+from tests.analysis.driving import ENTER, Plan, i4
+from tests.traffic.playbook import GET_VARIABLE, text
+
+
+def opened(watcher: Objects, clients: Clients, names: list[str]) -> None:
+    """Let a client open an object by each of the names."""
+    plan, handles = Plan(), Handles()
+    driver = plan.driver()
+    for number, name in enumerate(names):
+        arguments = i4(1), text(name), text("")
+        driver.call(number * 10.0, GET_VARIABLE, *arguments, results=(i4(number + 1),))
+    for call in plan.track():
+        assert isinstance(call, Exchange)
+        client = clients.of(call)
+        client.thing = handles.follow(call)
+        watcher.call(call, client)
+
+
+def test_names_that_are_opened_twice_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(objects, "_MOST_NAMES", 8)
+    clients = Clients(lambda client: None)
+    watcher = Objects(lambda incident: None, clients)
+    opened(watcher, clients, [f"I{number // 2}" for number in range(100)])
+    assert len(watcher._tallies) == 8
+
+
+def test_a_leak_is_found_among_many_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(objects, "_MOST_NAMES", 8)
+    found: list[Incident] = []
+    clients = Clients(lambda client: None)
+    watcher = Objects(found.append, clients)
+    names = [name for number in range(30) for name in ("leaks", f"I{number}", f"F{number}")]
+    opened(watcher, clients, names)
+    assert [incident.rule.id for incident in found] == ["handle-leak"]
+
+
+def test_stays_of_clients_that_are_forgotten_are_not_kept() -> None:
+    plan = Plan()
+    silent, other = plan.driver(), plan.driver(50002)
+    silent.change(0, ENTER)
+    silent.moves([8.0, 16.0])
+    other.execute(9000, "CurJnt")
+    (stay,) = plan.stays()
+    assert stay.exit.reason is ExitReason.SILENT
+    watcher = Session(lambda incident: None, Clients(lambda client: None))
+    watcher.stay(stay)
+    assert not watcher._silent
