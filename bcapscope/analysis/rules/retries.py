@@ -104,7 +104,7 @@ class Retries(Watcher):
         self._conventions: dict[Conversation, Convention] = {}
 
     def heeds(self, question: Question, kind: Kind) -> bool:
-        return kind is not Kind.SMOOTH or question.command != "slvMove"
+        return kind is not Kind.SMOOTH or command_of(question) != "slvmove"
 
     def call(self, call: Exchange, client: Client) -> None:
         if call.convention is not Convention.UNKNOWN:
