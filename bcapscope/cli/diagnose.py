@@ -21,7 +21,7 @@ _PIPE_WIDTH = 100
 
 
 @click.command(short_help="Tell what went wrong, the first cause first.")
-@options.paths
+@options.captures
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a finding.")
 @options.filter_option(RecordKind.CALL)

@@ -32,7 +32,7 @@ _WRITERS: dict[str, Callable[[Trajectory], Writer]] = {".csv": CsvTrajectory, ".
 
 
 @click.command(short_help="Write the trajectories of slave mode to CSV or JSON.")
-@options.paths
+@options.captures
 @click.option(
     "-o",
     "--output",

@@ -13,7 +13,13 @@ from bcapscope.traffic.filters import Filter, FilterError, compile_filter
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-paths = click.argument("paths", nargs=-1, metavar="PATH...", type=click.Path(allow_dash=True))
+_PATH = click.Path(allow_dash=True)
+
+paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
+"""Captures; none where another option says what to read."""
+
+captures = click.argument("paths", nargs=-1, required=True, metavar="PATH...", type=_PATH)
+"""Captures, at least one."""
 
 interface = click.option(
     "-i",

@@ -24,7 +24,7 @@ _INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscop
 
 
 @click.command(short_help="Write a page with findings, figures and pictures, to mail.")
-@options.paths
+@options.captures
 @click.option(
     "-o",
     "--output",

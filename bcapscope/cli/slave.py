@@ -22,7 +22,7 @@ from bcapscope.traffic.getters import CALL_GETTERS
 
 
 @click.command(short_help="Slave mode: cycle times, retries, the controller's buffer, clock and motion.")
-@options.paths
+@options.captures
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a stay.")
 @options.window

@@ -20,7 +20,7 @@ from bcapscope.traffic.getters import CALL_GETTERS
 
 
 @click.command(short_help="Figures by client and command: rates, latencies, retries, refusals.")
-@options.paths
+@options.captures
 @options.ports
 @click.option("--json", "as_json", is_flag=True, help="One JSON object; with --window one a slice.")
 @options.window

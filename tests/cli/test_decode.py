@@ -197,10 +197,20 @@ def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
     assert "No such file" in done.err
 
 
-def test_no_capture_is_a_mistake_in_the_command_line() -> None:
-    done = run("decode")
+@pytest.mark.parametrize("command", ["decode", "calls"])
+def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
+    done = run(command)
     assert done.code == Exit.USAGE
-    assert "name a capture" in done.err
+    assert "name a capture, - for standard input, or an interface with -i" in done.err
+
+
+@pytest.mark.parametrize(
+    "line", [["diagnose"], ["slave"], ["stats"], ["extract", "-o", "way.csv"], ["report", "-o", "page.html"]]
+)
+def test_what_cannot_listen_does_not_speak_of_interfaces(line: list[str]) -> None:
+    done = run(*line)
+    assert done.code == Exit.USAGE
+    assert "Missing argument 'PATH...'" in done.err
 
 
 def test_a_server_on_another_port_is_told() -> None:
