@@ -67,8 +67,7 @@ def command(
         sys.exit(reading.exit or Exit.NOTHING)
     page = report_page(account, _names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
     if to_stdout:
-        sys.stdout.buffer.write(page)
-        sys.stdout.buffer.flush()
+        reading.output.write_lines([page.removesuffix(b"\n")], reading.pause)
     else:
         with NewFile(output) as file:
             file.write(page)

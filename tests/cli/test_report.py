@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,15 @@ def test_the_same_capture_gives_the_same_page(tmp_path: Path) -> None:
     first = run("report", LOST, "-o", "-").out
     run("report", LOST, "-o", tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text("utf-8") == first
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_no_room_for_the_page_is_told_in_a_sentence() -> None:
+    with Path("/dev/full").open("wb") as full:
+        argv = [sys.executable, "-m", "bcapscope", "report", str(LOST), "-o", "-"]
+        done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert done.returncode == Exit.UNWRITABLE
+    assert done.stderr.decode().splitlines()[-1] == "Error: standard output: no space left on device"
 
 
 def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:
