@@ -112,7 +112,9 @@ class Reading:
             narrate(f"… and {len(told) - _MOST_SIDES_TOLD} more servers told by what was said")
         if self._lost:
             narrate(f"{counted(self._lost, 'packet')} lost: there was no room for more")
-        narrate(counts_text(self._observer.counts))
+        counts = self._observer.counts
+        if counts.packets or self.exit is not Exit.UNREADABLE:
+            narrate(counts_text(counts))
 
     def _read_text(self, path: str) -> Pasted:
         try:

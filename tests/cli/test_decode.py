@@ -190,6 +190,12 @@ def test_what_is_no_capture_is_told_in_one_sentence(tmp_path: Path, data: bytes)
     assert "Traceback" not in done.err
 
 
+def test_of_a_missing_file_nothing_is_counted(tmp_path: Path) -> None:
+    path = tmp_path / "none.pcap"
+    done = run("decode", path)
+    assert done.err == f"{path}: cannot be opened: No such file or directory\n"
+
+
 def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
     done = run("decode", tmp_path / "none.pcap", RETRIES)
     assert done.code == Exit.UNREADABLE
