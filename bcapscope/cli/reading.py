@@ -6,6 +6,7 @@ import io
 import sys
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -18,6 +19,7 @@ from bcapscope.capture.packet import Packet
 from bcapscope.capture.pasted import Pasted, observe_text
 from bcapscope.capture.sides import PORTS
 from bcapscope.cli.exits import Exit
+from bcapscope.cli.interrupts import Interrupts
 from bcapscope.cli.output import Output, narrate
 from bcapscope.cli.progress import Progress
 from bcapscope.errors import CaptureError
@@ -133,11 +135,12 @@ class Reading:
     def _live(self) -> Iterator[Packet]:
         name = self._interface or ""
         try:
-            with open_live(name) as capture:
+            with open_live(name) as capture, Interrupts() as interrupts:
                 narrate(f"capturing on {printable(name)}, Ctrl-C ends")
+                packets = iter(capture)
                 try:
-                    yield from capture
-                except KeyboardInterrupt:
+                    while (packet := interrupts.wait(partial(next, packets), None)) is not None:
+                        yield packet
                     narrate("")
                 finally:
                     self._lost = capture.lost
@@ -164,19 +167,18 @@ class Reading:
 
 
 class _StandardInput:
-    """Gives what there is without waiting for more; Ctrl-C while it waits ends the capture."""
+    """Gives what there is without waiting for more; Ctrl-C ends the capture."""
 
     def __init__(self) -> None:
         self._stream = io.FileIO(sys.stdin.fileno(), closefd=False)
+        self._interrupts = Interrupts()
 
     def read(self, size: int) -> bytes:
-        try:
-            return self._stream.read(size) or b""
-        except KeyboardInterrupt:
-            return b""
+        return self._interrupts.wait(partial(self._stream.read, size), b"") or b""
 
     def fileno(self) -> int:
         return self._stream.fileno()
 
     def close(self) -> None:
         """Leave standard input to the interpreter."""
+        self._interrupts.close()
