@@ -26,8 +26,8 @@ _Kind: TypeAlias = "tuple[Conversation, Question, Thing | None, int, Convention]
 _MILLISECOND = 1_000_000
 _OBJECT = (
     b'{"call":%b,%b"object":%b,"started":%b,"requests":%b,"serials":%b,"retries":%b,"replies":%b,'
-    b'"late_replies":%b,"executing":%b,"duplicates":%b,"outcome":"%b",%b,"latency_ms":%b,"rtt_ms":%b,'
-    b'"convention":"%b","verdict":"%b"}'
+    b'"late_replies":%b,"lost_replies":%b,"executing":%b,"duplicates":%b,"outcome":"%b",%b,'
+    b'"latency_ms":%b,"rtt_ms":%b,"convention":"%b","verdict":"%b"}'
 )
 _OUTCOMES = {outcome: outcome.value.encode("ascii") for outcome in Outcome}
 _VERDICTS = {verdict: verdict.value.encode("ascii") for verdict in Verdict}
@@ -70,6 +70,7 @@ class CallRecordRenderer:
             b"0",
             b"[%d]",
             b"[]",
+            b"[]",
             b"0",
             b"[]",
             _OUTCOMES[call.outcome],
@@ -93,7 +94,8 @@ def _troubled(call: Exchange, subject: Thing | None) -> bytes:
         orjson.dumps(call.serials),
         b"%d" % call.retries,
         b"[]" if call.reply is None else b"[%d]" % call.reply.number,
-        _numbers((*call.late_replies, *call.lost_replies)),
+        _numbers(call.late_replies),
+        _numbers(call.lost_replies),
         b"%d" % len(call.notices),
         _numbers(call.duplicates),
         _OUTCOMES[call.outcome],

@@ -92,6 +92,7 @@ _BOTH = (RecordKind.FRAME, RecordKind.CALL)
 
 FIELDS: tuple[Field, ...] = (
     Field("frame", FieldType.NUMBER, "", _FRAME, "number of the frame, from 1"),
+    Field("packet", FieldType.NUMBER, "", _FRAME, "number of the packet that completed it, from 1"),
     Field("time", FieldType.TIME, "s", _FRAME, "when its last byte was seen, since 1970-01-01 UTC"),
     Field("src", FieldType.ENDPOINT, "", _FRAME, "who sent it"),
     Field("dst", FieldType.ENDPOINT, "", _FRAME, "whom it was sent to"),
@@ -99,7 +100,6 @@ FIELDS: tuple[Field, ...] = (
     Field("length", FieldType.NUMBER, "bytes", _FRAME, "length of the whole frame, as its header has it"),
     Field("serial", FieldType.NUMBER, "", _FRAME, "serial number"),
     Field("reserved", FieldType.NUMBER, "", _FRAME, "reserved field: of a retry, the serial it goes back to"),
-    Field("hresult_text", FieldType.TEXT, "", _FRAME, "meaning of the HRESULT"),
     Field("problems", FieldType.TEXTS, "", _FRAME, "what is wrong with the frame"),
     Field("call", FieldType.NUMBER, "", _CALL, "number of the call, from 1"),
     Field("client", FieldType.ENDPOINT, "", _BOTH, "the end that asks"),
@@ -122,13 +122,24 @@ FIELDS: tuple[Field, ...] = (
     ),
     Field("hresult", FieldType.HRESULT, "", _BOTH, "result code of the response"),
     Field("hresult_name", FieldType.TEXT, "", _BOTH, "name of the result code, such as S_OK"),
+    Field("hresult_text", FieldType.TEXT, "", _BOTH, "meaning of the result code"),
     Field("started", FieldType.TIME, "s", _CALL, "when its first request was seen, since 1970-01-01 UTC"),
     Field("requests", FieldType.NUMBERS, "", _CALL, "frame numbers of its requests, the retries with them"),
     Field("serials", FieldType.NUMBERS, "", _CALL, "serial numbers of its requests"),
     Field("retries", FieldType.NUMBER, "", _CALL, "how often the request was sent again"),
     Field("replies", FieldType.NUMBERS, "", _CALL, "frame numbers of the replies that the client accepted"),
     Field("late_replies", FieldType.NUMBERS, "", _CALL, "frame numbers of the replies that came too late"),
+    Field(
+        "lost_replies",
+        FieldType.NUMBERS,
+        "",
+        _CALL,
+        "frame numbers of the replies that came in time, and yet the client asked again",
+    ),
     Field("executing", FieldType.NUMBER, "", _CALL, "how often the server said S_EXECUTING"),
+    Field(
+        "duplicates", FieldType.NUMBERS, "", _CALL, "frame numbers of exact copies of requests and replies"
+    ),
     Field(
         "outcome",
         FieldType.TEXT,

@@ -63,6 +63,7 @@ def _of_question(read: Callable[[Question], object]) -> _Read:
 
 FRAME_GETTERS: Mapping[str, Callable[[Told], object]] = {
     "frame": lambda told: told.seen.number,
+    "packet": lambda told: told.seen.packet,
     "time": lambda told: told.seen.time,
     "src": lambda told: told.seen.flow.src,
     "dst": lambda told: told.seen.flow.dst,
@@ -89,6 +90,10 @@ def _result_name(call: Exchange) -> str | None:
     return None if call.hresult is None else hresult_name(call.hresult)
 
 
+def _result_text(call: Exchange) -> str | None:
+    return None if call.hresult is None else describe(call.hresult).text
+
+
 CALL_GETTERS: Mapping[str, Callable[[Exchange], object]] = {
     "call": lambda call: call.call,
     "client": lambda call: call.conversation.client,
@@ -100,13 +105,16 @@ CALL_GETTERS: Mapping[str, Callable[[Exchange], object]] = {
     "arg": lambda call: call.request.item.arguments,
     "hresult": lambda call: call.hresult,
     "hresult_name": _result_name,
+    "hresult_text": _result_text,
     "started": lambda call: call.request.time,
     "requests": lambda call: [seen.number for seen in call.requests],
     "serials": lambda call: call.serials,
     "retries": lambda call: call.retries,
     "replies": lambda call: [] if call.reply is None else [call.reply.number],
     "late_replies": lambda call: [seen.number for seen in call.late_replies],
+    "lost_replies": lambda call: [seen.number for seen in call.lost_replies],
     "executing": lambda call: len(call.notices),
+    "duplicates": lambda call: [seen.number for seen in call.duplicates],
     "outcome": lambda call: call.outcome,
     "latency": lambda call: call.latency,
     "rtt": lambda call: call.rtt,

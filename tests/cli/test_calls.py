@@ -35,6 +35,7 @@ def test_the_retry_story_is_one_call() -> None:
         "retries": 3,
         "replies": [6],
         "late_replies": [5],
+        "lost_replies": [],
         "executing": 0,
         "duplicates": [],
         "outcome": "answered",

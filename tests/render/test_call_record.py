@@ -13,6 +13,7 @@ from bcapscope.protocol.functions import ObjectClass
 from bcapscope.render import call_record
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.fields import RecordKind, fields_of
 from bcapscope.traffic.handles import Thing
 from tests.render.calls import settled
 from tests.traffic.playbook import MOVE, POSE, Script, calls_of, execute
@@ -20,7 +21,8 @@ from tests.traffic.sessions import Capture, Profile, Session
 
 KEYS = [
     *("call", "function", "function_id", "command", "transport", "client", "server", "object", "started"),
-    *("requests", "serials", "retries", "replies", "late_replies", "executing", "duplicates", "outcome"),
+    *("requests", "serials", "retries", "replies", "late_replies", "lost_replies", "executing", "duplicates"),
+    "outcome",
     *("hresult", "hresult_name", "hresult_text", "latency_ms", "rtt_ms", "convention", "verdict"),
 ]
 
@@ -38,6 +40,11 @@ def test_keys_are_the_same_for_all_but_the_meaning_of_a_result() -> None:
     for record in map(json.loads, lines()):
         keys = [key for key in KEYS if key != "hresult_text" or record["hresult"] is not None]
         assert list(record) == keys
+
+
+def test_filters_ask_for_calls_by_the_same_names() -> None:
+    """But for `object`, which is known only to those who follow all handles."""
+    assert set(KEYS) - fields_of(RecordKind.CALL).keys() == {"object"}
 
 
 def test_a_call_without_trouble() -> None:
@@ -61,6 +68,7 @@ def test_a_call_without_trouble() -> None:
         "retries": 0,
         "replies": [2],
         "late_replies": [],
+        "lost_replies": [],
         "executing": 0,
         "duplicates": [],
         "outcome": "answered",
@@ -76,14 +84,14 @@ def test_a_call_without_trouble() -> None:
 
 def plain(call: Exchange) -> dict[str, object]:
     """Say what a record should, by the properties of the call alone."""
-    late = (*call.late_replies, *call.lost_replies)
     return {
         "call": call.call,
         "requests": [seen.number for seen in call.requests],
         "serials": list(call.serials),
         "retries": call.retries,
         "replies": [] if call.reply is None else [call.reply.number],
-        "late_replies": [seen.number for seen in late],
+        "late_replies": [seen.number for seen in call.late_replies],
+        "lost_replies": [seen.number for seen in call.lost_replies],
         "executing": len(call.notices),
         "duplicates": [seen.number for seen in call.duplicates],
         "outcome": call.outcome.value,

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from bcapscope.protocol.frame import Frame, Malformed, Problem, encode, parse_datagram
 from bcapscope.protocol.variant import ARRAY, VT, Value, Variant, vt_name
 from bcapscope.render.record import MOST_FORMS, RecordRenderer
+from bcapscope.traffic.fields import RecordKind, fields_of
 from bcapscope.traffic.observation import Direction
 from bcapscope.traffic.question import Question, question_of
 from tests.render.scenes import JOINTS, ROBOT, START, observe, scenes
@@ -33,6 +34,13 @@ def record(raw: bytes, direction: Direction = ASK, question: Question | None = N
     text = RecordRenderer().record(observe(item, direction), question)
     value: dict[str, Any] = json.loads(text)
     return value
+
+
+def test_filters_ask_for_frames_by_the_same_names() -> None:
+    """But for `arg`, which is one of the `args`, and for bytes and remarks, which nobody compares."""
+    renderer = RecordRenderer()
+    keys = {key for scene in scenes() for key in json.loads(renderer.record(*scene))}
+    assert keys - fields_of(RecordKind.FRAME).keys() == {"args", "raw", "missing"}
 
 
 def test_all_scenes(golden: Callable[[str, bytes], None]) -> None:

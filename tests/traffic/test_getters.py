@@ -113,6 +113,7 @@ def frames_with(expression: str) -> list[int]:
     ("expression", "expected"),
     [
         ("frame == 3", [3]),
+        ("packet == 3", [3]),
         ("time >= 1700000000.023 and time < 1700000000.025", [9, 10]),
         ("src == 10.0.0.2 and kind == request", [1, 3, 4, 7, 12, 13]),
         ("dst == 10.0.0.2:50001", [2, 5, 6, 8, 9, 11]),
@@ -168,6 +169,9 @@ def calls_with(expression: str) -> list[int]:
         ("retries > 0", [2]),
         ("replies == null or not replies", [4, 5]),
         ("late_replies contains 5", [2]),
+        ("lost_replies", []),
+        ("duplicates", []),
+        ('hresult_text ~ "slave mode"', [3]),
         ("executing == 1", [3]),
         ("outcome == refused", [3]),
         ("outcome == unanswered", [4]),
