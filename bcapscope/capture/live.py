@@ -13,7 +13,6 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Protocol
 
 from bcapscope.capture.link import ETHERNET, LINUX_COOKED
@@ -47,12 +46,7 @@ class LiveCapture(Protocol):
 
     def __enter__(self) -> LiveCapture: ...
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
     def __iter__(self) -> Iterator[Packet]:
         """Yield packets as they pass, until interrupted.
@@ -125,12 +119,7 @@ class _PacketSocket:
     def __enter__(self) -> _PacketSocket:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._socket.close()
 
     def __iter__(self) -> Iterator[Packet]:
@@ -175,12 +164,7 @@ class _ScapySocket:
     def __enter__(self) -> _ScapySocket:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._socket.close()
 
     def __iter__(self) -> Iterator[Packet]:

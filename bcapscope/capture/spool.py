@@ -6,7 +6,6 @@ import os
 import struct
 from io import RawIOBase
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO
 
 _WINDOW = 64 * 1024
@@ -109,12 +108,7 @@ class Records:
     def __enter__(self) -> Records:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __len__(self) -> int:
