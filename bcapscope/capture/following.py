@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import io
-import time
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 from typing import BinaryIO, cast
 
 from bcapscope.capture.file import CaptureFile
 from bcapscope.errors import CaptureError
 
 PATIENCE = 0.02
-"""Seconds between two looks whether there is more: too short to be seen."""
+"""Seconds between two looks whether there is more, too short to be seen; no call that all systems have tells
+that a file has grown."""
 
 
 class _Growing(io.RawIOBase):
     """Gives what there is, and where the file ends waits for more."""
 
-    def __init__(self, file: io.FileIO, ended: Callable[[], bool], idle: Callable[[], None]) -> None:
+    def __init__(self, file: io.FileIO, ended: Event, idle: Callable[[], None]) -> None:
         self._file = file
         self._ended = ended
         self._idle = idle
@@ -26,12 +27,12 @@ class _Growing(io.RawIOBase):
     def read(self, size: int = -1) -> bytes:
         """Return up to `size` bytes; none only when the capture has ended."""
         while True:
-            over = self._ended()  # asked first: what was written until then is still read
+            over = self._ended.is_set()  # asked first: what was written until then is still read
             data = self._file.read(size)
             if data or over:
                 return data or b""
             self._idle()
-            time.sleep(PATIENCE)
+            self._ended.wait(PATIENCE)
 
     def close(self) -> None:
         """Close the file."""
@@ -39,12 +40,12 @@ class _Growing(io.RawIOBase):
         super().close()
 
 
-def follow_capture(path: Path, ended: Callable[[], bool], idle: Callable[[], None]) -> CaptureFile:
+def follow_capture(path: Path, ended: Event, idle: Callable[[], None]) -> CaptureFile:
     """Open a capture that somebody is still writing.
 
     Args:
         path: the file.
-        ended: tells whether nothing more will be written.
+        ended: is set when nothing more will be written.
         idle: is called whenever there is nothing to read.
 
     Raises:

@@ -150,11 +150,7 @@ class Reading:
             path, follow = self._live.path, True
         else:
             path, follow = Path(self._job.path), self._job.follow
-        with (
-            follow_capture(path, self._ended.is_set, self._idle)
-            if follow
-            else open_capture(path) as self._file
-        ):
+        with follow_capture(path, self._ended, self._idle) if follow else open_capture(path) as self._file:
             yield from self._file
         if self._live is not None and self._live.trouble is not None:
             raise self._live.trouble
