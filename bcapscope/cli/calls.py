@@ -10,6 +10,7 @@ import click
 
 from bcapscope.cli import options
 from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.pairing import settle
 from bcapscope.cli.reading import Reading
 from bcapscope.render.call import CallRenderer, counted, session_text
 from bcapscope.render.call_record import CallRecordRenderer
@@ -19,8 +20,6 @@ from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import CALL_GETTERS
 from bcapscope.traffic.handles import Handles, Thing
-from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.tracker import Tracker
 
 _MOST_SESSIONS_TOLD = 8
 
@@ -56,7 +55,7 @@ def command(
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
     reading = Reading(paths, ports, interface)
-    calls = _Calls(settle(reading.observations()), wanted)
+    calls = _Calls(settle(reading), wanted)
     if as_json:
         lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.exchanges())
     else:
@@ -69,17 +68,6 @@ def command(
     reading.summary()
     calls.summary()
     sys.exit(reading.exit)
-
-
-def settle(observations: Iterable[Observation]) -> Iterator[Settled]:
-    """Yield calls as they settle, and what belongs to none."""
-    tracker = Tracker()
-    observe = tracker.observe
-    for observation in observations:
-        settled = observe(observation)
-        if settled:
-            yield from settled
-    yield from tracker.close()
 
 
 class _Calls:

@@ -14,6 +14,7 @@ from bcapscope.analysis.stay import Stay
 from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.pairing import follow
 from bcapscope.cli.reading import Reading
 from bcapscope.render.comparison import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
@@ -21,7 +22,6 @@ from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import CALL_GETTERS
-from bcapscope.traffic.tracker import Tracker
 
 _path = click.Path(allow_dash=True)
 
@@ -68,7 +68,7 @@ def _side(path: str, reading: Reading, wanted: Filter | None) -> Side:
     stays: list[Stay] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
     diagnosis, watcher = Diagnosis(chosen), ChosenStays(chosen)
-    summary, tracker = Summary(), Tracker()
+    summary = Summary()
 
     def take(settled: Settled) -> None:
         diagnosis.take(settled)
@@ -78,14 +78,7 @@ def _side(path: str, reading: Reading, wanted: Filter | None) -> Side:
                 summary.take(settled)
         del stays[MOST_STAYS:]
 
-    for count, seen in enumerate(reading.observations()):
-        diagnosis.take_observation(seen)
-        for settled in tracker.observe(seen):
-            take(settled)
-        if not count & 0xFFF:
-            reading.pause()
-    for settled in tracker.close():
-        take(settled)
+    follow(reading, diagnosis.take_observation, take)
     findings = diagnosis.finish()
     stays.extend(watcher.finish())
     first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]

@@ -10,12 +10,12 @@ import click
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.cli import options
 from bcapscope.cli.output import palette
+from bcapscope.cli.pairing import follow
 from bcapscope.cli.reading import Reading
 from bcapscope.render.findings import FindingsRenderer, finding_record
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import CALL_GETTERS
-from bcapscope.traffic.tracker import Tracker
 
 _PIPE_WIDTH = 100
 
@@ -56,14 +56,6 @@ def command(
 def _diagnose(reading: Reading, wanted: Filter | None) -> Diagnosis:
     """Show a reading to all rules, to its end."""
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis, tracker = Diagnosis(chosen), Tracker()
-    look, take, observe = diagnosis.take_observation, diagnosis.take, tracker.observe
-    for count, seen in enumerate(reading.observations()):
-        look(seen)
-        for settled in observe(seen):
-            take(settled)
-        if not count & 0xFFF:
-            reading.pause()
-    for settled in tracker.close():
-        take(settled)
+    diagnosis = Diagnosis(chosen)
+    follow(reading, diagnosis.take_observation, diagnosis.take)
     return diagnosis

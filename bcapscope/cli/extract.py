@@ -12,10 +12,10 @@ import click
 
 from bcapscope.analysis.trajectory import Piece, Step, Trajectories, Trajectory
 from bcapscope.cli import options
-from bcapscope.cli.calls import settle
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import NewFile, check_free, force
 from bcapscope.cli.output import narrate
+from bcapscope.cli.pairing import settle
 from bcapscope.cli.reading import Reading
 from bcapscope.render.call import counted
 from bcapscope.render.escape import printable
@@ -89,7 +89,7 @@ def _chosen(client: str) -> Callable[[Conversation], bool]:
 
 
 def _pieces(reading: Reading, trajectories: Trajectories) -> Iterator[Piece]:
-    for item in settle(reading.observations()):
+    for item in settle(reading):
         if isinstance(item, Exchange):
             yield from trajectories.take(item)
     yield from trajectories.finish()

@@ -12,10 +12,10 @@ from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, optional_target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.pairing import wanted_calls
 from bcapscope.cli.reading import Reading
 from bcapscope.cli.serving import Serving, reach
 from bcapscope.cli.signals import end_in_order
-from bcapscope.cli.stats import wanted_calls
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError

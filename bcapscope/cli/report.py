@@ -14,11 +14,11 @@ from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import NewFile, check_free, force
 from bcapscope.cli.output import narrate
+from bcapscope.cli.pairing import follow
 from bcapscope.cli.reading import STDIN, Reading
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import CALL_GETTERS
-from bcapscope.traffic.tracker import Tracker
 
 _INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscope[report]'"
 
@@ -77,15 +77,7 @@ def command(
 
 def _account(reading: Reading, wanted: Filter | None) -> Account | None:
     accountant = Accountant(None if wanted is None else wanted.bind(CALL_GETTERS))
-    tracker = Tracker()
-    for count, seen in enumerate(reading.observations()):
-        accountant.take_observation(seen)
-        for settled in tracker.observe(seen):
-            accountant.take(settled)
-        if not count & 0xFFF:
-            reading.pause()
-    for settled in tracker.close():
-        accountant.take(settled)
+    follow(reading, accountant.take_observation, accountant.take)
     return accountant.finish()
 
 

@@ -10,8 +10,8 @@ import click
 from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.stay import Stay
 from bcapscope.cli import options
-from bcapscope.cli.calls import settle
 from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.pairing import settle
 from bcapscope.cli.reading import Reading
 from bcapscope.render.slave import stay_lines
 from bcapscope.render.slave_record import stay_record
@@ -49,7 +49,7 @@ def command(
     Exit codes: as of decode.
     """
     reading = Reading(paths, ports)
-    stays = _told(_stays(settle(reading.observations()), window, wanted), wanted is not None)
+    stays = _told(_stays(settle(reading), window, wanted), wanted is not None)
     if as_json:
         reading.output.write_lines(map(stay_record, stays), reading.pause)
     else:

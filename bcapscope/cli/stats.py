@@ -9,14 +9,13 @@ import click
 
 from bcapscope.analysis.statistics import Slices, Statistics, Summary
 from bcapscope.cli import options
-from bcapscope.cli.calls import settle
 from bcapscope.cli.output import palette
+from bcapscope.cli.pairing import wanted_calls
 from bcapscope.cli.reading import Reading
 from bcapscope.render.statistics import statistics_lines, statistics_record
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
-from bcapscope.traffic.getters import CALL_GETTERS
 
 
 @click.command(short_help="Figures by client and command: rates, latencies, retries, refusals.")
@@ -53,14 +52,6 @@ def command(
         reading.output.write_lines(lines, reading.pause)
     reading.summary()
     sys.exit(reading.exit)
-
-
-def wanted_calls(reading: Reading, wanted: Filter | None) -> Iterator[Exchange]:
-    """Yield the calls of a reading that a filter lets pass."""
-    test = None if wanted is None else wanted.bind(CALL_GETTERS)
-    for item in settle(reading.observations()):
-        if isinstance(item, Exchange) and (test is None or test(item)):
-            yield item
 
 
 def _whole(calls: Iterable[Exchange]) -> Iterator[Statistics]:
