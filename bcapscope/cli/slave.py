@@ -9,34 +9,18 @@ import click
 
 from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.stay import Stay
-from bcapscope.cli import options
-from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.figures import Asked, figures
+from bcapscope.cli.output import narrate
 from bcapscope.cli.pairing import settle
-from bcapscope.cli.reading import Reading
 from bcapscope.render.slave import stay_lines
 from bcapscope.render.slave_record import stay_record
-from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
+from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.getters import CALL_GETTERS
 
 
 @click.command(short_help="Slave mode: cycle times, retries, the controller's buffer, clock and motion.")
-@options.captures
-@options.ports
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a stay.")
-@options.window
-@options.filter_option(RecordKind.CALL)
-@options.color
-def command(
-    *,
-    paths: tuple[str, ...],
-    ports: tuple[int, ...],
-    as_json: bool,
-    window: int | None,
-    wanted: Filter | None,
-    color: str,
-) -> None:
+@figures("One JSON object a stay.")
+def command(asked: Asked) -> None:
     """Tell about each stay in slave mode: who entered and how it ended, when set points were sent and
     answered, and what they command.
 
@@ -48,22 +32,21 @@ def command(
 
     Exit codes: as of decode.
     """
-    reading = Reading(paths, ports)
-    stays = _told(_stays(settle(reading), window, wanted), wanted is not None)
-    if as_json:
+    reading = asked.reading
+    stays = _told(_stays(asked), asked.wanted is not None)
+    if asked.as_json:
         reading.output.write_lines(map(stay_record, stays), reading.pause)
     else:
-        colors = palette(color)
-        lines = (line for stay in stays for line in (*stay_lines(stay, colors), ""))
+        lines = (line for stay in stays for line in (*stay_lines(stay, asked.palette), ""))
         reading.output.write_lines(lines, reading.pause)
     reading.summary()
     sys.exit(reading.exit)
 
 
-def _stays(settled: Iterable[Settled], window: int | None, wanted: Filter | None) -> Iterator[Stay]:
-    watcher = ChosenStays(None if wanted is None else wanted.bind(CALL_GETTERS), window)
+def _stays(asked: Asked) -> Iterator[Stay]:
+    watcher = ChosenStays(None if asked.wanted is None else asked.wanted.bind(CALL_GETTERS), asked.window)
     take = watcher.take
-    for item in settled:
+    for item in settle(asked.reading):
         if isinstance(item, Exchange):
             ended = take(item)
             if ended:

@@ -8,32 +8,15 @@ from collections.abc import Iterable, Iterator
 import click
 
 from bcapscope.analysis.statistics import Slices, Statistics, Summary
-from bcapscope.cli import options
-from bcapscope.cli.output import palette
+from bcapscope.cli.figures import Asked, figures
 from bcapscope.cli.pairing import wanted_calls
-from bcapscope.cli.reading import Reading
 from bcapscope.render.statistics import statistics_lines, statistics_record
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
 
 
 @click.command(short_help="Figures by client and command: rates, latencies, retries, refusals.")
-@options.captures
-@options.ports
-@click.option("--json", "as_json", is_flag=True, help="One JSON object; with --window one a slice.")
-@options.window
-@options.filter_option(RecordKind.CALL)
-@options.color
-def command(
-    *,
-    paths: tuple[str, ...],
-    ports: tuple[int, ...],
-    as_json: bool,
-    window: int | None,
-    wanted: Filter | None,
-    color: str,
-) -> None:
+@figures("One JSON object; with --window one a slice.")
+def command(asked: Asked) -> None:
     """Sum up the calls of captures.
 
     Line time is the share of the whole time that the client spent waiting for replies of that kind. Latencies
@@ -41,14 +24,13 @@ def command(
 
     Exit codes: as of decode.
     """
-    reading = Reading(paths, ports)
-    calls = wanted_calls(reading, wanted)
-    found = _slices(calls, window) if window else _whole(calls)
-    colors = palette(color)
-    if as_json:
+    reading = asked.reading
+    calls = wanted_calls(reading, asked.wanted)
+    found = _slices(calls, asked.window) if asked.window else _whole(calls)
+    if asked.as_json:
         reading.output.write_lines(map(statistics_record, found), reading.pause)
     else:
-        lines = (line for statistics in found for line in (*statistics_lines(statistics, colors), ""))
+        lines = (line for statistics in found for line in (*statistics_lines(statistics, asked.palette), ""))
         reading.output.write_lines(lines, reading.pause)
     reading.summary()
     sys.exit(reading.exit)
