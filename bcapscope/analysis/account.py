@@ -169,17 +169,21 @@ class Accountant:
         if self._chosen is None or self._chosen(settled):
             self._take_call(settled)
 
-    def finish(self) -> Account | None:
-        """Tell all; None where nothing was seen."""
+    def finish(self, ended: int = 0) -> Account | None:
+        """Tell all; None where nothing was seen.
+
+        Args:
+            ended: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
+        """
         if self._start is None:
             return None
-        self._keep(self._watcher.finish())
+        self._keep(self._watcher.finish(ended))
         lanes = sorted(self._lanes.values(), key=lambda lane: -lane.calls)
         chains = sorted((chain for _, chain in self._chains), key=lambda chain: chain.request.time)
         return Account(
             start=self._start,
             end=self._end,
-            findings=self._diagnosis.finish(),
+            findings=self._diagnosis.finish(ended),
             seen=self._diagnosis.seen,
             statistics=self._summary.statistics(),
             lanes=tuple(lane.told() for lane in lanes),

@@ -151,16 +151,16 @@ class Diagnosis:
             for tell in self._stays:
                 tell(stay)
 
-    def finish(self, ended: int | None = None) -> tuple[Finding, ...]:
+    def finish(self, ended: int = 0) -> tuple[Finding, ...]:
         """Tell all that was found, the first cause first; nothing more is to be taken after that.
 
         Args:
-            ended: when the traffic ended, nanoseconds since 1970; None for the time of the last frame.
+            ended: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
         """
-        self._ended = max(self._ended, ended or 0)
+        self._ended = max(self._ended, ended)
         if self._choice is not None:
             self._choice.close()
-        self._tell(self._slave.finish())
+        self._tell(self._slave.finish(self._end))
         for client in self._clients:
             self._goodbye(client)
         return self._book.findings(self._speech)

@@ -117,12 +117,16 @@ class SlaveWatcher:
         self._seen = max(self._seen, call.activity)
         return self._release(self._seen - HELD_NS) if self._ended else ()
 
-    def finish(self) -> tuple[Stay, ...]:
-        """Return the stays that were not given out yet; the traffic has ended."""
+    def finish(self, ended: int = 0) -> tuple[Stay, ...]:
+        """Return the stays that were not given out yet; the traffic has ended.
+
+        Args:
+            ended: when, nanoseconds since 1970; the last frame of a call at the earliest.
+        """
         waiting = (course for known in self._controllers.values() for course in known.waiting.values())
         courses = (*self._courses.values(), *waiting)
         ends = [course.last_seen for course in courses]
-        seen = max((self._seen, *ends))
+        seen = max((self._seen, ended, *ends))
         for course, last in zip(courses, ends, strict=True):
             reason = ExitReason.SILENT if seen - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
             self._close(course, Exit(reason, last, (), None, None))
@@ -343,9 +347,9 @@ class ChosenStays:
             return ()
         return _with_points(self._watcher.take(call))
 
-    def finish(self) -> Sequence[Stay]:
-        """Return the stays that were not given out yet; the traffic has ended."""
-        stays = self._watcher.finish()
+    def finish(self, ended: int = 0) -> Sequence[Stay]:
+        """Return the stays that were not given out yet; `ended` as of `SlaveWatcher`."""
+        stays = self._watcher.finish(ended)
         return stays if self._chosen is None else _with_points(stays)
 
 

@@ -41,6 +41,8 @@ class Observer:
     Attributes:
         counts: what became of the packets so far.
         comments: of the packets that have any, by number; the latest `COMMENTS_LIMIT` packets.
+        ended: when the latest packet was captured, whatever was in it, nanoseconds since 1970; 0 before that.
+            Known once there are no more.
     """
 
     def __init__(self, ports: Collection[int] = PORTS, leg: str = "") -> None:
@@ -52,6 +54,7 @@ class Observer:
         """
         self.counts = Counts()
         self.comments: dict[int, tuple[str, ...]] = {}
+        self.ended = 0
         self._conversations: dict[Conversation, None] = {}
         self._leg = leg
         self._datagrams = Datagrams(ports, self.counts)
@@ -107,6 +110,7 @@ class Observer:
         finally:
             counts.packets = packet
             counts.items = number
+            self.ended = max(self.ended, time)
         for flow, sighting in self._finish(time, packet):
             counts.items += 1
             yield self._observation(counts.items, flow, sighting)

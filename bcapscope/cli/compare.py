@@ -79,7 +79,7 @@ def _side(path: str, reading: Reading, wanted: Filter | None) -> Side:
         del stays[MOST_STAYS:]
 
     follow(reading, diagnosis.take_observation, take)
-    findings = diagnosis.finish()
-    stays.extend(watcher.finish())
+    findings = diagnosis.finish(reading.ended)
+    stays.extend(watcher.finish(reading.ended))
     first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]
     return Side(path, summary.statistics(), tuple(first), findings)

@@ -41,7 +41,7 @@ def command(
     """
     reading = Reading(paths, ports)
     diagnosis = _diagnose(reading, wanted)
-    findings = diagnosis.finish()
+    findings = diagnosis.finish(reading.ended)
     if as_json:
         records = (finding_record(number, finding) for number, finding in enumerate(findings, 1))
         reading.output.write_lines(records, reading.pause)

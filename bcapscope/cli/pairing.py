@@ -23,7 +23,7 @@ def settle(reading: Reading) -> Iterator[Settled]:
         settled = observe(seen)
         if settled:
             yield from settled
-    yield from tracker.close()
+    yield from _rest(reading, tracker)
 
 
 def wanted_calls(reading: Reading, wanted: Filter | None) -> Iterator[Exchange]:
@@ -46,5 +46,11 @@ def follow(
             take(settled)
         if not count & (_PAUSE_AFTER - 1):
             reading.pause()
-    for settled in tracker.close():
+    for settled in _rest(reading, tracker):
         take(settled)
+
+
+def _rest(reading: Reading, tracker: Tracker) -> Iterator[Settled]:
+    """Yield what is open, at the end of all that was captured."""
+    yield from tracker.expire(reading.ended)
+    yield from tracker.close()

@@ -89,6 +89,14 @@ class Reading:
         self._progress.done()
 
     @property
+    def ended(self) -> int:
+        """When the latest packet was captured, whatever was in it, nanoseconds since 1970; 0 for pasted text.
+
+        Known once all observations were taken.
+        """
+        return self._observer.ended
+
+    @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
         """Comments of the packets read lately, by the number of the packet."""
         return self._observer.comments if self._pasted is None else self._pasted.comments

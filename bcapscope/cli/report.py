@@ -78,7 +78,7 @@ def command(
 def _account(reading: Reading, wanted: Filter | None) -> Account | None:
     accountant = Accountant(None if wanted is None else wanted.bind(CALL_GETTERS))
     follow(reading, accountant.take_observation, accountant.take)
-    return accountant.finish()
+    return accountant.finish(reading.ended)
 
 
 def _names(paths: Sequence[str]) -> list[str]:

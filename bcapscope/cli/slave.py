@@ -51,7 +51,7 @@ def _stays(asked: Asked) -> Iterator[Stay]:
             ended = take(item)
             if ended:
                 yield from ended
-    yield from watcher.finish()
+    yield from watcher.finish(asked.reading.ended)
 
 
 def _told(stays: Iterable[Stay], chosen: bool) -> Iterator[Stay]:

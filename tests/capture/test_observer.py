@@ -69,6 +69,13 @@ def test_a_call_and_its_result() -> None:
     assert observer.counts.frames == 3
 
 
+def test_the_end_is_that_of_all_packets() -> None:
+    observer = Observer()
+    assert observer.ended == 0
+    list(observer.observe(captured(from_client(request(1)), b"neither this", b"nor that")))
+    assert observer.ended == 3
+
+
 def variants() -> dict[str, bytes]:
     """The same frame in packets of every form that is not the most common one."""
     datagram = udp(request(2))

@@ -166,7 +166,7 @@ class Session(Watcher):
             return
         silent = last_time(client.last)
         follower = _follower(client, self.clients, silent)
-        quiet = ended - silent
+        quiet = max((last_time(each.last) for each in self.clients), default=silent) - silent
         if quiet < (_REPLACED if follower is not None else _FORGOTTEN):
             return
 
