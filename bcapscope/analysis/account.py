@@ -132,8 +132,8 @@ class Accountant:
             chosen: tells which calls are asked about; None for all. What is damaged is told all the same.
         """
         self._chosen = chosen
-        self._diagnosis = Diagnosis(chosen)
-        self._watcher = ChosenStays(chosen)
+        self._diagnosis = Diagnosis(chosen, self._keep if chosen is None else None)
+        self._watcher = None if chosen is None else ChosenStays(chosen)
         self._summary = Summary()
         self._start: int | None = None
         self._end = 0
@@ -163,7 +163,9 @@ class Accountant:
             self._strays += 1
             self._look_at(settled.seen)
             return
-        self._keep(self._watcher.take(settled))
+        if self._watcher is not None:
+            for stay in self._watcher.take(settled):
+                self._keep(stay)
         for seen in all_seen(settled):
             self._look_at(seen)
         if self._chosen is None or self._chosen(settled):
@@ -177,13 +179,15 @@ class Accountant:
         """
         if self._start is None:
             return None
-        self._keep(self._watcher.finish(ended))
+        findings = self._diagnosis.finish(ended)
+        for stay in () if self._watcher is None else self._watcher.finish(ended):
+            self._keep(stay)
         lanes = sorted(self._lanes.values(), key=lambda lane: -lane.calls)
         chains = sorted((chain for _, chain in self._chains), key=lambda chain: chain.request.time)
         return Account(
             start=self._start,
             end=self._end,
-            findings=self._diagnosis.finish(ended),
+            findings=findings,
             seen=self._diagnosis.seen,
             statistics=self._summary.statistics(),
             lanes=tuple(lane.told() for lane in lanes),
@@ -208,12 +212,11 @@ class Accountant:
         if not plain:
             self._take_troubled(call)
 
-    def _keep(self, stays: Sequence[Stay]) -> None:
-        for stay in stays:
-            if len(self._stays) < MOST_STAYS:
-                self._stays.append(stay)
-            else:
-                self._stays_left_off += 1
+    def _keep(self, stay: Stay) -> None:
+        if len(self._stays) < MOST_STAYS:
+            self._stays.append(stay)
+        else:
+            self._stays_left_off += 1
 
     def _lane(self, conversation: Conversation) -> _Lane | None:
         lane = self._lanes.get(conversation)

@@ -55,12 +55,17 @@ class Diagnosis:
     Every observation goes to `take_observation` and everything that a tracker makes of it to `take`.
     """
 
-    def __init__(self, chosen: Callable[[Exchange], bool] | None = None) -> None:
+    def __init__(
+        self,
+        chosen: Callable[[Exchange], bool] | None = None,
+        heed: Callable[[Stay], object] | None = None,
+    ) -> None:
         """Begin.
 
         Args:
             chosen: tells which calls are asked about; None for all. What is found is told if it concerns one
                 of them or is what that follows from; all calls count for what happened before and after.
+            heed: is given each stay in slave mode, with all its set points, for who wants those as well.
         """
         self._book = Casebook()
         self._choice = None if chosen is None else Choice(chosen, self._book.report)
@@ -72,7 +77,9 @@ class Diagnosis:
         self._callers = overrides(watchers, "call")
         self._odd = [each.odd for each in overrides(watchers, "odd")]
         self._strays = [each.stray for each in overrides(watchers, "stray")]
-        self._stays: list[Callable[[Stay], None]] = [each.stay for each in overrides(watchers, "stay")]
+        self._stays: list[Callable[[Stay], object]] = [each.stay for each in overrides(watchers, "stay")]
+        if heed is not None:
+            self._stays.append(heed)
         self._gone = [each.gone for each in overrides(watchers, "gone")]
         self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
         self._calls = self._ended = 0

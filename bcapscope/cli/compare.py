@@ -67,19 +67,21 @@ def _side(path: str, reading: Reading, wanted: Filter | None) -> Side:
     """Read a capture to its end, once."""
     stays: list[Stay] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis, watcher = Diagnosis(chosen), ChosenStays(chosen)
+    diagnosis = Diagnosis(chosen, stays.append if chosen is None else None)
+    watcher = None if chosen is None else ChosenStays(chosen)
     summary = Summary()
 
     def take(settled: Settled) -> None:
         diagnosis.take(settled)
         if isinstance(settled, Exchange):
-            stays.extend(watcher.take(settled))
+            if watcher is not None:
+                stays.extend(watcher.take(settled))
             if chosen is None or chosen(settled):
                 summary.take(settled)
         del stays[MOST_STAYS:]
 
     follow(reading, diagnosis.take_observation, take)
     findings = diagnosis.finish(reading.ended)
-    stays.extend(watcher.finish(reading.ended))
+    stays.extend(() if watcher is None else watcher.finish(reading.ended))
     first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]
     return Side(path, summary.statistics(), tuple(first), findings)
