@@ -68,7 +68,7 @@ def observe(data: bytes) -> list[Observation]:
     assert "\n" not in sentence
     assert observer.counts.items == len(found)
     for each in found:
-        assert each.began <= each.time or each.began > 0
+        assert 1 <= each.packet <= observer.counts.packets
         assert each.item.problems or isinstance(each.item, Frame)
     return found
 
