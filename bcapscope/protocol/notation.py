@@ -62,6 +62,8 @@ def _as(vt: int, text: str) -> Variant:
 def _guess(text: str) -> Variant:
     if not text:
         return EMPTY
+    if not any(map(str.isdigit, text)):  # nan and inf are words until a type says otherwise
+        return Variant(VT.BSTR, text)
     for vt in (VT.I4, VT.I8, VT.R8):
         for read in (_scalar, _array) if "," in text else (_scalar,):
             try:
@@ -104,7 +106,10 @@ def _read(vt: VT, text: str) -> Value:
 
 
 def _integer(vt: VT, text: str) -> int:
-    value = int(text, 0)
+    try:
+        value = int(text, 0)
+    except ValueError:
+        value = int(text)  # zeros in front, which Python's notation forbids
     low, high = _RANGES[vt]
     if not low <= value <= high:
         raise ValueError
