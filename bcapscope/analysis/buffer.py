@@ -18,13 +18,14 @@ controller that takes points as early as it can has no room for it. Slots by mod
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.analysis.stay import MOST_LISTED, Buffer, Starved
+from bcapscope.analysis.moments import MOST_LISTED
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 from bcapscope.protocol.slavemode import PERIOD_MS, SlaveMode
 
@@ -35,6 +36,74 @@ _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
 _NEVER = 1 << 80
 _MOVING = {1: True, 0: False, -1: None}
+
+
+class Starved(NamedTuple):
+    """A moment at which the model's buffer was empty when the controller wanted a set point.
+
+    Attributes:
+        time: when the point was wanted.
+        after: frame of the last set point before.
+        before: frame of the set point that came too late.
+        missing: ticks of the controller that found nothing.
+        late_ms: how long after `time` the point came.
+        moving: whether the last two set points before differ; None where they could not be read.
+    """
+
+    time: int
+    after: int
+    before: int
+    missing: int
+    late_ms: float
+    moving: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Buffer:
+    """The controller's buffer: what a model predicts and what the controller reported.
+
+    Attributes:
+        slots: set points that the buffer holds.
+        period_ms: the model's period of the controller.
+        overwrites: the newest point replaces the waiting one, so that running empty is no error.
+        paces: replies wait for room.
+        assumptions: what the model takes for granted, a clause each.
+        starved: predicted, more than the unknown phase of the controller's clock can explain.
+        starved_moving: those of them in motion, where they matter.
+        starved_list: the first of them.
+        maybe_starved: by one tick only: the phase decides.
+        overflows: predicted: set points that came when the buffer was full, beyond the doubt of the phase.
+        overflow_list: the first of them, by frame of the request.
+        overwritten: where `overwrites`, points replaced before they were taken; else 0.
+        smallest_level: points in the buffer when the next one came, at worst; None for fewer than two.
+        smallest_slack_ms: time that was left until the buffer would have been empty, at worst; negative
+            where it was.
+        smallest_slack_at: frame of the set point that came then; None likewise.
+        levels: how many set points found how many in the buffer.
+        reported_underflows: frames of replies that said so (84201482).
+        reported_overflows: frames of replies that said so (83201483).
+        reported_full: frames of the first replies that said S_BUF_FULL.
+    """
+
+    slots: int
+    period_ms: float
+    overwrites: bool
+    paces: bool
+    assumptions: tuple[str, ...]
+    starved: int
+    starved_moving: int
+    starved_list: tuple[Starved, ...]
+    maybe_starved: int
+    overflows: int
+    overflow_list: tuple[int, ...]
+    overwritten: int
+    smallest_level: int | None
+    smallest_slack_ms: float | None
+    smallest_slack_at: int | None
+    levels: Mapping[int, int]
+    reported_underflows: tuple[int, ...]
+    reported_overflows: tuple[int, ...]
+    reported_full: tuple[int, ...]
 
 
 def slack_ms(slots: int) -> float:

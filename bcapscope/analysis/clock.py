@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.analysis.distribution import Floats, Histogram
-from bcapscope.analysis.stay import ClockFacts
+from bcapscope.analysis.distribution import Distribution, Floats, Histogram
 from bcapscope.protocol.slavemode import PERIOD_MS
 
 _WORD = 1 << 32
@@ -17,6 +18,35 @@ _WRAP_AT_LEAST = 1 << 31
 _US_AT_LEAST = 30.0
 """Stamps that count so many to a millisecond of the capture are in µs: halfway, as factors go, between 1 and
 1000, so that neither a client at twice the pace nor one that pauses is mistaken."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFacts:
+    """The controller's time stamps (receive format 0x010) beside the capture's clock.
+
+    Attributes:
+        stamps: how many there were.
+        microseconds: their unit is µs, not ms.
+        unit_known_by: "slvRecvFormat", or "the pace of the stamps" where that was not seen.
+        drift_ppm: how much faster the controller's clock runs; None for less than a second of stamps.
+        jitter: by how much the delay changed from one reply to the next; None for fewer than two.
+        step: from one stamp to the next; None likewise.
+        missing: periods of the controller without a stamp between the first and the last.
+        repeated: stamps equal to the one before.
+        backwards: stamps before the one before, but for wraps.
+        wraps: how often the 32-bit number wrapped.
+    """
+
+    stamps: int
+    microseconds: bool
+    unit_known_by: str
+    drift_ppm: float | None
+    jitter: Distribution | None
+    step: Distribution | None
+    missing: int
+    repeated: int
+    backwards: int
+    wraps: int
 
 
 class ControllerClock:

@@ -14,24 +14,14 @@ from bcapscope.analysis.clock import ControllerClock
 from bcapscope.analysis.distribution import Floats
 from bcapscope.analysis.forms import Columns, Forms, Picked, Picker
 from bcapscope.analysis.generation import Clue
+from bcapscope.analysis.moments import MOST_LISTED, SetPointFact, set_point_fact
 from bcapscope.analysis.motion import MotionModel, Poses, Start
 from bcapscope.analysis.points import Heed, Points
 from bcapscope.analysis.rows import Rows, rows_of
 from bcapscope.analysis.samples import Sampler
-from bcapscope.analysis.slices import Slicer
-from bcapscope.analysis.stay import (
-    MOST_LISTED,
-    Call,
-    Counts,
-    Exit,
-    Format,
-    Mode,
-    SetPointFact,
-    Slice,
-    Spot,
-    Stay,
-)
-from bcapscope.analysis.timing import TimingModel, set_point_fact
+from bcapscope.analysis.slices import Slice, Slicer
+from bcapscope.analysis.stay import Call, Counts, Exit, Format, Mode, Spot, Stay
+from bcapscope.analysis.timing import TimingModel
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, is_failure
 from bcapscope.protocol.poses import Axis, Pose

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.analysis.distribution import Bools, Floats, Histogram
+from bcapscope.analysis.distribution import Bools, Distribution, Floats, Histogram
 from bcapscope.analysis.lag import Lag
-from bcapscope.analysis.stay import MOST_LISTED, AxisMotion, Jump, Motion, Peak
+from bcapscope.analysis.moments import MOST_LISTED
 from bcapscope.protocol.poses import Axis
 from bcapscope.protocol.slavemode import PoseType
 
@@ -28,6 +28,111 @@ SMALLEST_JUMP = 0.2
 
 _FIGURE = "Fig"
 _TURN = 360.0
+
+
+class Peak(NamedTuple):
+    """The largest value and the frame of the request it belongs to."""
+
+    value: float
+    frame: int
+
+
+@dataclass(frozen=True, slots=True)
+class AxisMotion:
+    """One axis over a stay, as commanded; velocity and acceleration reckon with one set point each `grid_ms`.
+
+    Attributes:
+        name: J1, X, Rx and so on.
+        unit: deg, mm, or empty.
+        least: smallest commanded position.
+        most: largest.
+        step: size of each step between set points that follow each other; None for fewer than two.
+        velocity: the same in units a second.
+        acceleration: change of velocity, in units a second squared; None for fewer than three.
+        largest_step: with its frame.
+        largest_velocity: with its frame.
+        largest_acceleration: with its frame.
+        difference: commanded less returned in the same call, without sign; None where no such pose came
+            back.
+        largest_difference: with its frame.
+        lag_cycles: set points by which the returned pose is behind, where they agree best; an estimate, None
+            where the axis does not move enough for one.
+    """
+
+    name: str
+    unit: str
+    least: float
+    most: float
+    step: Distribution | None
+    velocity: Distribution | None
+    acceleration: Distribution | None
+    largest_step: Peak | None
+    largest_velocity: Peak | None
+    largest_acceleration: Peak | None
+    difference: Distribution | None
+    largest_difference: Peak | None
+    lag_cycles: float | None
+
+
+class Jump(NamedTuple):
+    """A step that is far larger than those on both sides of it.
+
+    Attributes:
+        frame: of the request that commands it.
+        time: of that.
+        axis: the axis of the largest one.
+        step: on that axis, with sign.
+    """
+
+    frame: int
+    time: int
+    axis: str
+    step: float
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What the set points command and what came back.
+
+    Set points refused since the buffer was full are left out: the same point is sent again.
+
+    Attributes:
+        read: set points whose pose could be read.
+        unread: set points whose pose could not, or is of another type.
+        not_finite: set points with a NaN or an infinity; in neither of the others' figures.
+        not_finite_frames: the first of them.
+        guessed: the pose type was worked out from the count of numbers.
+        axes: axis by axis; () where no pose could be read.
+        returned: replies with a pose of the same type.
+        repeated: set points equal to the one before.
+        stutters: of them, those between two that move: the robot is told to stop for one period.
+        stutter_list: the first of them, by frame of the request.
+        jumps: steps far larger than those on both sides.
+        jump_list: the first of them.
+        figure_changes: how often Fig changed; 0 for joints.
+        lag_cycles: of all axes, an estimate; None where none has one.
+        first_distance: first set point less the position known then, by axis; () where none is known.
+        first_distance_known_by: what told that position, one clause; "" where nothing did.
+        first_distance_frames: that prove both; () likewise.
+    """
+
+    read: int
+    unread: int
+    not_finite: int
+    not_finite_frames: tuple[int, ...]
+    guessed: bool
+    axes: tuple[AxisMotion, ...]
+    returned: int
+    repeated: int
+    stutters: int
+    stutter_list: tuple[int, ...]
+    jumps: int
+    jump_list: tuple[Jump, ...]
+    figure_changes: int
+    lag_cycles: float | None
+    first_distance: tuple[float, ...]
+    first_distance_known_by: str
+    first_distance_frames: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)

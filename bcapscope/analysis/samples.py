@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.distribution import Floats
-from bcapscope.analysis.stay import Sample
 
 MOST_SAMPLES = 2048
 """More than a plot on a large screen is wide."""
@@ -14,6 +15,32 @@ MOST_SAMPLES = 2048
 # Columns: those of which the first counts, then those that are added, least and most; poses follow.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
 _HEAD = 7
+
+
+class Sample(NamedTuple):
+    """A run of successive set points, for plots: enough of them for a picture, however long the stay.
+
+    Attributes:
+        time: of the first.
+        frame: of its request.
+        points: how many.
+        cycle_least: shortest cycle in the run, ms; NaN where there is none.
+        cycle_most: longest.
+        latency_most: longest latency, ms; NaN where nothing was answered.
+        slack_least: as `Buffer.smallest_slack_ms`; NaN for the very first set point.
+        commanded: pose of the first; NaN where it could not be read.
+        returned: pose in the reply to it; NaN likewise.
+    """
+
+    time: int
+    frame: int
+    points: int
+    cycle_least: float
+    cycle_most: float
+    latency_most: float
+    slack_least: float
+    commanded: tuple[float, ...]
+    returned: tuple[float, ...]
 
 
 class Sampler:

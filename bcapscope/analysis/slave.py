@@ -10,8 +10,9 @@ from bcapscope.analysis.batch import HANDLE_VALUE, HEAD_SIZE, LARGE, Batch
 from bcapscope.analysis.controller import Controller, fact_of, mode_asked
 from bcapscope.analysis.course import BATCH, Course, Key, Setting, parameter_of
 from bcapscope.analysis.generation import better, clue_of_call, clue_of_set_point
+from bcapscope.analysis.moments import MOST_LISTED
 from bcapscope.analysis.points import Heed
-from bcapscope.analysis.stay import MOST_LISTED, Exit, ExitReason, Stay
+from bcapscope.analysis.stay import Exit, ExitReason, Stay
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, ends_slave_mode, is_failure
 from bcapscope.protocol.slavemode import mode_value

@@ -2,16 +2,41 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.analysis.distribution import Floats, Histogram
+from bcapscope.analysis.distribution import Distribution, Floats, Histogram
 from bcapscope.analysis.rows import Rows
-from bcapscope.analysis.stay import Slice
 from bcapscope.protocol.hresult import is_failure
 
 MOST_SLICES = 10_000
 """Slices kept of one stay: nearly three hours of seconds. What is left off is counted."""
+
+
+class Slice(NamedTuple):
+    """Figures of one slice of time.
+
+    Attributes:
+        begin: when it begins.
+        sent: set points in it.
+        retries: of them.
+        refused: of them.
+        unanswered: of them, those open when the capture ended left out.
+        cycle: None where there was none.
+        latency: None likewise.
+        smallest_slack_ms: as in `Buffer`; None likewise.
+    """
+
+    begin: int
+    sent: int
+    retries: int
+    refused: int
+    unanswered: int
+    cycle: Distribution | None
+    latency: Distribution | None
+    smallest_slack_ms: float | None
 
 
 class _Open:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from bcapscope.analysis.buffer import slack_ms
-from bcapscope.analysis.distribution import Floats, Histogram
+from bcapscope.analysis.distribution import Distribution, Floats, Histogram
+from bcapscope.analysis.moments import MOST_LISTED, SetPointFact, set_point_fact
 from bcapscope.analysis.rows import Rows
-from bcapscope.analysis.stay import MOST_LISTED, Deadline, SetPointFact, Timing
 from bcapscope.protocol.slavemode import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
@@ -25,6 +25,67 @@ _ON_GRID = 0.1
 _SKIPPED = 1.5
 _GUIDE = "DENSO Wave 2009, How to use the Slave mode"
 _DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core"
+
+
+class Deadline(NamedTuple):
+    """A recommended time-out, and how many set points would have missed it.
+
+    Attributes:
+        name: for people.
+        timeout_ms: of one try.
+        tries: at the most, the first one with them.
+        late: set points whose reply came later than one time-out after their first request, or never.
+        given_up: set points whose reply came later than all tries together take, or never.
+        applies: the one that is recommended for this mode and transport.
+        source: who recommends it.
+    """
+
+    name: str
+    timeout_ms: float
+    tries: int
+    late: int
+    given_up: int
+    applies: bool
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """When set points were sent and answered.
+
+    Attributes:
+        cycle: between successive set points' first requests; None for fewer than two.
+        grid_ms: the period that the client should keep, 8 or 1.
+        grid_known_by: why this one, one clause.
+        jitter: how far each cycle is from the grid, up or down; None likewise.
+        on_grid: cycles no more than a tenth of the grid away from it.
+        skipped: cycles of one and a half periods or more.
+        backwards: set points that were seen earlier than the one before; left out of `cycle`.
+        rate_hz: set points a second over the whole stay; None for fewer than two.
+        latency: from the first request to the accepted reply; None without one.
+        rtt: from the request that was answered to the accepted reply; None likewise.
+        deadlines: recommended time-outs against `latency`.
+        slowest: the set points with the longest latency or with no reply in time, worst first.
+        slack_ms: what the controller's buffer can bridge when full, see `analysis.buffer.slack_ms`.
+        gaps: cycles longer than `slack_ms`, all of them.
+        gap_list: the first of them, each the set point behind the gap.
+    """
+
+    cycle: Distribution | None
+    grid_ms: float
+    grid_known_by: str
+    jitter: Distribution | None
+    on_grid: int
+    skipped: int
+    backwards: int
+    rate_hz: float | None
+    latency: Distribution | None
+    rtt: Distribution | None
+    deadlines: tuple[Deadline, ...]
+    slowest: tuple[SetPointFact, ...]
+    slack_ms: float
+    gaps: int
+    gap_list: tuple[SetPointFact, ...]
 
 
 class _Budget(NamedTuple):
@@ -202,17 +263,3 @@ class TimingModel:
             applies=applies,
             source=budget.source,
         )
-
-
-def set_point_fact(rows: Rows, row: int, cycles: Floats) -> SetPointFact:
-    """Tell about one set point; `cycles` is the time before each in ms, NaN where there is none."""
-    answered, cycle = bool(rows.answered[row]), float(cycles[row])
-    return SetPointFact(
-        call=rows.calls[row],
-        request=int(rows.frames[row]),
-        time=rows.origin + int(rows.times[row]),
-        reply=int(rows.reply_frames[row]) if answered else None,
-        hresult=int(rows.codes[row]) if answered else None,
-        latency_ms=int(rows.replies[row] - rows.times[row]) / 1e6 if answered else None,
-        cycle_ms=None if math.isnan(cycle) else cycle,
-    )

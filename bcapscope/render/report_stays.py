@@ -9,7 +9,10 @@ from typing import Any
 import plotly.graph_objects as go
 
 from bcapscope.analysis.distribution import Distribution
-from bcapscope.analysis.stay import AxisMotion, ExitReason, Sample, SetPointFact, Stay
+from bcapscope.analysis.moments import SetPointFact
+from bcapscope.analysis.motion import AxisMotion
+from bcapscope.analysis.samples import Sample
+from bcapscope.analysis.stay import ExitReason, Stay
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.render.report_figure import (
     AMBER,

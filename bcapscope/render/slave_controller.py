@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.stay import Buffer, ClockFacts
+from bcapscope.analysis.buffer import Buffer
+from bcapscope.analysis.clock import ClockFacts
 from bcapscope.render.captioned import captioned, frames_text, more, times_text
 from bcapscope.render.palette import Palette
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.distribution import Distribution
-from bcapscope.analysis.stay import AxisMotion, Motion, Peak
+from bcapscope.analysis.motion import AxisMotion, Motion, Peak
 from bcapscope.render.captioned import captioned, frames_text, more, times_text, wrapped
 from bcapscope.render.columns import columns
 from bcapscope.render.palette import Palette

@@ -12,25 +12,14 @@ from typing import TypeAlias
 
 import orjson
 
+from bcapscope.analysis.buffer import Buffer, Starved
+from bcapscope.analysis.clock import ClockFacts
 from bcapscope.analysis.distribution import Distribution
-from bcapscope.analysis.stay import (
-    AxisMotion,
-    Buffer,
-    Call,
-    ClockFacts,
-    Counts,
-    Exit,
-    Format,
-    Mode,
-    Motion,
-    Peak,
-    SetPointFact,
-    Slice,
-    Spot,
-    Starved,
-    Stay,
-    Timing,
-)
+from bcapscope.analysis.moments import SetPointFact
+from bcapscope.analysis.motion import AxisMotion, Motion, Peak
+from bcapscope.analysis.slices import Slice
+from bcapscope.analysis.stay import Call, Counts, Exit, Format, Mode, Spot, Stay
+from bcapscope.analysis.timing import Timing
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.render.moment import epoch_text

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.distribution import Distribution
-from bcapscope.analysis.stay import Slice, Stay, Timing
+from bcapscope.analysis.slices import Slice
+from bcapscope.analysis.stay import Stay
+from bcapscope.analysis.timing import Timing
 from bcapscope.render.captioned import captioned, frames_text, more, wrapped
 from bcapscope.render.columns import columns
 from bcapscope.render.histogram import edges_around, edges_by_decades, histogram

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.analysis.buffer import UNKNOWN_SLOTS, Arrivals, BufferModel, BufferRules
-from bcapscope.analysis.stay import MOST_LISTED, Buffer
+from bcapscope.analysis.buffer import UNKNOWN_SLOTS, Arrivals, Buffer, BufferModel, BufferRules
+from bcapscope.analysis.moments import MOST_LISTED
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
 from bcapscope.protocol.slavemode import Generation, slave_mode
 

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bcapscope.analysis.clock import ControllerClock
+from bcapscope.analysis.clock import ClockFacts, ControllerClock
 from bcapscope.analysis.distribution import Floats
-from bcapscope.analysis.stay import ClockFacts
 
 NS_PER_MS = 1_000_000
 WORD = 1 << 32

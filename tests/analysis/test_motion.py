@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.analysis.motion import JUMP_TIMES, SMALLEST_JUMP, MotionModel, Poses, Start
-from bcapscope.analysis.stay import MOST_LISTED, Motion
+from bcapscope.analysis.moments import MOST_LISTED
+from bcapscope.analysis.motion import JUMP_TIMES, SMALLEST_JUMP, Motion, MotionModel, Poses, Start
 from bcapscope.protocol.poses import AXES, Axis
 from bcapscope.protocol.slavemode import PoseType
 

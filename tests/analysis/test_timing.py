@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.analysis.stay import MOST_LISTED, Stay
+from bcapscope.analysis.moments import MOST_LISTED
+from bcapscope.analysis.stay import Stay
 from bcapscope.analysis.timing import SLOWEST_LISTED, choose_grid
 from bcapscope.traffic.observation import Transport
 from tests.analysis.driving import Plan, watched

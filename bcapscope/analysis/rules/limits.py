@@ -8,10 +8,11 @@ from itertools import pairwise
 
 from bcapscope.analysis.client import Client, Clients, argument, command_of
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.motion import Jump
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import Incident, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, counted, span
-from bcapscope.analysis.stay import Jump, Stay
+from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.hresult import describe
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.setpoints import split_set_point
