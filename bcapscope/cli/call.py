@@ -13,9 +13,9 @@ from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
-from bcapscope.cli.request import Request, read_request, read_script
+from bcapscope.cli.request import Request, check_owners, read_request, read_script
 from bcapscope.cli.signals import end_in_order
-from bcapscope.client.reach import Reach
+from bcapscope.client.reach import NAMES, Reach
 from bcapscope.client.session import open_target
 from bcapscope.errors import ExchangeTimeout
 from bcapscope.protocol.commands import call_name
@@ -45,7 +45,12 @@ _NAMED = (
 @target
 @click.argument("words", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
 @click.option("-e", "--exec", "more", metavar="CALL", multiple=True, help="One more call, as one word.")
-@click.option("--script", metavar="FILE", type=click.File(), help="Calls, one a line; - is standard input.")
+@click.option(
+    "--script",
+    metavar="FILE",
+    type=click.File(encoding="utf-8-sig"),
+    help="Calls, one a line; - is standard input.",
+)
 @click.option("--robot", help="Name of the robot that is opened where one is needed; Arm unless given.")
 @click.option("--task", help="Likewise of the task; RobSlave unless given.")
 @click.option("--variable", help="Likewise of the variable, of the robot if only robots have one.")
@@ -87,6 +92,7 @@ def command(
     if not requests:
         raise click.UsageError("which function? Give FUNCTION, --exec or --script")
     names = {owner: given for owner in _NAMED if (given := _given(named, owner)) is not None}
+    check_owners(requests, {*NAMES, *names})
     calls = _Calls(target, names, arm, _Printer(dump, as_json, color))
     end_in_order()
     with failures_told(target):

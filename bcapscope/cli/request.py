@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -12,9 +12,11 @@ import click
 from bcapscope.cli.connection import Target
 from bcapscope.client.reach import Reach
 from bcapscope.protocol.commands import command
-from bcapscope.protocol.functions import FUNCTIONS, Function, Param, function_by_name
+from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, Param, function_by_name
 from bcapscope.protocol.notation import parse_as
 from bcapscope.protocol.variant import EMPTY, VT, Variant
+
+_OPENED_WITHOUT_NAME = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,17 +68,49 @@ def read_request(words: Sequence[str], target: Target) -> Request:
 
 
 def read_script(lines: Iterable[str], target: Target) -> list[Request]:
-    """Read calls, one a line, words as in a shell; empty lines and what follows # do not count."""
+    """Read calls, one a line, words as in a shell; empty lines and what follows # do not count.
+
+    Raises:
+        click.UsageError: a line makes no sense, or is no text.
+    """
     requests = []
-    for number, line in enumerate(lines, 1):
-        try:
+    number = 0
+    try:
+        for number, line in enumerate(lines, 1):  # noqa: B007 - the handlers tell it
             words = shlex.split(line, comments=True)
             if words:
                 requests.append(read_request(words, target))
-        except (ValueError, click.UsageError) as error:
-            reason = error.message if isinstance(error, click.UsageError) else str(error)
-            raise click.UsageError(f"line {number}: {reason}") from None
+    except UnicodeError:
+        raise click.UsageError(f"line {number + 1} on: this is no UTF-8") from None
+    except (ValueError, click.UsageError) as error:
+        reason = error.message if isinstance(error, click.UsageError) else str(error).lower()
+        raise click.UsageError(f"line {number}: {reason}") from None
     return requests
+
+
+def check_owners(requests: Iterable[Request], named: Collection[ObjectClass]) -> None:
+    """Make sure, before anything is sent, that for each call there is an object to make it of.
+
+    Args:
+        requests: in the order in which they are to be made.
+        named: classes of objects whose names are known.
+
+    Raises:
+        click.UsageError: there is none.
+    """
+    always = {*_OPENED_WITHOUT_NAME, *named}
+    known = set(always)
+    for request in requests:
+        owner = request.function.owner
+        if request.takes_handle and owner not in known:
+            word = owner.lower()
+            raise click.UsageError(
+                f"{request.function.name}: of which {word}? Give --{word} NAME, or open it before"
+            )
+        if request.function.creates is not None:
+            known.add(request.function.creates)
+        if request.function.releases is not None and request.takes_handle and owner not in always:
+            known.discard(owner)
 
 
 def _names(function: Function) -> str:

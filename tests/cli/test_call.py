@@ -95,7 +95,7 @@ def test_a_robot_s_variable_is_opened_on_the_robot() -> None:
 
 def test_a_session_of_several_calls(tmp_path: Path) -> None:
     script = tmp_path / "calls.txt"
-    script.write_text("# look\nVariable_GetValue   # the second\n\nVariable_Release\nVariable_GetName\n")
+    script.write_bytes(b"\xef\xbb\xbf# look\nVariable_GetValue   # the second\n\nVariable_Release\n")
     words = (
         "Controller_GetVariable",
         "I1",
@@ -115,9 +115,30 @@ def test_a_session_of_several_calls(tmp_path: Path) -> None:
         ("Variable_GetValue", 103),
         ("Variable_Release", 103),
     ]
-    assert ran.code == Exit.USAGE
-    assert "which Variable?" in ran.err
+    assert ran.code == Exit.OK
     assert executed[6] == ("Variable_Release", 102)
+
+
+@pytest.mark.parametrize(
+    ("calls", "reason"),
+    [
+        (["Robot_Execute CurJnt", "Variable_GetValue"], "Variable_GetValue: of which variable?"),
+        (
+            ["Controller_GetVariable I1", "Variable_Release", "Variable_GetName"],
+            "Variable_GetName: of which variable? Give --variable NAME, or open it before",
+        ),
+        (["Robot_Execute CurJnt", "Robot_Bogus"], "line 2: there is no function 'Robot_Bogus'"),
+        (["Robot_Execute 'x"], "line 1: no closing quotation"),
+        (["Robot_Execute CurJnt", "\udcff"], "this is no UTF-8"),
+    ],
+)
+def test_calls_that_cannot_all_be_made_are_not_begun(calls: list[str], reason: str, tmp_path: Path) -> None:
+    script = tmp_path / "calls.txt"
+    script.write_bytes("\n".join(calls).encode(errors="surrogateescape"))
+    ran, executed = _call("--script", str(script))
+    assert (ran.code, executed) == (Exit.USAGE, [])
+    assert reason in ran.err
+    assert "Traceback" not in ran.err
 
 
 def test_arguments_have_the_types_of_the_catalogue_or_their_own() -> None:
