@@ -115,7 +115,11 @@ def layout_of_titles(titles: Sequence[str], wishes: Wishes) -> Layout | None:
                 ),
                 time=_other(TIME, titles, read, wishes),
                 counter=_other(COUNTER, titles, read, wishes) or _other(NUMBER, titles, read, wishes),
-                notes=(*_role_notes(role, read), *_kind_notes(kind, others)),
+                notes=(
+                    *_role_notes(role, read),
+                    *_kind_notes(kind, others),
+                    *_doublet_notes(AXES[kind][: len(places)], role, read),
+                ),
             )
     return None
 
@@ -246,6 +250,18 @@ def _role_notes(role: Role, read: Sequence[Title | None]) -> Iterator[str]:
 def _kind_notes(kind: PoseType, others: Sequence[PoseType]) -> Iterator[str]:
     if others:
         yield f"type {kind} was chosen; type {' and '.join(others)} is there too"
+
+
+def _doublet_notes(axes: Sequence[Axis], role: Role, read: Sequence[Title | None]) -> Iterator[str]:
+    """Tell of axes that several columns are for, of which the first is taken."""
+    for axis in axes:
+        places = [
+            str(place)
+            for place, title in enumerate(read, 1)
+            if title and title.role is role and title.axis == axis.name
+        ]
+        if len(places) > 1:
+            yield f"{axis.name} is in columns {', '.join(places)}, the first of which is taken"
 
 
 def titles_text(titles: Sequence[str]) -> str:

@@ -106,6 +106,18 @@ def test_units(titles: list[str], wishes: Wishes, unit: str, factor: float) -> N
     assert (layout.columns[0].unit, layout.columns[0].factor) == (unit, factor)
 
 
+def test_an_axis_that_is_there_twice_is_told() -> None:
+    layout = layout_of_titles(["J1", "J1 (command)", "J1", "J2"], Wishes())
+    assert layout is not None
+    assert layout.notes == ()
+    layout = layout_of_titles(["J2", "J1", "a", "J1", "J2", "J1"], Wishes())
+    assert layout is not None
+    assert layout.notes == (
+        "J1 is in columns 2, 4, 6, the first of which is taken",
+        "J2 is in columns 1, 5, the first of which is taken",
+    )
+
+
 @pytest.mark.parametrize("count", [6, 7, 8])
 def test_bare_numbers_are_joints(count: int) -> None:
     layout = layout_of_numbers([[float(axis) for axis in range(count)]] * 3, Wishes())
