@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from bcapscope.player.messages import Message, Plan
+from bcapscope.player.messages import Ended, Message, Plan
 from bcapscope.player.process import Player
 
 WAIT = 0.1
@@ -17,6 +17,8 @@ class Stage:
     def __init__(self) -> None:
         """Begin without one."""
         self._player: Player | None = None
+        self._ended: Ended | None = None
+        self._reading = asyncio.Lock()
 
     @property
     def is_taken(self) -> bool:
@@ -30,12 +32,19 @@ class Stage:
             OSError: that cannot be done.
         """
         assert self._player is None
+        self._ended = None
         self._player = await asyncio.to_thread(Player, plan)
 
     async def messages(self) -> list[Message]:
-        """Wait a little for messages, and return those that have come."""
-        player = self._player
-        return [] if player is None else await asyncio.to_thread(player.wait, WAIT)
+        """Wait a little for messages, and return those that have come.
+
+        The last one is how the player ended, even where somebody else has ended it.
+        """
+        async with self._reading:
+            if self._player is not None:
+                return await asyncio.to_thread(self._player.wait, WAIT)
+        await asyncio.sleep(WAIT)
+        return [] if self._ended is None else [self._ended]
 
     def answer(self, choice: str) -> None:
         """Answer the question that was asked last."""
@@ -58,4 +67,6 @@ class Stage:
         """Stop the player if it is at work, in order, and wait until it is gone."""
         player, self._player = self._player, None
         if player is not None:
-            await asyncio.to_thread(player.close)
+            player.stop()
+            async with self._reading:
+                self._ended = await asyncio.to_thread(player.close)
