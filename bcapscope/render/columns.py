@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Iterator, Sequence
+
+_WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
+"""Characters of East Asian scripts that a terminal gives two columns to, and that text is broken beside."""
+
+_CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"
+"""Wide characters that no line begins with."""
+
+_PIECES = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
+"""What lines are made of: words and single wide characters, each with the spaces before it."""
 
 
 def display_width(text: str) -> int:
@@ -31,12 +41,14 @@ def columns(rows: Sequence[Sequence[str]], right: str) -> Iterator[str]:
 
 
 def wrapped(text: str, width: int) -> Iterator[str]:
-    """Break text at spaces into lines of at most `width` columns; longer words stay whole."""
+    """Break text into lines of at most `width` columns: at spaces, and beside wide characters.
+
+    Other words that are longer stay whole.
+    """
     line = ""
-    for word in text.split(" "):
-        if line and display_width(line) + 1 + display_width(word) > width:
+    for piece in _PIECES.findall(text):
+        if line and display_width(line) + display_width(piece) > width:
             yield line
-            line = word
-        else:
-            line = f"{line} {word}" if line else word
+            line = ""
+        line += piece if line else piece.lstrip(" ")
     yield line

@@ -54,6 +54,9 @@ def test_columns_begin_and_end_below_each_other(rows: list[list[str]]) -> None:
         ("one two three", 6, ["one", "two", "three"]),
         ("a_word_that_is_long x", 4, ["a_word_that_is_long", "x"]),
         ("軸 軸 軸", 5, ["軸 軸", "軸"]),
+        ("先にエラーを読み", 8, ["先にエ", "ラーを読", "み"]),
+        ("値は 1.5 です、次", 8, ["値は 1.5", "です、次"]),
+        ("動作中、停止", 6, ["動作", "中、停", "止"]),
     ],
 )
 def test_wrapped(text: str, width: int, expected: list[str]) -> None:
