@@ -111,9 +111,22 @@ def sys_state(value: int) -> tuple[str, ...]:
     return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
 
 
+def stands_for(function_id: int, command: str, value: int) -> tuple[str, ...]:
+    """Tell what a number that a command returns stands for; () where it is but a number."""
+    key = function_id, command.casefold()
+    if key == (_CONTROLLER_EXECUTE, "sysstate"):
+        return sys_state(value)
+    text = _ANSWERS.get(key, {}).get(value)
+    return () if text is None else (text,)
+
+
 def provider(name: str) -> str | None:
     """Tell what a provider name stands for, without regard to case; None where not known."""
     return _PROVIDERS.get(name.casefold())
 
 
+_CONTROLLER_EXECUTE, _TASK_EXECUTE = 17, 87
+_ANSWERS: Mapping[tuple[int, str], Mapping[int, str]] = MappingProxyType(
+    {(_TASK_EXECUTE, "getstatus"): TASK_STATES, (_CONTROLLER_EXECUTE, "getautomode"): AUTO_MODES}
+)
 _PROVIDERS = {name.casefold(): text for name, text in PROVIDERS.items()}

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol import enumerations
-from bcapscope.protocol.enumerations import provider, sys_state
+from bcapscope.protocol.enumerations import provider, stands_for, sys_state
 
 
 def test_sys_state_names_the_bits() -> None:
@@ -24,6 +24,16 @@ def test_providers_in_any_case() -> None:
     assert provider("caoprov.denso.vrc") == provider("CaoProv.DENSO.VRC")
     assert "RC9" in (provider("CaoProv.DENSO.VRC9") or "")
     assert provider("CaoProv.Nobody") is None
+
+
+def test_what_answers_stand_for() -> None:
+    assert stands_for(87, "getStatus", 3) == ("running",)
+    assert stands_for(17, "GetAutoMode", 2) == ("external automatic",)
+    assert stands_for(17, "SysState", 1 << 2 | 1 << 5) == (
+        "servo on",
+        "automatic mode, token not at the pendant",
+    )
+    assert stands_for(87, "GetStatus", 9) == stands_for(64, "GetStatus", 3) == ()
 
 
 def test_numbers_of_the_samples() -> None:
