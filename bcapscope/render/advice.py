@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 from bcapscope.protocol.hresult import LEVELS, describe, hresult_name, is_failure
 from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.render.tongue import Tongue, english
 
 
-def advice(code: int, palette: Palette = PLAIN) -> Iterator[str]:
+def advice(code: int, palette: Palette = PLAIN, tongue: Tongue = english) -> Iterator[str]:
     """Write a result as a few lines: what it is, what it means, how bad it is, what to do.
 
     A success is one line.
@@ -18,19 +19,19 @@ def advice(code: int, palette: Palette = PLAIN) -> Iterator[str]:
     digits = f"0x{code & 0xFFFFFFFF:08X}"
     head = name if name == digits else f"{name} {digits}"
     if not is_failure(code):
-        yield f"{color.good}{head}{color.reset} {found.text}"
+        yield f"{color.good}{head}{color.reset} {tongue(found.text)}"
         return
-    yield f"{color.bad}{head}{color.reset} {found.text}"
+    yield f"{color.bad}{head}{color.reset} {tongue(found.text)}"
     details = []
     if found.level is not None:
-        details.append(f"level {found.level}, {LEVELS[found.level]}")
+        details.append(f"{tongue(f'level {found.level}')}, {tongue(LEVELS[found.level])}")
     if found.subsystem is not None:
-        details.append(found.subsystem)
+        details.append(tongue(found.subsystem))
     if found.rc7 is not None:
         details.append(f"RC7: {found.rc7}")
     if found.guess:
-        details.append("the meaning is a guess")
+        details.append(tongue("the meaning is a guess"))
     if details:
         yield f"{color.dim}{'; '.join(details)}{color.reset}"
     if found.advice is not None:
-        yield found.advice
+        yield tongue(found.advice)

@@ -16,6 +16,7 @@ from bcapscope.player.trajectory import Column, Trajectory
 from bcapscope.render.columns import columns, wrapped
 from bcapscope.render.escape import printable
 from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.render.tongue import Tongue, english
 
 NARROWEST, WIDEST = 40, 120
 """Columns that text is wrapped to at least and at most."""
@@ -24,57 +25,60 @@ _LONGEST_TITLE = 40
 _HEAD = ("axis", "unit", "from", "to", "step", "speed/s", "acceleration/s²", "fastest at")
 
 
-def trajectory_line(number: int, trajectory: Trajectory) -> str:
+def trajectory_line(number: int, trajectory: Trajectory, tongue: Tongue = english) -> str:
     """Write one of several trajectories in a line, to choose from."""
-    part = printable(trajectory.source.part) or "all of it"
-    return f"{number}: {part}, {_size(trajectory)}"
+    part = printable(trajectory.source.part) or tongue("all of it")
+    return f"{number}: {part}, {tongue(_size(trajectory))}"
 
 
-def source_lines(trajectory: Trajectory) -> Iterator[str]:
+def source_lines(trajectory: Trajectory, tongue: Tongue = english) -> Iterator[str]:
     """Yield what a file was read as: size, interval, the column of each axis with its unit, and notes."""
     source = trajectory.source
     yield printable(f"{source.path}: {source.form}{f', {source.part}' if source.part else ''}")
-    yield f"  {_size(trajectory)}, {_interval(trajectory)}"
+    yield f"  {tongue(_size(trajectory))}, {tongue(_interval(trajectory))}"
     if source.columns:
-        rows = [(column.axis, "from", _place(column), _unit(column)) for column in source.columns]
+        rows = [(column.axis, "from", tongue(_place(column)), _unit(column)) for column in source.columns]
         yield from (f"  {line}" for line in columns(rows, "<<<<"))
     for note in source.notes:
-        yield f"  {printable(note)}"
+        yield f"  {printable(tongue(note))}"
 
 
 class PreflightRenderer:
     """Writes a pre-flight as text."""
 
-    def __init__(self, palette: Palette = PLAIN, width: int = 100) -> None:
+    def __init__(self, palette: Palette = PLAIN, width: int = 100, tongue: Tongue = english) -> None:
         self._palette = palette
         self._width = min(max(width, NARROWEST), WIDEST)
+        self._tongue = tongue
 
     def lines(self, preflight: Preflight) -> Iterator[str]:
         """Yield a table of what each axis does, the findings, and one line that sums up."""
         if preflight.figures:
-            yield from columns([_HEAD, *map(_row, preflight.figures)], "<<>>>>>>")
+            yield from columns([tuple(map(self._tongue, _HEAD)), *map(_row, preflight.figures)], "<<>>>>>>")
             yield ""
         for finding in preflight.findings:
             yield from self._finding(finding)
         yield self._verdict(preflight)
 
     def _verdict(self, preflight: Preflight) -> str:
-        color = self._palette
-        size = f"{counted(len(preflight.trajectory), 'set point')}, {preflight.seconds:.3f} s"
+        color, tongue = self._palette, self._tongue
+        count = tongue(counted(len(preflight.trajectory), "set point"))
+        size = f"{count}, {preflight.seconds:.3f} s, {tongue(f'limits of {preflight.whose}')}"
         if not preflight.is_fit:
-            return f"{color.bad}not fit to play{color.reset}: {size}, limits of {preflight.whose}"
-        move = ", after a slow Move to the first point" if preflight.needs_move else ""
-        return f"{color.good}fit to play{color.reset}{move}: {size}, limits of {preflight.whose}"
+            return f"{color.bad}{tongue('not fit to play')}{color.reset}: {size}"
+        move = f", {tongue('after a slow Move to the first point')}" if preflight.needs_move else ""
+        return f"{color.good}{tongue('fit to play')}{color.reset}{move}: {size}"
 
     def _finding(self, finding: Finding) -> Iterator[str]:
-        color = self._palette
+        color, tongue = self._palette, self._tongue
         shade = color.problem if finding.severity is Severity.ERROR else color.name
-        head = f"{finding.severity} {finding.check}:"
-        first, *rest = wrapped(f"{head} {printable(finding.sentence)}{_points(finding)}", self._width - 2)
+        head = f"{tongue(finding.severity)} {finding.check}:"
+        sentence = f"{printable(tongue(finding.sentence))}{tongue(_points(finding))}"
+        first, *rest = wrapped(f"{head} {sentence}", self._width - 2)
         yield f"{shade}{head}{color.reset}{first.removeprefix(head)}"
         yield from (f"  {line}" for line in rest)
         if finding.advice:
-            advice = wrapped(f"what to do: {finding.advice}", self._width - 2)
+            advice = wrapped(tongue(f"what to do: {finding.advice}"), self._width - 2)
             yield from (f"  {color.good}{line}{color.reset}" for line in advice)
 
 

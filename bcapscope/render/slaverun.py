@@ -11,6 +11,7 @@ from bcapscope.protocol.slavemode import PoseType
 from bcapscope.render.braille import Curve, chart
 from bcapscope.render.histogram import histogram
 from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.render.tongue import Tongue, english
 
 if TYPE_CHECKING:  # what the player's messages are made of reaches sockets
     from bcapscope.player.messages import Progress
@@ -30,6 +31,7 @@ def axis_charts(
     width: int,
     height: int,
     palette: Palette = PLAIN,
+    tongue: Tongue = english,
 ) -> Iterator[str]:
     """Draw an axis a chart, commanded over actual, each with a title that has both numbers.
 
@@ -40,30 +42,32 @@ def axis_charts(
         width: columns.
         height: rows of all charts together.
         palette: `number` is for what was commanded, `good` for what came back.
+        tongue: of the titles.
     """
     each = min(_TALLEST, max(4, height // max(1, len(axes))))
     for axis in axes:
         commanded = [(time, point[axis]) for time, point, _ in course if axis < len(point)]
         actual = [(time, pose[axis]) for time, _, pose in course if axis < len(pose)]
-        yield _title(kind, axis, commanded, actual, palette)
+        yield _title(AXES[kind][axis].name, commanded, actual, palette, tongue)
         curves = [Curve(actual, palette.good), Curve(commanded, palette.number)]
         yield from chart(curves, width, each - 1, palette, AXES[kind][axis].unit.replace("deg", "°"))
 
 
 def _title(
-    kind: PoseType,
-    axis: int,
+    name: str,
     commanded: Sequence[tuple[float, float]],
     actual: Sequence[tuple[float, float]],
     palette: Palette,
+    tongue: Tongue,
 ) -> str:
-    text = f"{palette.name}{AXES[kind][axis].name}{palette.reset}"
+    text = f"{palette.name}{name}{palette.reset}"
     if commanded:
-        text += f"  {palette.number}commanded {commanded[-1][1]:.3f}{palette.reset}"
+        text += f"  {palette.number}{tongue('commanded')} {commanded[-1][1]:.3f}{palette.reset}"
     if actual:
-        text += f"  {palette.good}actual {actual[-1][1]:.3f}{palette.reset}"
+        text += f"  {palette.good}{tongue('actual')} {actual[-1][1]:.3f}{palette.reset}"
     if commanded and actual:
-        text += f"  {palette.dim}behind {commanded[-1][1] - actual[-1][1]:.3f}{palette.reset}"
+        behind = commanded[-1][1] - actual[-1][1]
+        text += f"  {palette.dim}{tongue('behind')} {behind:.3f}{palette.reset}"
     return text
 
 
@@ -75,7 +79,10 @@ def cycle_lines(progress: Progress, palette: Palette = PLAIN) -> Iterator[str]:
 
 
 def figure_lines(
-    progress: Progress, slack: tuple[int, float, float] | None, palette: Palette = PLAIN
+    progress: Progress,
+    slack: tuple[int, float, float] | None,
+    palette: Palette = PLAIN,
+    tongue: Tongue = english,
 ) -> Iterator[str]:
     """Write elapsed and left, lateness, retries and the model of the controller's buffer.
 
@@ -84,31 +91,33 @@ def figure_lines(
         slack: slots, ms that a full buffer lasts, ms of that which were left at the longest pause; None
             where it cannot run empty.
         palette: colours.
+        tongue: of the words.
     """
     number, reset, late, counts = palette.number, palette.reset, progress.lateness, progress.counts
-    of = f" of {progress.of}" if progress.of else ""
-    left = "" if progress.left is None else f", {number}{progress.left:.1f} s{reset} left"
+    place = tongue(f"{progress.index} of {progress.of}") if progress.of else f"{progress.index}"
     yield (
-        f"{palette.name}{progress.state}{reset}  set point {number}{progress.index}{of}{reset}, "
-        f"{number}{progress.elapsed:.1f} s{reset} elapsed{left}"
+        f"{palette.name}{tongue(progress.state)}{reset}  {tongue('set point')} {number}{place}{reset}, "
+        f"{tongue('elapsed')} {number}{progress.elapsed:.1f} s{reset}"
+        + ("" if progress.left is None else f", {tongue('left')} {number}{progress.left:.1f} s{reset}")
     )
     if late.count:
         yield (
-            f"late, ms: p50 {number}{late.p50 / 1e6:.3f}{reset} p99 {number}{late.p99 / 1e6:.3f}{reset} "
-            f"p99.9 {number}{late.p999 / 1e6:.3f}{reset} most {number}{late.most / 1e6:.3f}{reset}"
+            f"{tongue('late, ms:')} p50 {number}{late.p50 / 1e6:.3f}{reset} "
+            f"p99 {number}{late.p99 / 1e6:.3f}{reset} p99.9 {number}{late.p999 / 1e6:.3f}{reset} "
+            f"{tongue('most')} {number}{late.most / 1e6:.3f}{reset}"
         )
     color = palette.problem if counts.unanswered or counts.shifted else number
     yield (
-        f"retries {number}{counts.retries}{reset}  late replies {number}{counts.late}{reset}  "
-        f"unanswered {color}{counts.unanswered}{reset}  put off {color}{counts.shifted}{reset}"
+        f"{tongue('retries')} {number}{counts.retries}{reset}  "
+        f"{tongue('late replies')} {number}{counts.late}{reset}  "
+        f"{tongue('unanswered')} {color}{counts.unanswered}{reset}  "
+        f"{tongue('put off')} {color}{counts.shifted}{reset}"
     )
     if slack is not None:
         slots, whole, rest = slack
         shown = palette.good if rest > whole / 3 else palette.bad
-        yield (
-            f"buffer (model): {slots} × 8 ms, at the longest pause {shown}{max(0.0, rest):.1f} ms{reset} "
-            f"of {whole:.0f} left"
-        )
+        words = tongue(f"buffer (model): {slots} × 8 ms, left at the longest pause")
+        yield f"{words} {shown}{max(0.0, rest):.1f}{reset} / {whole:.0f} ms"
 
 
 def progress_bar(progress: Progress, width: int, palette: Palette = PLAIN) -> str:

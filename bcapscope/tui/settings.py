@@ -24,7 +24,6 @@ class Settings(msgspec.Struct, omit_defaults=True):
         captures: capture files opened lately, the latest first.
         hosts: controllers connected to lately, the latest first.
         trajectories: files played lately, the latest first.
-        connection: what stood in the fields of the connection, by field.
     """
 
     theme: str = "dark"
@@ -32,7 +31,6 @@ class Settings(msgspec.Struct, omit_defaults=True):
     captures: list[str] = []
     hosts: list[str] = []
     trajectories: list[str] = []
-    connection: dict[str, str] = {}
 
 
 def default_path() -> Path:

@@ -22,10 +22,10 @@ PROGRESS = Progress(
 def test_figures() -> None:
     lines = list(figure_lines(PROGRESS, (1, 8.0, 3.4)))
     assert lines == [
-        "playing  set point 50 of 100, 0.4 s elapsed, 0.4 s left",
+        "playing  set point 50 of 100, elapsed 0.4 s, left 0.4 s",
         "late, ms: p50 0.001 p99 0.002 p99.9 0.003 most 0.004",
         "retries 3  late replies 1  unanswered 0  put off 0",
-        "buffer (model): 1 × 8 ms, at the longest pause 3.4 ms of 8 left",
+        "buffer (model): 1 × 8 ms, left at the longest pause 3.4 / 8 ms",
     ]
     assert len(list(figure_lines(Progress(State.CONNECTING), None))) == 2
 

@@ -12,7 +12,7 @@ from bcapscope.tui.settings import MOST_RECENT, Settings, load, remembered, save
 
 def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "screen.yaml"
-    settings = Settings(theme="light", captures=["a.pcap", "b c.pcapng"], connection={"host": "10.0.0.1"})
+    settings = Settings(theme="light", captures=["a.pcap", "b c.pcapng"], hosts=["10.0.0.1"])
     save(settings, path)
     assert load(path) == (settings, "")
     assert list(path.parent.iterdir()) == [path]

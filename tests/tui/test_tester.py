@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from pathlib import Path
 
 import numpy as np
-from textual.drivers.headless_driver import HeadlessDriver
-from textual.events import Key
 from textual.pilot import Pilot
 from textual.widgets import Button, Input, Select
 
 from bcapscope.player.messages import Outcome
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.tui.desk.builtin import JOINTS, builtin_simulator
-from bcapscope.tui.desk.halt import HaltState
+from bcapscope.tui.desk.builtin import JOINTS
 from bcapscope.tui.desk.record import Ending
 from bcapscope.tui.desk.recovery import Step
-from bcapscope.tui.halting import halting
 from bcapscope.tui.ink import plain
 from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.tester.ask import ArmDialog
@@ -29,26 +24,30 @@ from bcapscope.tui.tester.watchlist import WatchList
 from tests.client.peer import Answer
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, until
-from tests.tui.tester import answered, connected, finish, focus, go, make_tester, result, screen, sight, write
+from tests.tui.tester import (
+    RESULT,
+    answered,
+    connected,
+    execute,
+    executed,
+    finish,
+    focus,
+    go,
+    make_tester,
+    result,
+    screen,
+    sight,
+    write,
+)
 
 HOSTILE = "[/foo]\x1b[31m\u202e\ud800[red]" + "A" * 10_000
 LONG_LIMIT = 60.0
 """Seconds for a test in which a player is started and plays."""
 
-COMMAND, RESULT = "#robot-forms .command", "#execute ResultView"
 ANSWERS: dict[str, Answer | None] = {
     "Variable_GetValue": (0, [Variant(VT.BSTR, HOSTILE)]),
     "Robot_Execute": (0, [Variant(VT.BSTR, HOSTILE)]),
 }
-
-
-async def execute(pilot: Pilot[None], command: str, parameter: str = "") -> None:
-    """Run a command of the robot."""
-    here = screen(pilot)
-    await focus(pilot, COMMAND)
-    await write(pilot, command)
-    here.query_one("#execute TypedValue Input", Input).value = parameter
-    await pilot.press("enter")
 
 
 def test_hostile_strings_are_shown_and_never_interpreted(tmp_path: Path) -> None:
@@ -134,53 +133,6 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
     drive(make_tester(tmp_path, "127.0.0.1", 9), act)
 
 
-def test_the_controller_goes_away_in_the_middle(tmp_path: Path) -> None:
-    async def act(pilot: Pilot[None]) -> None:
-        with builtin_simulator() as place:
-            here = screen(pilot)
-            here.query_one("#port", Input).value = str(place.port)
-            here.query_one("#udp").value = False  # type: ignore[attr-defined]  # it is a Checkbox
-            await pilot.press("f5")
-            await until(pilot, lambda: here.halt_state is HaltState.READY)
-        await execute(pilot, "slvGetMode")
-        await until(pilot, lambda: not here.desk.status.is_connected)
-        await until(pilot, lambda: "closed the connection" in sight(pilot))
-        await pilot.press("f5")
-        await until(pilot, lambda: "connection refused" in sight(pilot))
-        await finish(pilot)
-
-    drive(make_tester(tmp_path, "127.0.0.1", 9), act, (120, 40))
-
-
-def test_halt_by_one_key_from_every_screen(tmp_path: Path) -> None:
-    async def act(pilot: Pilot[None]) -> None:
-        here = await connected(pilot)
-        for keys in (["f12"], ["f1", "f12"], ["escape", "f9", "ctrl+backslash"]):
-            await until(pilot, lambda: here.halt_state is HaltState.READY)
-            await pilot.press(*keys)
-            await until(pilot, lambda: here.halt_state is HaltState.HALTED)
-        await pilot.press("escape")
-        await finish(pilot)
-
-    drive(make_tester(tmp_path), act)
-
-
-def test_the_driver_halts_before_the_event_loop_knows() -> None:
-    pressed = threading.Event()
-    passed: list[object] = []
-
-    class Terminal(HeadlessDriver):
-        def process_message(self, message: object) -> None:
-            passed.append(message)
-
-    driver = object.__new__(halting(Terminal, pressed.set))
-    driver.process_message(Key("a", "a"))
-    assert not pressed.is_set()
-    driver.process_message(Key("f12", None))
-    assert pressed.is_set()
-    assert len(passed) == 2
-
-
 def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
@@ -264,15 +216,10 @@ def test_the_way_out_of_an_error(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
         await pilot.press("ctrl+b")
-        await execute(pilot, "slvChangeMode", "2")
-        await answered(pilot, RESULT, "(EMPTY)")
-        await execute(pilot, "slvMove", "12.42, 60.36, 17.63, 35.81, 20.43, 23.95")
-        await answered(pilot, RESULT, "12.42")
+        assert (await executed(pilot, "slvChangeMode", "2")).startswith("(EMPTY)")
+        await executed(pilot, "slvMove", "12.42, 60.36, 17.63, 35.81, 20.43, 23.95")
         for _ in range(2):  # the error is the answer to the next set point
-            await execute(pilot, "slvMove", "90, 60.36, 17.63, 35.81, 20.43, 23.95")
-            await until(
-                pilot, lambda: result(pilot, RESULT).endswith("ms") or "level" in result(pilot, RESULT)
-            )
+            await executed(pilot, "slvMove", "90, 60.36, 17.63, 35.81, 20.43, 23.95")
         await until(pilot, lambda: here.desk.status.slave_mode == 0)
         await pilot.press("f7")
         await until(pilot, lambda: "0x8420405" in sight(pilot))
@@ -349,7 +296,60 @@ def test_japanese(tmp_path: Path) -> None:
         await connected(pilot)
         text = sight(pilot)
         assert "接続" in text
-        assert "ロボット" in text
+        assert "ロボットは動きません" in text
+        assert "スレーブモードでないときの slvMove" in await executed(pilot, "slvMove", "1,2,3,4,5,6")
+        await execute(pilot, "slvChangeMode", "two")
+        assert "整数 -2147483648 から" in await answered(pilot, RESULT, "「two」は VT_I4 ではありません")
         await finish(pilot)
 
     drive(make_tester(tmp_path, japanese=True), act)
+
+
+def test_all_digits_by_one_key(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await connected(pilot)
+        assert "12.42261, 60.36072" in await executed(pilot, "CurJnt")
+        await pilot.press("f10")
+        assert "12.422607421875, 60.3607177734375" in result(pilot, RESULT)
+        await pilot.press("f10")
+        assert "12.42261, 60.36072" in result(pilot, RESULT)
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act)
+
+
+def test_a_wrong_filter_says_why(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        here.query_one("#view", Choice).chosen = "history"
+        await focus(pilot, "#history-filter")
+        await pilot.press(*"hresult !=")
+        await until(pilot, lambda: "^" in sight(pilot))
+        assert here.query_one("#history-filter").has_class("-invalid")
+        await finish(pilot)
+
+    drive(make_tester(tmp_path, "127.0.0.1", 9), act)
+
+
+def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("f9")
+        await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
+        here = pilot.app.screen
+        start = here.query_one("#start", Button)
+        here.query_one("#file", Input).value = str(trajectory(tmp_path))
+        await until(pilot, lambda: not start.disabled)
+        assert "limits of an unknown arm" in sight(pilot)
+        here.query_one("#limits", Input).value = "J6=20..25 J6.speed"
+        await until(pilot, lambda: "'J6.speed' is no limit" in sight(pilot))
+        here.query_one("#limits", Input).value = "J6=20..25"
+        await until(pilot, lambda: "its limits are 20 and 25" in sight(pilot))
+        assert start.disabled
+        here.query_one("#limits", Input).value = "J6=20..30, J6.speed=300"
+        await until(pilot, lambda: not start.disabled)
+        here.query_one("#rounds", Input).value = "1.5"
+        await until(pilot, lambda: "rounds and no. whole" in sight(pilot))
+        await pilot.press("escape")
+        await finish(pilot)
+
+    drive(make_tester(tmp_path, "127.0.0.1", 9), act, (120, 40))

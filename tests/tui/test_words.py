@@ -39,7 +39,7 @@ def test_both_languages_say_the_same(key: str) -> None:
 def test_keys_are_there_once() -> None:
     names = [module.name for module in pkgutil.iter_modules(words.__path__, f"{words.__name__}.")]
     assert len(names) >= 4
-    assert sum(len(importlib.import_module(name).WORDS) for name in names) == len(CATALOGUE)
+    assert sum(len(getattr(importlib.import_module(name), "WORDS", ())) for name in names) == len(CATALOGUE)
 
 
 def _letters(node: ast.expr) -> bool:

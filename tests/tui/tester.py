@@ -17,6 +17,7 @@ from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.words import Language
 from tests.tui.pilot import make, shown, until
 
+COMMAND, RESULT = "#robot-forms .command", "#execute ResultView"
 LONG = 20
 """Characters that nobody types."""
 
@@ -48,8 +49,8 @@ async def write(pilot: Pilot[None], text: str) -> None:
 
 
 async def go(pilot: Pilot[None], selector: str, key: str = "tab") -> None:
-    """Press a key until a widget has the focus."""
-    wanted = screen(pilot).query_one(selector)
+    """Press a key until a widget of the screen above all has the focus."""
+    wanted = pilot.app.screen.query_one(selector)
     for _ in range(80):
         if pilot.app.focused is wanted:
             return
@@ -89,6 +90,23 @@ async def answered(pilot: Pilot[None], selector: str, begins: str) -> str:
     """Wait for a result and return it."""
     await until(pilot, lambda: result(pilot, selector).startswith(begins))
     return result(pilot, selector)
+
+
+async def execute(pilot: Pilot[None], command: str, parameter: str = "") -> None:
+    """Have a command of the robot executed; its end is not waited for."""
+    await focus(pilot, COMMAND)
+    await write(pilot, command)
+    screen(pilot).query_one("#execute TypedValue .value", Input).value = parameter
+    await pilot.press("enter")
+
+
+async def executed(pilot: Pilot[None], command: str, parameter: str = "") -> str:
+    """Have a command of the robot executed, and return its result."""
+    shown_record = screen(pilot).query_one(RESULT, ResultView)
+    before = shown_record.record
+    await execute(pilot, command, parameter)
+    await until(pilot, lambda: shown_record.record not in (None, before))
+    return result(pilot, RESULT)
 
 
 async def finish(pilot: Pilot[None]) -> None:

@@ -24,7 +24,7 @@ from bcapscope.render.moment import utc_text
 from bcapscope.render.record import json_text
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.traffic.question import question_of
-from bcapscope.tui.desk.record import Who
+from bcapscope.tui.desk.record import Who, cause
 
 MOST_ASKED = 4096
 """Requests whose answers are waited for."""
@@ -81,7 +81,7 @@ class Audit:
         except OSError as error:
             self._broken = True
             self.close()
-            self._trouble(f"{self._path or self.folder}: {error.strerror or error}")
+            self._trouble(f"{self._path or self.folder}: {cause(error)}")
 
     def close(self) -> None:
         """Close the file."""

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from bcapscope.player.realtime import undisturbed
 from bcapscope.simulator.kinematics import Joints
@@ -43,15 +43,28 @@ _STEP = 0.2
 _HOST = "127.0.0.1"
 
 
-class Place(NamedTuple):
-    """Where the simulator listens, UDP and TCP."""
+@dataclass(frozen=True, slots=True)
+class BuiltIn:
+    """Where the simulator listens, UDP and TCP.
+
+    Attributes:
+        host: loopback.
+        port: a free one.
+        process: that listens there.
+    """
 
     host: str
     port: int
+    process: subprocess.Popen[bytes]
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has ended by itself, or was killed."""
+        return self.process.poll() is not None
 
 
 @contextmanager
-def builtin_simulator(profile: str = PROFILE) -> Iterator[Place]:
+def builtin_simulator(profile: str = PROFILE) -> Iterator[BuiltIn]:
     """Run the simulator for the length of a block.
 
     Raises:
@@ -71,7 +84,7 @@ def builtin_simulator(profile: str = PROFILE) -> Iterator[Place]:
             line = process.stdout.readline()
             if not line:
                 raise ConnectionError("the built-in simulator has ended before it began")
-            yield Place(_HOST, int(line))
+            yield BuiltIn(_HOST, int(line), process)
         finally:
             process.stdin.close()
             try:

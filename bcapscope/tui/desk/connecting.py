@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 
-from bcapscope.client.target import Target, reason_of
+from bcapscope.client.target import Target
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.variant import VT, Variant
@@ -15,8 +15,9 @@ from bcapscope.traffic.opened import Opened
 from bcapscope.tui.desk.desk import Desk, handle_variant
 from bcapscope.tui.desk.halt import ROBOT
 from bcapscope.tui.desk.news import Identity, Step, StepNews
-from bcapscope.tui.desk.record import Ending, Record, Who
+from bcapscope.tui.desk.record import Ending, Record, Who, cause
 from bcapscope.tui.desk.recorder import WHO
+from bcapscope.tui.words import say
 
 ROBSLAVE = "RobSlave"
 """The program that RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
@@ -100,11 +101,8 @@ async def _step(desk: Desk, step: Step, walk: Callable[[], Awaitable[str]]) -> N
     except ExchangeTimeout as error:
         desk.tell(StepNews(step, False, desk.why()))
         raise FailedError from error
-    except OSError as error:
-        desk.tell(StepNews(step, False, reason_of(error)))
-        raise FailedError from error
-    except BcapError as error:
-        desk.tell(StepNews(step, False, str(error)))
+    except (BcapError, OSError) as error:
+        desk.tell(StepNews(step, False, cause(error)))
         raise FailedError from error
     desk.tell(StepNews(step, True, text))
 
@@ -150,8 +148,8 @@ async def identify(desk: Desk) -> str:
     version = await _read(desk, desk.controller, "@VERSION")
     desk.arming.needed = not simulator
     desk.show(identity=Identity(simulator, version))
-    kind = "bcapscope simulator, no robot moves" if simulator else "controller"
-    return f"{kind}, version {version}" if version else kind
+    kind = say("desk.simulator" if simulator else "desk.controller")
+    return f"{kind}, {say('desk.version', version=version)}" if version else kind
 
 
 async def read_type(desk: Desk, robot: Opened) -> str:

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from bcapscope.client.caller import Caller
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, command_of, open_target
-from bcapscope.client.target import Target, reason_of
+from bcapscope.client.target import Target
 from bcapscope.errors import BcapError
 from bcapscope.protocol.frame import Frame, parse_datagram
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
@@ -32,8 +32,9 @@ from bcapscope.tui.desk.arming import Arming, may_move
 from bcapscope.tui.desk.audit import Audit
 from bcapscope.tui.desk.halt import HaltLine, HaltNews, HaltState
 from bcapscope.tui.desk.news import Lost, News, Status, Trouble
-from bcapscope.tui.desk.record import Ending, Record, Who, why
+from bcapscope.tui.desk.record import Ending, Record, Who, cause, why
 from bcapscope.tui.desk.recorder import WHO, Recorder
+from bcapscope.tui.words import say
 
 R = TypeVar("R")
 
@@ -185,7 +186,7 @@ class Desk:
             NotConnectedError: there is no connection.
         """
         if self._reach is None:
-            raise NotConnectedError("not connected")
+            raise NotConnectedError(say("tester.not_connected"))
         return self._reach
 
     async def call(self, function: Function, arguments: Sequence[Variant], who: Who = Who.USER) -> Record:
@@ -236,7 +237,7 @@ class Desk:
         """
         found = self._book.all(ObjectClass.CONTROLLER)
         if not found:
-            raise NotConnectedError("not connected")
+            raise NotConnectedError(say("tester.not_connected"))
         return found[-1]
 
     @property
@@ -271,7 +272,7 @@ class Desk:
 
     def _check_armed(self) -> None:
         if not self.arming.lets_pass(self.now()):
-            raise NotArmedError("this may move the robot: arm first")
+            raise NotArmedError(say("tester.not_armed"))
         self.arming.used(self.now())
 
     async def _guarded(self, exchange: Coroutine[Any, Any, object]) -> None:
@@ -284,7 +285,7 @@ class Desk:
         except OSError as error:
             self._recorder.give_up(time.time_ns())
             if not isinstance(error, BcapError):
-                await self.lose(reason_of(error))
+                await self.lose(cause(error))
             raise
 
     # HALT.

@@ -18,10 +18,11 @@ from enum import StrEnum
 from bcapscope.client.caller import Observer
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, open_target
-from bcapscope.client.target import Target, reason_of
+from bcapscope.client.target import Target
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.requester import Pace
+from bcapscope.tui.desk.record import cause
 
 _MS = 1_000_000
 URGENT = Pace(50 * _MS, 20)
@@ -133,10 +134,8 @@ class HaltLine:
             try:
                 async with open_target(self._target, observer=self._observer) as session:
                     await self._serve(session)
-            except ControllerError as error:
-                self._tell(HaltNews(HaltState.LOST, str(error)))
             except (BcapError, OSError) as error:
-                self._tell(HaltNews(HaltState.LOST, _reason(error)))
+                self._tell(HaltNews(HaltState.LOST, cause(error)))
             await self._wait(self._heartbeat)
 
     async def _serve(self, session: Session) -> None:
@@ -175,18 +174,11 @@ class HaltLine:
         try:
             await session.invoke("Robot_Halt", handle, "")
         except ControllerError as error:
-            self._tell(HaltNews(HaltState.FAILED, str(error)))
+            self._tell(HaltNews(HaltState.FAILED, cause(error)))
         except (BcapError, OSError) as error:
-            self._tell(HaltNews(HaltState.FAILED, _reason(error)))
+            self._tell(HaltNews(HaltState.FAILED, cause(error)))
             raise
         else:
             self._tell(HaltNews(HaltState.HALTED, round_trip=round((self._loop.time() - began) * 1e9)))
         finally:
             session.paces = usual
-
-
-def _reason(error: BcapError | OSError) -> str:
-    """Say why in one line; the attempts of a time-out stand in the record of its call."""
-    if isinstance(error, OSError) and not isinstance(error, BcapError):
-        return reason_of(error)
-    return str(error).partition("\n")[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from typing import TypeAlias
 
 from bcapscope.protocol.commands import call_name
 from bcapscope.render.answer import AnswerRenderer
@@ -12,13 +13,16 @@ from bcapscope.render.moment import utc_text
 from bcapscope.render.palette import Palette
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import FilterError, compile_filter
+from bcapscope.traffic.filters import compile_filter
 from bcapscope.traffic.getters import CALL_GETTERS
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.desk.record import Record, Who, why
 
 _PLAIN = re.compile(r"[\w\s.@:-]*")
 """Text without anything that an expression of the filter language cannot do without."""
+
+Chooser: TypeAlias = Callable[[Record], bool]
+"""Tells whether a call is wanted."""
 
 _MARKS = {Who.USER: " ", Who.SCREEN: "·", Who.WATCH: "~"}
 
@@ -38,34 +42,23 @@ def history_line(record: Record, palette: Palette) -> str:
     return f"{color.dim}{head}{color.reset} {text}"
 
 
-class Chooser:
-    """Tells which calls are wanted: those whose line has all words, or for which an expression is true.
+def chooser(text: str) -> Chooser:
+    """Return what tells which calls are wanted.
 
-    Calls of the screen itself are wanted only where the text is not empty.
+    Args:
+        text: words that the line of a call must have, all of them, or an expression of the filter language;
+            with nothing the user's own calls are wanted, and not those of the screen.
 
-    Attributes:
-        problem: why the expression is none; empty where all is well.
+    Raises:
+        FilterError: it is an expression that makes no sense.
     """
-
-    def __init__(self, text: str) -> None:
-        self.problem = ""
-        self._wants: Callable[[Record], bool] = lambda record: record.who is Who.USER
-        words = text.casefold().split()
-        if not words:
-            return
-        if _PLAIN.fullmatch(text):
-            self._wants = lambda record: _has(record, words)
-            return
-        try:
-            test = compile_filter(text, RecordKind.CALL).bind(CALL_GETTERS)
-        except FilterError as error:
-            self.problem = str(error)
-            return
-        self._wants = lambda record: (call := exchange_of(record)) is not None and test(call)
-
-    def wants(self, record: Record) -> bool:
-        """Tell whether a call is wanted."""
-        return self._wants(record)
+    words = text.casefold().split()
+    if not words:
+        return lambda record: record.who is Who.USER
+    if _PLAIN.fullmatch(text):
+        return lambda record: _has(record, words)
+    test = compile_filter(text, RecordKind.CALL).bind(CALL_GETTERS)
+    return lambda record: (call := exchange_of(record)) is not None and test(call)
 
 
 def exchange_of(record: Record) -> Exchange | None:

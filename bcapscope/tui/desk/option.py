@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from bcapscope.client.target import Target
 from bcapscope.protocol.convention import Convention
+from bcapscope.tui.words import say
 
 _FOR_SERVICE = ("wdt", "invoketimeout")
 _ON_UDP = (Convention.SEED, Convention.OWN, Convention.CHAIN)
@@ -17,11 +18,6 @@ _ON_TCP = (Convention.TCP0, Convention.TCP1)
 AUTOMATIC = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
 """Providers that are tried one after the other where none is named: that of RC8 and COBOTTA, that of RC9 and
 COBOTTA PRO, none. RC7 takes the first, as it ignores the name."""
-
-HELP = (
-    "Timeout=ms, Retry=n, WDT=ms, InvokeTimeout=ms, Provider=name, Machine=name, Name=name, "
-    "Reserved=seed|own|chain|tcp0|tcp1; what begins with @ goes to Controller_Connect"
-)
 
 
 def read_option(text: str, host: str, port: int, tcp: bool) -> tuple[Target, tuple[str, ...]]:
@@ -47,7 +43,7 @@ def read_option(text: str, host: str, port: int, tcp: bool) -> tuple[Target, tup
         if key.startswith("@") or folded in ("interval", "server"):
             target = replace(target, connect_option=",".join(filter(None, (target.connect_option, part))))
         elif not equals:
-            raise ValueError(f"{part}: key=value is expected; {HELP}")
+            raise ValueError(say("desk.option.pair", part=part, help=say("desk.option.help")))
         elif folded in _FOR_SERVICE:
             _whole(key, value, 80, 10_000_000)
             target = replace(target, service=f"{target.service},{key}={value}")
@@ -70,18 +66,18 @@ def _own(target: Target, key: str, value: str) -> Target:
         return replace(target, name=value)
     if folded == "reserved":
         return replace(target, convention=_convention(value, target.tcp))
-    raise ValueError(f"{key} is not known; {HELP}")
+    raise ValueError(say("desk.option.unknown", key=key, help=say("desk.option.help")))
 
 
 def _whole(key: str, value: str, low: int, high: int) -> int:
     number = int(value) if value.isascii() and value.isdecimal() and len(value) < 12 else -1
     if not low <= number <= high:
-        raise ValueError(f"{key}={value}: a whole number from {low} to {high} is expected")
+        raise ValueError(say("desk.option.whole", key=key, value=value, low=low, high=high))
     return number
 
 
 def _convention(value: str, tcp: bool) -> Convention:
     allowed = [each.value for each in (_ON_TCP if tcp else _ON_UDP)]
     if value.casefold() not in allowed:
-        raise ValueError(f"Reserved={value}: one of {', '.join(allowed)} is expected")
+        raise ValueError(say("desk.option.reserved", value=value, allowed=", ".join(allowed)))
     return Convention(value.casefold())

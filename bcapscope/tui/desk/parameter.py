@@ -8,24 +8,7 @@ from bcapscope.protocol.commands import Command, command
 from bcapscope.protocol.notation import parse
 from bcapscope.protocol.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.render.notation import type_word
-
-_EXPECTED: dict[int, str] = {
-    VT.I2: "a whole number, -32768 to 32767",
-    VT.I4: "a whole number, -2147483648 to 2147483647, or 0x…",
-    VT.R4: "a number",
-    VT.R8: "a number",
-    VT.CY: "a whole number: ten-thousandths",
-    VT.DATE: "days since 1899-12-30",
-    VT.BSTR: "text",
-    VT.ERROR: "a result code as a signed whole number",
-    VT.BOOL: "true or false",
-    VT.UI1: "a whole number, 0 to 255",
-    VT.UI2: "a whole number, 0 to 65535",
-    VT.UI4: "a whole number, 0 to 4294967295",
-    VT.I8: "a whole number of 64 bits",
-    VT.UI8: "a whole number of 64 bits, not negative",
-}
-_VARIANTS = "values with their types, semicolons between, such as r8[]:10,20;bstr:J"
+from bcapscope.tui.words import say, told
 
 TYPES: tuple[int, ...] = (
     *(int(vt) for vt in VT if vt is not VT.VARIANT),
@@ -66,17 +49,16 @@ def check(vt: int, text: str) -> Checked:
     try:
         return Checked(parse(f"{type_word(vt)}:{typed}"), "")
     except ValueError as error:
-        return Checked(None, f"{error}; {expected(vt)}")
+        return Checked(None, f"{told(str(error))}; {expected(vt)}")
 
 
 def expected(vt: int) -> str:
     """Say what is to be typed for a type."""
     if vt in (VT.EMPTY, VT.NULL):
-        return "nothing is expected"
-    if vt == ARRAY | VT.VARIANT:
-        return f"expected: {_VARIANTS}"
-    what = _EXPECTED.get(vt & ~ARRAY, "a value")
-    return f"expected: {what}; several of it, commas between" if vt & ARRAY else f"expected: {what}"
+        return say("desk.expected.nothing")
+    what = say(f"desk.expected.{VT(vt & ~ARRAY).name}")
+    several = vt & ARRAY and vt != ARRAY | VT.VARIANT
+    return say("desk.expected.several" if several else "desk.expected", what=what)
 
 
 class Suggestion(NamedTuple):
@@ -101,13 +83,13 @@ def suggestion(function_id: int, name: str) -> Suggestion | None:
 
 
 def _words(known: Command) -> str:
-    parts = [known.text]
+    parts = [told(known.text)]
     if known.elements:
-        parts.append(f"parameter: {known.elements}")
+        parts.append(say("desk.command.parameter", elements=told(known.elements)))
     if known.returns:
-        parts.append(f"returns {known.returns}")
+        parts.append(say("desk.command.returns", returns=told(known.returns)))
     if known.in_slave_mode is False:
-        parts.append("refused in slave mode")
+        parts.append(say("desk.command.refused"))
     if known.controllers:
-        parts.append(known.controllers)
+        parts.append(told(known.controllers))
     return "; ".join(parts)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bcapscope.client.target import Target
-from bcapscope.player.limits import UNKNOWN
+from bcapscope.player.limits import limited, limits_of
 from bcapscope.player.messages import Pacing, Plan
 from bcapscope.player.preflight import Preflight, check
 from bcapscope.player.reading import read
@@ -16,8 +16,7 @@ from bcapscope.player.trajectory import Trajectory, TrajectoryError
 from bcapscope.protocol.slavemode import PERIOD_MS
 from bcapscope.render.palette import Palette
 from bcapscope.render.preflight import PreflightRenderer, source_lines, trajectory_line
-
-_HIGHEST_MODE = 0x303
+from bcapscope.tui.words import told
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +31,7 @@ class Wish:
         speed: share of the file's speed.
         rounds: how often; 0 until told to stop.
         again: resample even where speed and interval are those of the file.
+        limits: of the arm, as `player.limits.limited` takes them.
     """
 
     path: str
@@ -41,6 +41,7 @@ class Wish:
     speed: float = 1.0
     rounds: int = 1
     again: bool = False
+    limits: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,7 @@ class Performance:
         wish: what was wanted.
         found: all trajectories in the file.
         trajectory: the one that is played.
-        preflight: what speaks against it, without knowing the robot.
+        preflight: what speaks against it, without knowing where the robot is.
     """
 
     wish: Wish
@@ -61,11 +62,13 @@ class Performance:
 
     def lines(self, palette: Palette, width: int) -> Iterator[str]:
         """Say how the file was read, what is in it, and what speaks against playing it."""
-        yield from source_lines(self.trajectory)
+        yield from source_lines(self.trajectory, told)
         if len(self.found) > 1:
-            yield from (f"  {trajectory_line(number, each)}" for number, each in enumerate(self.found, 1))
+            yield from (
+                f"  {trajectory_line(number, each, told)}" for number, each in enumerate(self.found, 1)
+            )
         yield ""
-        yield from PreflightRenderer(palette, width).lines(self.preflight)
+        yield from PreflightRenderer(palette, width, told).lines(self.preflight)
 
     def plan(self, target: Target, robot: str, armed: bool, record: Path) -> Plan:
         """Make the plan for the player.
@@ -86,33 +89,21 @@ class Performance:
             points=list(map(tuple, trajectory.points.tolist())),
             rounds=wish.rounds,
             armed=armed,
+            limits=wish.limits,
             record=str(record),
         )
 
 
-def read_mode(text: str) -> Pacing | int:
-    """Read ``sync``, ``async`` or a number such as 0x202.
-
-    Raises:
-        ValueError: it is neither.
-    """
-    folded = text.strip().casefold()
-    if folded in list(Pacing):
-        return Pacing(folded)
-    try:
-        number = int(folded, 0)
-    except ValueError:
-        number = 0
-    if not 0 < number <= _HIGHEST_MODE:
-        raise ValueError(f"{text!r} is neither sync, async nor a number such as 0x202")
-    return number
-
-
-def prepare(wish: Wish) -> Performance:
+def prepare(wish: Wish, type_name: str) -> Performance:
     """Read the file, bring it to the pace, and check it. Takes its time.
+
+    Args:
+        wish: what is to be played.
+        type_name: of the robot; empty where it is not known.
 
     Raises:
         TrajectoryError: there is nothing to play.
+        ValueError: the limits make no sense.
     """
     found = read(wish.path)
     if not 1 <= wish.index <= len(found):
@@ -120,5 +111,6 @@ def prepare(wish: Wish) -> Performance:
     trajectory = found[wish.index - 1]
     if wish.again or wish.speed != 1:
         trajectory = resample(trajectory, wish.interval / 1000, speed=wish.speed)
-    preflight = check(trajectory, wish.interval / 1000, UNKNOWN, loop=wish.rounds != 1)
+    limits = limited(limits_of(type_name), wish.limits)
+    preflight = check(trajectory, wish.interval / 1000, limits, loop=wish.rounds != 1)
     return Performance(wish, found, trajectory, preflight)

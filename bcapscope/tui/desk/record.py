@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from bcapscope.errors import Attempt
+from bcapscope.client.target import reason_of
+from bcapscope.errors import Attempt, BcapError
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.variant import Variant
 from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.tui.words import say, told
 
 
 class Ending(StrEnum):
@@ -79,12 +81,19 @@ class Record:
         return max(0, len(self.sent) - 1)
 
 
+def cause(error: BcapError | OSError) -> str:
+    """Tell in one line what broke; the tries of a time-out stand in the record of its call."""
+    if isinstance(error, OSError) and not isinstance(error, BcapError):
+        return told(reason_of(error))
+    return told(str(error).partition("\n")[0])
+
+
 def why(record: Record) -> str:
     """Tell in a clause how a call ended that did not succeed."""
     if record.ending is Ending.REFUSED and record.reply is not None:
         code = record.reply.code
-        return f"{hresult_name(code)}, {describe(code).text}"
+        return f"{hresult_name(code)}, {told(describe(code).text)}"
     if record.ending is Ending.UNANSWERED:
         tries = len(record.attempts)
-        return f"no answer to {tries} {'try' if tries == 1 else 'tries'}"
-    return str(record.ending)
+        return say("desk.unanswered.one" if tries == 1 else "desk.unanswered.many", tries=tries)
+    return say("desk.given_up")

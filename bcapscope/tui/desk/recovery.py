@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from bcapscope.client.session import command_of
 from bcapscope.protocol.hresult import describe
-from bcapscope.protocol.slavemode import mode_pose_type
+from bcapscope.protocol.poses import numbers
+from bcapscope.protocol.slavemode import mode_pose_type, mode_value
 from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
 from bcapscope.tui.desk.connecting import start_robslave
 from bcapscope.tui.desk.desk import Desk, NotConnectedError, handle_variant
 from bcapscope.tui.desk.record import Ending, Record
+from bcapscope.tui.words import say
 
 MOST_ERRORS = 20
 """Errors that are read; the newest come first."""
@@ -33,12 +36,35 @@ class Step(StrEnum):
     MODE = "mode"
 
 
-def pose_text(mode: int, point: tuple[float, ...]) -> str:
-    """Write a set point as Robot_Move takes a position, to be reached exactly; "" where there is none."""
-    kind = mode_pose_type(mode)
-    if kind is None or not point:
-        return ""
-    return f"@E {kind}({','.join(f'{value:.5f}' for value in point)})"
+class LastStay:
+    """The last stay in slave mode, which is what one wants back after an error.
+
+    Attributes:
+        mode: number of it; joints, Sync, until there was one.
+        point: its first set point; () until there was one.
+    """
+
+    def __init__(self) -> None:
+        self.mode = 2
+        self.point: tuple[float, ...] = ()
+
+    def take(self, record: Record) -> None:
+        """Learn from a call, whoever made it."""
+        if len(record.arguments) < 3:
+            return
+        command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]
+        if command == "slvchangemode" and (mode := mode_value(parameter)):
+            self.mode, self.point = mode, ()
+        elif command == "slvmove" and not self.point:
+            self.point = numbers(parameter) or ()
+
+    @property
+    def position(self) -> str:
+        """The set point as Robot_Move takes a position, to be reached exactly; "" where there is none."""
+        kind = mode_pose_type(self.mode)
+        if kind is None or not self.point:
+            return ""
+        return f"@E {kind}({','.join(f'{value:.5f}' for value in self.point)})"
 
 
 async def read_errors(desk: Desk) -> list[tuple[int, str]]:
@@ -77,7 +103,7 @@ async def step(desk: Desk, which: Step, first: str, mode: int) -> Record:
         return await start_robslave(desk)
     robot = desk.status.robot
     if robot is None:
-        raise NotConnectedError("no robot is open")
+        raise NotConnectedError(say("desk.robot.missing"))
     handle = handle_variant(robot)
     if which is Step.FIRST:
         return await desk.invoke("Robot_Move", handle, _PTP, Variant(VT.BSTR, first), Variant(VT.BSTR, ""))

@@ -26,6 +26,8 @@ from bcapscope.protocol.functions import FUNCTIONS, Function, Param, function_by
 from bcapscope.protocol.notation import parse_as
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.render.notation import notation_text
+from bcapscope.tui.desk.record import cause
+from bcapscope.tui.words import say, told
 
 LARGEST = 100_000
 """Bytes of a file; a request of b-CAP that people write by hand is far smaller."""
@@ -96,19 +98,20 @@ def load(path: Path) -> Saved:
         with path.open("rb") as file:
             content = file.read(LARGEST + 1)
         if len(content) > LARGEST:
-            raise SavedError(f"{path.name} is larger than {LARGEST} bytes")
+            raise SavedError(say("desk.saved.large", name=path.name, most=LARGEST))
         found = msgspec.yaml.decode(content, type=_File)
     except OSError as error:
-        raise SavedError(f"{path.name}: {error.strerror or error}") from None
+        raise SavedError(f"{path.name}: {cause(error)}") from None
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise SavedError(f"{path.name}: {' '.join(str(error).split())}") from None
     function = function_by_name(found.function)
     if function is None:
-        raise SavedError(f"{path.name}: there is no function {found.function!r}")
+        raise SavedError(say("desk.saved.function", name=path.name, function=repr(found.function)))
     params = function.params[1:] if takes_handle(function) else function.params
     if len(params) != len(found.arguments):
-        names = ", ".join(param.name for param in params) or "none"
-        raise SavedError(f"{path.name}: {len(found.arguments)} arguments, expected: {names}")
+        names = ", ".join(param.name for param in params) or say("desk.saved.none")
+        count = len(found.arguments)
+        raise SavedError(say("desk.saved.count", name=path.name, count=count, names=names))
     values = tuple(_value(path, *each) for each in zip(params, found.arguments, strict=True))
     return Saved(path.stem, function, values, found.note)
 
@@ -118,7 +121,7 @@ def _value(path: Path, param: Param, given: str | int | float | bool) -> Variant
     try:
         return parse_as(text, (param.type,))
     except ValueError as error:
-        raise SavedError(f"{path.name}: {param.name}: {error}") from None
+        raise SavedError(f"{path.name}: {param.name}: {told(str(error))}") from None
 
 
 def save(folder: Path, name: str, function_id: int, arguments: Sequence[Variant], note: str = "") -> Path:
@@ -136,21 +139,21 @@ def save(folder: Path, name: str, function_id: int, arguments: Sequence[Variant]
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(function.params) != len(arguments):
-        raise SavedError("only calls of known functions with all their arguments can be saved")
+        raise SavedError(say("desk.saved.unknown"))
     skipped = 1 if takes_handle(function) else 0
     pairs = list(zip(function.params, arguments, strict=True))[skipped:]
     texts = [_text(param, argument) for param, argument in pairs]
     if None in texts:
-        raise SavedError("a VARIANT array in a VARIANT array cannot be written down: copy it as Python")
+        raise SavedError(say("desk.saved.nested"))
     stem = _UNSAFE.sub("_", name).strip(" .")[:80]
     if not stem:
-        raise SavedError("a name is expected")
+        raise SavedError(say("desk.saved.name"))
     content = msgspec.yaml.encode(_File(function.name, [text or "" for text in texts], note))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return _replace(folder / f"{stem}{_SUFFIX}", content)
     except OSError as error:
-        raise SavedError(f"{folder}: {error.strerror or error}") from None
+        raise SavedError(f"{folder}: {cause(error)}") from None
 
 
 def _replace(path: Path, content: bytes) -> Path:

@@ -10,8 +10,9 @@ from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.traffic.opened import Opened
 from bcapscope.tui.desk.desk import Desk
 from bcapscope.tui.desk.news import WatchNews
-from bcapscope.tui.desk.record import Ending, Who, why
+from bcapscope.tui.desk.record import Ending, Who, cause, why
 from bcapscope.tui.desk.watch import Watched
+from bcapscope.tui.words import say
 
 INTERVAL = 0.5
 """Seconds from one reading to the next."""
@@ -63,12 +64,12 @@ class Watcher:
     async def _read(self, each: Watched) -> None:
         """Read one; in slave mode none, as other calls than set points may end it."""
         if self._desk.resting:
-            each.fail("not read in slave mode")
+            each.fail(say("desk.resting"))
             return
         try:
             record = await self._desk.invoke("Variable_GetValue", Variant(VT.I4, each.handle), who=Who.WATCH)
         except (BcapError, OSError) as error:
-            each.fail(str(error))
+            each.fail(cause(error))
             return
         if record.ending is Ending.ANSWERED and record.reply is not None:
             arguments = record.reply.arguments

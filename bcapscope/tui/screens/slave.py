@@ -15,15 +15,16 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Button, Checkbox, ContentSwitcher, Input, Select, Static
 
-from bcapscope.player.messages import Topic
-from bcapscope.player.trajectory import TrajectoryError
+from bcapscope.player.messages import Pacing, Topic
+from bcapscope.protocol.slavemode import mode_pose_type
 from bcapscope.render.escape import printable
-from bcapscope.render.playing import peer_line, trouble_lines
+from bcapscope.render.playing import ended_lines, peer_line, trouble_lines
 from bcapscope.render.preflight import PreflightRenderer
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.desk import Desk
-from bcapscope.tui.desk.performance import Performance, Wish, prepare, read_mode
+from bcapscope.tui.desk.performance import Performance, Wish, prepare
 from bcapscope.tui.desk.playing import Stage
+from bcapscope.tui.desk.record import cause
 from bcapscope.tui.desk.slaverun import SlaveRun
 from bcapscope.tui.ink import INK, inked
 from bcapscope.tui.screens.place import Place
@@ -32,12 +33,12 @@ from bcapscope.tui.tester.ask import ChoiceDialog
 from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.files import FilePicker
 from bcapscope.tui.tester.slavelive import SlaveLive
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
-_MODES = (
-    ("sync", "sync"),
-    ("async", "async"),
-    *((f"0x{mode:03X}", f"0x{mode:03X}") for mode in (1, 2, 3, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)),
+_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
+_MODES: tuple[tuple[str, Pacing | int], ...] = (
+    *((pacing.value, pacing) for pacing in Pacing),
+    *((f"0x{number:03X} {mode_pose_type(number)}", number) for number in _NUMBERS),
 )
 _PATIENCE = 0.4
 """Seconds after the last change before a file is read."""
@@ -88,7 +89,7 @@ class SlaveScreen(Place):
                 yield Button(say("tester.browse"), compact=True, id="browse")
             with Horizontal(classes="row"):
                 yield Caption("tester.mode")
-                yield Select(_MODES, value="sync", allow_blank=False, compact=True, id="mode")
+                yield Select(_MODES, value=Pacing.SYNC, allow_blank=False, compact=True, id="mode")
                 yield Caption("tester.interval")
                 yield Input("8", id="interval", classes="number")
                 yield Caption("tester.speed")
@@ -98,6 +99,9 @@ class SlaveScreen(Place):
                 yield Caption("tester.index")
                 yield Input("1", id="index", classes="number")
                 yield Checkbox(say("tester.resample"), compact=True, id="again")
+            with Horizontal(classes="row"):
+                yield Caption("tester.limits")
+                yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
             with Horizontal(classes="row"):
                 yield Button(say("tester.start"), compact=True, variant="success", id="start", disabled=True)
                 yield Button(say("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
@@ -125,6 +129,7 @@ class SlaveScreen(Place):
         """Read and check anew, a little later, unless something else is typed by then."""
         self._ready = None
         self.query_one("#start", Button).disabled = True
+        self._state("")
         self._prepare()
 
     @work(group="prepare", exclusive=True)
@@ -136,12 +141,14 @@ class SlaveScreen(Place):
             return
         self._report([f"{INK.dim}{say('tester.reading')}{INK.reset}"])
         try:
-            ready = await asyncio.to_thread(prepare, wish)
-        except TrajectoryError as error:
-            self._report([f"{INK.bad}{printable(str(error))}{INK.reset}"])
+            ready = await asyncio.to_thread(prepare, wish, self._desk.status.identity.type_name)
+        except ValueError as error:  # what is wrong with the file, or with the limits
+            self._report([f"{INK.bad}{printable(told(str(error)))}{INK.reset}"])
             return
         self._ready = ready
-        self._report(list(ready.lines(INK, self.query_one("#before").size.width - 2)))
+        lines = list(ready.lines(INK, self.query_one("#before").size.width - 2))
+        self._report(lines)
+        self._state(lines[-1])  # the verdict, which a low terminal has no room for below all the rest
         self.query_one("#start", Button).disabled = not ready.preflight.is_fit or self._stage.is_taken
         scope = scope_of(self)
         scope.settings.trajectories = remembered(str(Path(wish.path).absolute()), scope.settings.trajectories)
@@ -152,23 +159,29 @@ class SlaveScreen(Place):
         path = self.query_one("#file", Input).value.strip()
         if not path:
             return say("tester.file.missing")
-        texts = {
-            name: self.query_one(f"#{name}", Input).value for name in ("interval", "speed", "rounds", "index")
-        }
         try:
             wish = Wish(
                 path=str(Path(path).expanduser()),
-                mode=read_mode(str(self.query_one("#mode", Select).value)),
-                interval=float(texts["interval"]),
-                speed=float(texts["speed"]),
-                rounds=int(texts["rounds"]),
-                index=int(texts["index"]),
+                mode=self._chosen_mode,
+                interval=float(self._typed("interval")),
+                speed=float(self._typed("speed")),
+                rounds=int(self._typed("rounds")),
+                index=int(self._typed("index")),
                 again=self.query_one("#again", Checkbox).value,
+                limits=tuple(self._typed("limits").replace(",", " ").split()),
             )
-        except ValueError as error:
-            return str(error)
+        except ValueError:
+            return say("tester.play.numbers")
         sound = 0.5 <= wish.interval <= 1000 and 0.01 <= wish.speed <= 10 and wish.rounds >= 0
         return wish if sound else say("tester.play.numbers")
+
+    @property
+    def _chosen_mode(self) -> Pacing | int:
+        chosen = self.query_one("#mode", Select).value
+        return chosen if isinstance(chosen, Pacing | int) else Pacing.SYNC
+
+    def _typed(self, name: str) -> str:
+        return self.query_one(f"#{name}", Input).value
 
     def _report(self, lines: list[str]) -> None:
         self.query_one("#slave-views", ContentSwitcher).current = "before"
@@ -199,10 +212,10 @@ class SlaveScreen(Place):
     async def _play(self, ready: Performance) -> None:
         desk, status = self._desk, self._desk.status
         if status.target is None:
-            self._state(say("tester.not_connected"), INK.bad)
+            self._state(f"{INK.bad}{say('tester.not_connected')}")
             return
         if not desk.arming.lets_pass(desk.now()) and not await self._arm():
-            self._state(say("tester.not_armed"), INK.bad)
+            self._state(f"{INK.bad}{say('tester.not_armed')}")
             return
         robot = status.robot.label if status.robot else "Arm"
         record = (
@@ -218,7 +231,7 @@ class SlaveScreen(Place):
             await self._stage.begin(plan)
             await self._follow(run)
         except OSError as error:
-            self._state(error.strerror or str(error), INK.bad)
+            self._state(f"{INK.bad}{printable(cause(error))}")
         finally:
             await self._stage.end()
             desk.rest(desk.status.slave_mode != 0)
@@ -236,7 +249,8 @@ class SlaveScreen(Place):
                     self._stage.answer(answer)
             if run.question is not None:
                 self._ask(run)
-            self._state(run.progress.state if run.progress else say("tester.waiting"), INK.number)
+            doing = told(run.progress.state) if run.progress else say("tester.waiting")
+            self._state(f"{INK.number}{printable(doing)}")
             live.show(run)
         self._end(run)
 
@@ -247,10 +261,10 @@ class SlaveScreen(Place):
         if question.topic is Topic.ARM and self._desk.arming.is_armed(self._desk.now()):
             self._stage.answer("yes")
             return
-        facts = [line for trouble in run.troubles[-1:] for line in trouble_lines(trouble)]
+        facts = [told(line) for trouble in run.troubles[-1:] for line in trouble_lines(trouble)]
         if question.topic is not Topic.CLEAR:
-            facts = [] if run.peer is None else [peer_line(run.peer)]
-        facts += ["", printable(question.text)]
+            facts = [] if run.peer is None else [told(peer_line(run.peer))]
+        facts += ["", printable(told(question.text))]
         choices = question.choices
         self._dialog = ChoiceDialog(facts, choices)
         self.app.push_screen(self._dialog, lambda choice: self._stage.answer(choice or choices[0]))
@@ -261,18 +275,28 @@ class SlaveScreen(Place):
             self._dialog.dismiss(None)  # nobody waits for the answer any more
         if run.preflight is not None and not run.preflight.is_fit:
             width = self.query_one("#before").size.width - 2
-            self._report(list(PreflightRenderer(INK, width).lines(run.preflight)))
-        self._state(f"{run.ended.outcome}  {say('tester.recorded', path=run.plan.record)}", INK.name)
+            self._report(list(PreflightRenderer(INK, width, told).lines(run.preflight)))
+        record = say("tester.recorded", path=printable(run.plan.record or ""))
+        self._state(f"{INK.name}{told(next(ended_lines(run.ended)))}  {record}")
 
     def _busy(self, playing: bool) -> None:
         self.query_one("#start", Button).disabled = playing or self._ready is None
         self.query_one("#stop", Button).disabled = not playing
-        for name in ("#file", "#mode", "#interval", "#speed", "#rounds", "#index", "#again", "#browse"):
+        for name in (
+            "#file",
+            "#mode",
+            "#interval",
+            "#speed",
+            "#rounds",
+            "#index",
+            "#limits",
+            "#again",
+            "#browse",
+        ):
             self.query_one(name).disabled = playing
 
-    def _state(self, text: str, ink: str) -> None:
-        line = inked(f"{ink}{printable(text)}{INK.reset}", scope_of(self).inks)
-        self.query_one("#slave-state", Static).update(line)
+    def _state(self, line: str) -> None:
+        self.query_one("#slave-state", Static).update(inked(line, scope_of(self).inks))
 
     @on(Button.Pressed, "#stop")
     def _stop(self) -> None:

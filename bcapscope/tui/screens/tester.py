@@ -17,18 +17,13 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
-from textual.widgets import Button, ContentSwitcher
+from textual.widgets import Button
 
-from bcapscope.client.session import command_of
-from bcapscope.protocol.commands import call_name
-from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
-from bcapscope.protocol.poses import numbers
-from bcapscope.protocol.slavemode import mode_value
+from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.render.escape import printable
-from bcapscope.render.notation import bare_text
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import scope_of
-from bcapscope.tui.desk.builtin import builtin_simulator
+from bcapscope.tui.desk.builtin import BuiltIn, builtin_simulator
 from bcapscope.tui.desk.connecting import connect
 from bcapscope.tui.desk.copying import copied
 from bcapscope.tui.desk.desk import Desk
@@ -36,19 +31,16 @@ from bcapscope.tui.desk.halt import HaltNews, HaltState
 from bcapscope.tui.desk.news import Lost, News, Status, StepNews, Trouble, WatchNews
 from bcapscope.tui.desk.option import read_option
 from bcapscope.tui.desk.playing import Stage
-from bcapscope.tui.desk.record import Record
-from bcapscope.tui.desk.recovery import pose_text
-from bcapscope.tui.desk.saved import SavedError, save, takes_handle
+from bcapscope.tui.desk.record import Record, cause
+from bcapscope.tui.desk.recovery import LastStay
 from bcapscope.tui.desk.watching import Watcher
 from bcapscope.tui.screens.place import Place
 from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.settings import remembered
-from bcapscope.tui.tester.ask import ArmDialog, NameDialog
-from bcapscope.tui.tester.choice import Choice
+from bcapscope.tui.tester.ask import ArmDialog
 from bcapscope.tui.tester.clerk import Clerk
 from bcapscope.tui.tester.command import CommandForm
 from bcapscope.tui.tester.connection import ConnectionPanel
-from bcapscope.tui.tester.function import FunctionForm, FunctionPanel
 from bcapscope.tui.tester.history import HistoryLines
 from bcapscope.tui.tester.messages import (
     CallWanted,
@@ -62,20 +54,15 @@ from bcapscope.tui.tester.messages import (
 from bcapscope.tui.tester.notice import Notice
 from bcapscope.tui.tester.opener import Opener
 from bcapscope.tui.tester.packets import PacketPane
-from bcapscope.tui.tester.picker import FunctionPicker
-from bcapscope.tui.tester.raw import RawForm
 from bcapscope.tui.tester.recovery import RecoveryDialog
 from bcapscope.tui.tester.result import ResultView
-from bcapscope.tui.tester.robot import RobotPanel
 from bcapscope.tui.tester.savedlist import SavedList
 from bcapscope.tui.tester.status import facts_of, status_text
-from bcapscope.tui.tester.task import TaskPanel
-from bcapscope.tui.tester.variable import VariablePanel
+from bcapscope.tui.tester.tabs import FormTabs
 from bcapscope.tui.tester.watchlist import WatchList
 from bcapscope.tui.words import say
 
 _EXECUTE_CONTROLLER = 17
-_TABS = ("robot", "variable", "task", "function", "raw")
 
 
 class Start(NamedTuple):
@@ -122,6 +109,7 @@ class Tester(Place):
         Binding("f7", "recover", "tester.recovery", id="recover", tooltip="tester.recovery.tip"),
         Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
         Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
+        Binding("f10", "digits", "tester.digits", id="digits", show=False, tooltip="tester.digits.tip"),
         Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
         Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
     ]
@@ -136,8 +124,9 @@ class Tester(Place):
         self.stage = Stage()
         self._halt_news = HaltNews(HaltState.CLOSED)
         self._stack = ExitStack()
+        self._builtin: BuiltIn | None = None
         self._connected = False
-        self._last_point: tuple[int, tuple[float, ...]] = (0, ())
+        self._last_stay = LastStay()
 
     @property
     def halt_state(self) -> HaltState:
@@ -153,13 +142,7 @@ class Tester(Place):
                     yield ConnectionPanel(start.host, start.port, start.tcp, start.option)
                 with Vertical(classes="box", id="execute-box"):
                     yield CommandForm(_EXECUTE_CONTROLLER, id="controller-execute")
-                yield Choice([(tab, f"tester.tab.{tab}") for tab in _TABS], id="tabs")
-                with ContentSwitcher(initial="robot", id="panels"):
-                    yield RobotPanel(id="robot")
-                    yield VariablePanel(ObjectClass.CONTROLLER, "@MODE", id="variable")
-                    yield TaskPanel(id="task")
-                    yield FunctionPanel(FUNCTIONS[_EXECUTE_CONTROLLER], id="function")
-                    yield RawForm(id="raw")
+                yield FormTabs(FUNCTIONS[_EXECUTE_CONTROLLER])
             yield PacketPane(start.requests, id="right")
 
     def on_mount(self) -> None:
@@ -184,14 +167,16 @@ class Tester(Place):
             self.run_worker(self._start_simulator(), group="simulator")
 
     async def _start_simulator(self) -> None:
+        """Start the built-in simulator, anew where it has ended, and put its place into the fields."""
         panel = self.query_one(ConnectionPanel)
+        await asyncio.to_thread(self._stack.close)
+        entered = asyncio.to_thread(self._stack.enter_context, builtin_simulator(self._start.profile))
         try:
-            entered = asyncio.to_thread(self._stack.enter_context, builtin_simulator(self._start.profile))
-            place = await entered
+            self._builtin = await entered
         except OSError as error:
-            panel.trouble(say("tester.simulator.failed", reason=printable(str(error))))
+            panel.trouble(say("tester.simulator.failed", reason=printable(cause(error))))
             return
-        panel.put(place.host, place.port)
+        panel.put(self._builtin.host, self._builtin.port)
 
     async def _close(self) -> None:
         self.workers.cancel_group(self, "call")
@@ -210,7 +195,7 @@ class Tester(Place):
         news = message.news
         if isinstance(news, Record):
             self.query_one(PacketPane).take(news)
-            self._remember(news)
+            self._last_stay.take(news)
         elif isinstance(news, Status):
             self._take_status(news)
         elif isinstance(news, StepNews):
@@ -225,21 +210,11 @@ class Tester(Place):
         elif isinstance(news, Trouble):
             scope_of(self).tell(say("tester.audit.broken", reason=printable(news.text)), "warning")
 
-    def _remember(self, record: Record) -> None:
-        """Keep the last slave mode and the first set point in it, for the way back after an error."""
-        command = command_of(record.function_id, record.arguments)
-        if command == "slvchangemode" and len(record.arguments) > 2:
-            self._last_point = (mode_value(record.arguments[2]) or self._last_point[0], ())
-        elif command == "slvmove" and len(record.arguments) > 2 and not self._last_point[1]:
-            self._last_point = (self._last_point[0], numbers(record.arguments[2]) or ())
-
     def _take_status(self, status: Status) -> None:
         if status.is_connected != self._connected:
             self._connected = status.is_connected
             self.query_one(ConnectionPanel).show(status)
-        for panel in self.query(VariablePanel):
-            panel.show(status.open)
-        self.query_one(TaskPanel).show(status.open)
+        self.query_one(FormTabs).show(status.open)
         self._show_status()
 
     def _take_halt(self, news: HaltNews) -> None:
@@ -265,7 +240,18 @@ class Tester(Place):
 
     @on(ConnectWanted)
     def _connect(self, message: ConnectWanted) -> None:
-        self._work(self._connecting(message), "connect")
+        gone = self._builtin
+        if gone is not None and gone.has_ended and (message.host, message.port) == (gone.host, gone.port):
+            self._work(self._reconnecting(), "connect")
+        else:
+            self._work(self._connecting(message), "connect")
+
+    async def _reconnecting(self) -> None:
+        """Connect to the built-in simulator, which has ended."""
+        await self._start_simulator()
+        wish = self.query_one(ConnectionPanel).wish()
+        if isinstance(wish, ConnectWanted):
+            await self._connecting(wish)
 
     async def _connecting(self, wish: ConnectWanted) -> None:
         panel = self.query_one(ConnectionPanel)
@@ -273,15 +259,17 @@ class Tester(Place):
         opener = self.query_one("#add-robot Opener", Opener)
         panel.begin()
         panel.busy(True)
-        settings = scope_of(self).settings
-        settings.hosts = remembered(wish.host, settings.hosts)
-        scope_of(self).keep()
         try:
             if await self.desk.do(connect(self.desk, target, providers, opener.object_name, "")):
                 self.query_one("#robot-forms .command").focus()
+            if self.desk.status.is_connected and self._builtin is None:
+                settings = scope_of(self).settings
+                settings.hosts = remembered(wish.host, settings.hosts)
+                scope_of(self).keep()
         finally:
-            panel.busy(False)
-            panel.show(self.desk.status)
+            if panel.children:  # else the screen is being closed
+                panel.busy(False)
+                panel.show(self.desk.status)
 
     @on(DisconnectWanted)
     def _disconnect(self) -> None:
@@ -314,8 +302,7 @@ class Tester(Place):
 
     async def _opening(self, wish: OpenWanted) -> None:
         if await self.clerk.open(wish) and wish.kind is ObjectClass.VARIABLE:
-            for panel in self.query(VariablePanel):
-                panel.opened(wish.parent, wish.name)
+            self.query_one(FormTabs).opened(wish.parent, wish.name)
 
     @on(WatchWanted)
     def _watch(self, message: WatchWanted) -> None:
@@ -333,8 +320,7 @@ class Tester(Place):
     @on(SavedList.Wanted)
     async def _saved(self, message: SavedList.Wanted) -> None:
         saved = message.saved
-        form = await self._form(saved.function)
-        form.put(saved.values, tuple(bare_text(value) or "" for value in saved.values))
+        form = await self.query_one(FormTabs).fill(saved.function, saved.values)
         if not message.edit:
             self._work(self.clerk.saved(form.query_one(ResultView), saved))
 
@@ -344,28 +330,9 @@ class Tester(Place):
         if message.what == "again":
             self._work(self.clerk.again(Notice(scope_of(self)), record))
         elif message.what == "edit":
-            await self._edit(record)
-        elif message.what == "save":
-            self._save(record)
+            await self.query_one(FormTabs).edit(record)
         else:
             self._copy(record, message.what)
-
-    async def _form(self, function: Function) -> FunctionForm:
-        """Show the form of a function."""
-        self.query_one("#tabs", Choice).chosen = "function"
-        return await self.query_one(FunctionPanel).choose(function)
-
-    async def _edit(self, record: Record) -> None:
-        """Put a call into a form: that of its function, or raw bytes where there is none."""
-        function = FUNCTIONS.get(record.function_id)
-        if function is None or len(function.params) != len(record.arguments):
-            self.query_one("#tabs", Choice).chosen = "raw"
-            self.query_one(RawForm).put(record.sent[0].item.raw)
-            return
-        form = await self._form(function)
-        values = record.arguments[1:] if takes_handle(function) else record.arguments
-        form.put(values, tuple(bare_text(value) or "" for value in values))
-        form.focus_first()
 
     def _copy(self, record: Record, what: str) -> None:
         target = self.desk.status.target or read_option("", self._start.host or "127.0.0.1", 5007, False)[0]
@@ -375,38 +342,6 @@ class Tester(Place):
             return
         self.app.copy_to_clipboard(text)
         scope_of(self).tell(say("tester.copied", text=printable(text.partition("\n")[0])[:200]))
-
-    def _save(self, record: Record) -> None:
-        folder = self._start.requests
-
-        def take(name: str | None) -> None:
-            if not name:
-                return
-            try:
-                path = save(folder, name, record.function_id, record.arguments)
-            except SavedError as error:
-                scope_of(self).tell(str(error), "error")
-                return
-            scope_of(self).tell(say("tester.saved", path=path))
-            self.query_one(SavedList).reload()
-
-        first = call_name(record.function_id, record.arguments)
-        self.app.push_screen(NameDialog(say("tester.save"), printable(first)), take)
-
-    @on(Choice.Chosen, "#tabs")
-    def _turn(self, message: Choice.Chosen) -> None:
-        self.query_one("#panels", ContentSwitcher).current = message.value
-
-    @on(Button.Pressed, "#function")
-    def _choose_function(self) -> None:
-        self.run_worker(self._choosing())
-
-    async def _choosing(self) -> None:
-        name = await self.app.push_screen_wait(FunctionPicker())
-        function = function_by_name(name) if name else None
-        if function is not None:
-            form = await self.query_one(FunctionPanel).choose(function)
-            form.focus_first()
 
     # What keys do.
 
@@ -429,8 +364,15 @@ class Tester(Place):
 
     def action_recover(self) -> None:
         """Open the way out of an error."""
-        mode, point = self._last_point
-        self.app.push_screen(RecoveryDialog(self.desk, self._arm, pose_text(mode, point), mode or 2))
+        stay = self._last_stay
+        self.app.push_screen(RecoveryDialog(self.desk, self._arm, stay.position, stay.mode))
+
+    def action_digits(self) -> None:
+        """Show all digits of all results, or five behind the point where one shows all."""
+        views = self.query(ResultView)
+        full = not any(view.full for view in views)
+        for view in views:
+            view.show_digits(full)
 
     def action_cancel(self) -> None:
         """Give up the calls under way."""
@@ -449,6 +391,7 @@ class Tester(Place):
         """Ask the user to arm; return whether it is armed then."""
         status = self.desk.status
         if status.target is None:
+            scope_of(self).tell(say("tester.not_connected"), "warning")
             return False
         if not await self.app.push_screen_wait(ArmDialog(facts_of(status))):
             return False

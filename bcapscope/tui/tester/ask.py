@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Static
 
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 _SIDEWAYS = (
     Binding("left", "app.focus_previous", show=False),
@@ -72,7 +72,9 @@ class ChoiceDialog(ModalScreen[str | None]):
             yield Static("\n".join(self._facts), markup=False, id="facts")
             with Horizontal(classes="answers"):
                 for at, choice in enumerate(self._choices):
-                    yield Button(choice, compact=True, id=f"choice{at}", variant="error" if at else "default")
+                    yield Button(
+                        told(choice), compact=True, id=f"choice{at}", variant="error" if at else "default"
+                    )
 
     def on_mount(self) -> None:
         """Let Enter do nothing."""

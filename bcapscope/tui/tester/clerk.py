@@ -13,7 +13,7 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.opened import Opened
 from bcapscope.tui.desk.connecting import add_robot, start_robslave
 from bcapscope.tui.desk.desk import Desk, NotArmedError, handle_variant
-from bcapscope.tui.desk.record import Record
+from bcapscope.tui.desk.record import Record, cause
 from bcapscope.tui.desk.saved import Saved, takes_handle
 from bcapscope.tui.tester.messages import Asker, CallWanted, OpenWanted
 from bcapscope.tui.words import say
@@ -128,7 +128,7 @@ class Clerk:
         except NotArmedError:
             asker.fail(say("tester.not_armed"))
         except (BcapError, OSError) as error:
-            asker.fail(str(error).partition("\n")[0])
+            asker.fail(cause(error))
         else:
             return True
         return False

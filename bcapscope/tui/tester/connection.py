@@ -5,6 +5,7 @@ from __future__ import annotations
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
+from textual.suggester import SuggestFromList
 from textual.widgets import Button, Checkbox, Input, Static
 
 from bcapscope.render.escape import printable
@@ -34,7 +35,8 @@ class ConnectionPanel(Vertical):
         host, port, tcp, option = self._given
         with Horizontal(classes="row"):
             yield Caption("tester.ip")
-            yield Input(host, id="host")
+            known = SuggestFromList(scope_of(self).settings.hosts, case_sensitive=False)
+            yield Input(host, suggester=known, id="host")
             yield Checkbox("UDP", value=not tcp, compact=True, id="udp")
             yield Input(str(port), id="port", type="integer", max_length=5)
             yield Caption("tester.option")

@@ -18,7 +18,7 @@ from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.messages import CallWanted
 from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.tester.typed import TypedValue
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _CHOICES: dict[tuple[str, str], Mapping[int, str]] = {
@@ -56,7 +56,7 @@ class FunctionForm(Vertical):
     def _field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
         known = _CHOICES.get((self.function.name, param.name))
         if known is not None:
-            options = [(f"{value} {text}", value) for value, text in known.items()]
+            options = [(f"{value} {told(text)}", value) for value, text in known.items()]
             yield Select(options, allow_blank=False, compact=True, id=f"field{index}", classes="named")
         elif param.type == "VARIANT":
             yield TypedValue(VT.BSTR, TYPES, id=f"field{index}")
@@ -126,7 +126,7 @@ class FunctionPanel(Vertical):
         """Put the choice above the form."""
         with Horizontal(classes="row"):
             yield Caption("tester.function")
-            yield Button(self._label(self._first), compact=True, id="function")
+            yield Button(self._label(self._first), compact=True, id="choose-function")
         yield FunctionForm(self._first)
 
     async def choose(self, function: Function) -> FunctionForm:
@@ -134,7 +134,7 @@ class FunctionPanel(Vertical):
         await self.query_one(FunctionForm).remove()
         form = FunctionForm(function)
         await self.mount(form)
-        self.query_one("#function", Button).label = self._label(function)
+        self.query_one("#choose-function", Button).label = self._label(function)
         return form
 
     def _label(self, function: Function) -> str:

@@ -9,11 +9,11 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.message import Message
-from textual.widgets import Input
 
-from bcapscope.tui.desk.history import Chooser, history_line
+from bcapscope.tui.desk.history import chooser, history_line
 from bcapscope.tui.desk.record import Record
 from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.checkedline import CheckedLine
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say
 
@@ -97,11 +97,11 @@ class HistoryPanel(Vertical):
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._records: list[Record] = []
-        self._chooser = Chooser("")
+        self._wants = chooser("")
 
     def compose(self) -> ComposeResult:
         """Put the filter above the calls."""
-        yield Input(placeholder=say("tester.filter"), id="history-filter")
+        yield CheckedLine("history-filter", chooser, say("tester.filter"))
         yield HistoryLines()
 
     def add(self, record: Record) -> None:
@@ -110,24 +110,17 @@ class HistoryPanel(Vertical):
         if len(self._records) > MOST:
             del self._records[: MOST // 10]
             self._fill()
-        elif self._chooser.wants(record):
+        elif self._wants(record):
             self.query_one(HistoryLines).add(record)
 
-    @on(Input.Changed)
-    def _filter(self, message: Input.Changed) -> None:
+    @on(CheckedLine.Typed)
+    def _filter(self, message: CheckedLine.Typed) -> None:
         message.stop()
-        chooser = Chooser(message.value)
-        message.input.set_class(bool(chooser.problem), "-invalid")
-        message.input.tooltip = None
-        if chooser.problem:
-            self.border_subtitle = ""
-            message.input.tooltip = chooser.problem.replace("[", "\\[")
-            return
-        self._chooser = chooser
+        self._wants = chooser(message.text)
         self._fill()
 
-    @on(Input.Submitted)
-    def _to_list(self, message: Input.Submitted) -> None:
+    @on(CheckedLine.Entered)
+    def _to_list(self, message: CheckedLine.Entered) -> None:
         message.stop()
         self.query_one(HistoryLines).focus()
 
@@ -144,5 +137,4 @@ class HistoryPanel(Vertical):
         self.query_one(HistoryLines).action_want("edit")
 
     def _fill(self) -> None:
-        wants = self._chooser.wants
-        self.query_one(HistoryLines).show([each for each in self._records if wants(each)])
+        self.query_one(HistoryLines).show([each for each in self._records if self._wants(each)])

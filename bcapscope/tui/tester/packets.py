@@ -9,17 +9,20 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Button, Checkbox, Static
 
+from bcapscope.protocol.commands import call_name
 from bcapscope.render.escape import printable
 from bcapscope.traffic.question import Question
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.record import Record, Who
+from bcapscope.tui.desk.saved import SavedError, save
 from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.tester.ask import NameDialog
 from bcapscope.tui.tester.choice import Choice
-from bcapscope.tui.tester.history import HistoryPanel
+from bcapscope.tui.tester.history import HistoryLines, HistoryPanel
 from bcapscope.tui.tester.packetbox import PacketBox
 from bcapscope.tui.tester.savedlist import SavedList
 from bcapscope.tui.tester.watchlist import WatchList
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 _VIEWS = ("sent", "received", "history", "watch", "saved")
 _MOST_TRIES = 8
@@ -78,7 +81,7 @@ class PacketPane(Vertical):
             attempts = record.attempts
             start = attempts[0].sent if attempts else 0
             lines = [
-                f"{INK.dim}{number}{INK.reset} {printable(each.text(start))}"
+                f"{INK.dim}{number}{INK.reset} {printable(told(each.text(start)))}"
                 for number, each in enumerate(attempts, 1)
             ]
             if len(lines) > _MOST_TRIES:
@@ -102,6 +105,28 @@ class PacketPane(Vertical):
         self._turn_to(message.value)
         if message.value == "saved":
             self.query_one(SavedList).reload()
+
+    @on(HistoryLines.Wanted)
+    def _save(self, message: HistoryLines.Wanted) -> None:
+        """Save a call as a file; all else that is wanted of a call is not ours."""
+        if message.what != "save":
+            return
+        message.stop()
+        record = message.record
+
+        def take(name: str | None) -> None:
+            if not name:
+                return
+            try:
+                path = save(self._requests, name, record.function_id, record.arguments)
+            except SavedError as error:
+                scope_of(self).tell(str(error), "error")
+                return
+            scope_of(self).tell(say("tester.saved", path=printable(str(path))))
+            self.query_one(SavedList).reload()
+
+        first = call_name(record.function_id, record.arguments)
+        self.app.push_screen(NameDialog(say("tester.save"), printable(first)), take)
 
     @on(HistoryPanel.Shown)
     def _shown(self, message: HistoryPanel.Shown) -> None:

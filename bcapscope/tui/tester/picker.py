@@ -17,7 +17,7 @@ from bcapscope.protocol.commands import Command, commands
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.tui.app import scope_of
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 
 class Picker(ModalScreen[str | None]):
@@ -91,7 +91,7 @@ class CommandPicker(Picker):
             (f"{each.name:<24} ", inks["name"]),
             (f"{types:<14} ", inks["number"]),
             (f"{say('tester.moves')} ", inks["bad"]) if each.effect is Effect.MOVES else "",
-            (each.text, inks["dim"]),
+            (told(each.text), inks["dim"]),
         )
 
 
@@ -119,5 +119,5 @@ class FunctionPicker(Picker):
 
 
 def _fits(each: Command, words: list[str]) -> bool:
-    text = f"{each.name} {each.text}".casefold()
+    text = f"{each.name} {each.text} {told(each.text)}".casefold()
     return all(word in text for word in words)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Button, Checkbox, Input
 
-from bcapscope.protocol.frame import Frame, parse_datagram
+from bcapscope.protocol.frame import Frame, Problem, parse_datagram
 from bcapscope.protocol.functions import function_name
 from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.messages import RawWanted
 from bcapscope.tui.tester.result import ResultView
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 LONGEST = 65_507
 """Bytes that one datagram carries at most."""
@@ -74,7 +76,10 @@ class RawForm(Vertical):
 def _words(item: object) -> str:
     """Say what bytes are: a frame of which function, and what is wrong with them."""
     if isinstance(item, Frame):
-        wrong = ", ".join(problem.reason for problem in item.problems)
-        head = f"{function_name(item.code)}, serial {item.serial}, {item.argc} arguments"
-        return f"{head}: {wrong}" if wrong else head
-    return ", ".join(problem.reason for problem in getattr(item, "problems", ()))
+        head = say("tester.raw.frame", name=function_name(item.code), serial=item.serial, count=item.argc)
+        return ": ".join(filter(None, (head, _wrong(item.problems))))
+    return _wrong(getattr(item, "problems", ()))
+
+
+def _wrong(problems: Iterable[Problem]) -> str:
+    return ", ".join(told(problem.reason) for problem in problems)

@@ -18,11 +18,11 @@ from bcapscope.render.advice import advice
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.desk import Desk, NotArmedError
-from bcapscope.tui.desk.record import Ending, Record, why
+from bcapscope.tui.desk.record import Ending, Record, cause, why
 from bcapscope.tui.desk.recovery import Step, read_errors, step
 from bcapscope.tui.ink import INK, inked
 from bcapscope.tui.tester.field import Caption
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 _MARKS = {None: "○", True: "●", False: "✗"}
 
@@ -67,12 +67,12 @@ class RecoveryDialog(ModalScreen[None]):
         try:
             errors = await self._desk.do(read_errors(self._desk))
         except (BcapError, OSError) as error:
-            self._mark(Step.READ, False, str(error).partition("\n")[0])
+            self._mark(Step.READ, False, cause(error))
             return
         lines = [say("tester.recovery.none")] if not errors else []
         for code, text in errors:
-            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(text)}")
-            lines += [f"  {line}" for line in list(advice(code, INK))[1:]]
+            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(told(text))}")
+            lines += [f"  {line}" for line in list(advice(code, INK, told))[1:]]
         self._done[Step.READ] = (True, "")
         self.query_one("#errors", Static).update(inked("\n".join(lines), scope_of(self).inks))
 
@@ -95,7 +95,7 @@ class RecoveryDialog(ModalScreen[None]):
         except NotArmedError:
             self._mark(which, False, say("tester.not_armed"))
         except (BcapError, OSError) as error:
-            self._mark(which, False, str(error).partition("\n")[0])
+            self._mark(which, False, cause(error))
         else:
             done = record.ending is Ending.ANSWERED
             self._mark(which, done, "" if done else why(record))

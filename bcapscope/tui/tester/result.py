@@ -7,6 +7,8 @@ from typing import ClassVar
 from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
+from bcapscope.protocol.commands import command_name
+from bcapscope.protocol.enumerations import stands_for
 from bcapscope.protocol.hresult import S_OK, hresult_name
 from bcapscope.render.advice import advice
 from bcapscope.render.escape import printable
@@ -14,11 +16,15 @@ from bcapscope.render.result import reply_result
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.record import Ending, Record, why
 from bcapscope.tui.ink import INK, inked
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 
 class ResultView(Static, can_focus=True):
-    """Shows one result, five decimals as b-CAP Tester does; ``d`` shows all digits."""
+    """Shows one result, five decimals as b-CAP Tester does; ``d`` shows all digits.
+
+    Attributes:
+        full: all digits are shown.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("d", "digits", "tester.digits", id="result.digits", tooltip="tester.digits.tip"),
@@ -27,13 +33,18 @@ class ResultView(Static, can_focus=True):
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id, markup=False, classes="-empty")
         self._record: Record | None = None
-        self._full = False
+        self.full = False
         self._line = ""
 
     @property
     def text(self) -> str:
         """What is shown, with the marks of its colours."""
         return self._line
+
+    @property
+    def record(self) -> Record | None:
+        """The call that is shown; None where there is none, or something else is shown."""
+        return self._record
 
     def begin(self) -> None:
         """Show that the call is under way."""
@@ -43,7 +54,7 @@ class ResultView(Static, can_focus=True):
     def take(self, record: Record) -> None:
         """Show how a call ended."""
         self._record = record
-        self._write(_record_text(record, self._full))
+        self._write(_record_text(record, self.full))
 
     def fail(self, reason: str) -> None:
         """Show why nothing was sent, or what broke."""
@@ -62,7 +73,11 @@ class ResultView(Static, can_focus=True):
 
     def action_digits(self) -> None:
         """Show all digits, or five behind the point again."""
-        self._full = not self._full
+        self.show_digits(not self.full)
+
+    def show_digits(self, full: bool) -> None:
+        """Show all digits, or five behind the point."""
+        self.full = full
         if self._record is not None:
             self.take(self._record)
 
@@ -86,8 +101,19 @@ def _record_text(record: Record, full: bool) -> str:
     if record.ending is Ending.ANSWERED and record.reply is not None:
         code = record.reply.code
         name = "" if code == S_OK else f"  {INK.good}{hresult_name(code)}{INK.reset}"
-        return f"{INK.number}{reply_result(record.reply, full)}{INK.reset}{name}{took}"
+        meaning = _meaning(record)
+        words = f"  {INK.name}{meaning}{INK.reset}" if meaning else ""
+        return f"{INK.number}{reply_result(record.reply, full)}{INK.reset}{words}{name}{took}"
     if record.ending is Ending.REFUSED and record.reply is not None:
-        first, *rest = advice(record.reply.code, INK)
+        first, *rest = advice(record.reply.code, INK, told)
         return "\n".join([first + took, *rest])
     return f"{INK.bad}{why(record)}{INK.reset}{took}"
+
+
+def _meaning(record: Record) -> str:
+    """Tell what a number that came back stands for; "" where it is but a number."""
+    arguments = record.reply.arguments if record.reply is not None else ()
+    value = arguments[0].variant.value if arguments else None
+    command = command_name(record.function_id, record.arguments)
+    words = stands_for(record.function_id, command, value) if isinstance(value, int) else ()
+    return ", ".join(map(told, words))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
+from rich.cells import set_cell_size
 from textual.binding import Binding, BindingType
 from textual.message import Message
 
@@ -62,7 +63,7 @@ class SavedList(Lines):
         if index == len(self._found):
             return f"{INK.dim}{say('tester.saved.folder', path=printable(str(self.folder)))}{INK.reset}"
         name, found = self._found[index]
-        head = f"{INK.name}{printable(name)[:_NAME]:<{_NAME}}{INK.reset}"
+        head = f"{INK.name}{set_cell_size(printable(name), _NAME)}{INK.reset}"
         if isinstance(found, str):
             return f"{head} {INK.bad}{printable(found)}{INK.reset}"
         values = " ".join(printable(str(each.value)) for each in found.values)

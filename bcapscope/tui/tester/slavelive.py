@@ -17,6 +17,7 @@ from bcapscope.render.slaverun import axis_charts, cycle_lines, figure_lines, pr
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.slaverun import SlaveRun
 from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.words import told
 
 _ROWS = 6
 """Rows that one chart has at least."""
@@ -70,6 +71,7 @@ class SlaveLive(Container, can_focus=True):
             width=size.width - 1,
             height=size.height,
             palette=INK,
+            tongue=told,
         )
 
     def _moving(self, run: SlaveRun) -> list[int]:
@@ -87,7 +89,7 @@ class SlaveLive(Container, can_focus=True):
             yield from _folded(ended_lines(run.ended), INK.name, width)
         if progress is not None:
             yield progress_bar(progress, max(1, width - 2), INK)
-            yield from figure_lines(progress, run.slack, INK)
+            yield from figure_lines(progress, run.slack, INK, told)
         for trouble in run.troubles[-3:]:
             yield from _folded(trouble_lines(trouble), INK.bad, width)
         if progress is not None and progress.cycle:
@@ -98,6 +100,6 @@ class SlaveLive(Container, can_focus=True):
 
 
 def _folded(lines: Iterable[str], ink: str, width: int) -> Iterator[str]:
-    """Break lines that are longer than there is room."""
+    """Put lines into the language of the labels; break those that are longer than there is room."""
     for line in lines:
-        yield from (f"{ink}{part}{INK.reset}" for part in wrapped(line, max(20, width - 2)))
+        yield from (f"{ink}{part}{INK.reset}" for part in wrapped(told(line.strip()), max(20, width - 2)))

@@ -18,7 +18,7 @@ from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.messages import CallWanted, RobSlaveWanted
 from bcapscope.tui.tester.opener import Opener
 from bcapscope.tui.tester.result import ResultView
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 _EXECUTE, _START, _STOP = 87, 88, 89
 _NO_OPTION = Variant(VT.BSTR, "")
@@ -93,5 +93,5 @@ class TaskPanel(VerticalScroll, can_focus=False):
 
 
 def _modes(modes: Mapping[int, str], name: str) -> Select[int]:
-    options = [(f"{value} {text}", value) for value, text in modes.items()]
+    options = [(f"{value} {told(text)}", value) for value, text in modes.items()]
     return Select(options, allow_blank=False, compact=True, id=name, classes="named")

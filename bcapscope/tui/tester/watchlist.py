@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from rich.cells import cell_len, set_cell_size
 from textual.binding import Binding, BindingType
 from textual.message import Message
 
@@ -63,10 +64,9 @@ class WatchList(Lines):
         watched, at = self._rows[index]
         if watched is None:
             return _titles()
-        name = watched.label if at == 0 else ""
-        if len(watched.series) > 1:
-            name = f"{name[: _NAME - 5]:<{_NAME - 5}} [{at}]"
-        head = f"{INK.name}{printable(name)[:_NAME]:<{_NAME}}{INK.reset}"
+        index_text = f" [{at}]" if len(watched.series) > 1 else ""
+        name = set_cell_size(printable(watched.label) if at == 0 else "", _NAME - len(index_text))
+        head = f"{INK.name}{name}{index_text}{INK.reset}"
         if watched.trouble:
             return f"{head} {INK.bad}{printable(watched.trouble)}{INK.reset}"
         if not watched.series:
@@ -86,10 +86,10 @@ class WatchList(Lines):
 
 
 def _titles() -> str:
-    numbers = "".join(
-        f"{say(f'tester.watch.{key}'):>{_NUMBER}} " for key in ("value", "rate", "least", "most")
-    )
-    return f"{INK.dim}{say('tester.watch.name'):<{_NAME}} {numbers} {say('tester.watch.course')}{INK.reset}"
+    titles = [say(f"tester.watch.{key}") for key in ("value", "rate", "least", "most")]
+    numbers = "".join(f"{' ' * (_NUMBER - cell_len(title))}{title} " for title in titles)
+    name = set_cell_size(say("tester.watch.name"), _NAME)
+    return f"{INK.dim}{name} {numbers} {say('tester.watch.course')}{INK.reset}"
 
 
 def _numbers(series: Series) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from bcapscope.tui.desk.builtin import Place, builtin_simulator
+from bcapscope.tui.desk.builtin import BuiltIn, builtin_simulator
 
 
 @pytest.fixture(scope="module")
-def simulator() -> Iterator[Place]:
+def simulator() -> Iterator[BuiltIn]:
     """Run the built-in simulator."""
     with builtin_simulator() as place:
         yield place

@@ -18,7 +18,7 @@ from bcapscope.errors import LocalProtocolError
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import S_OK
 from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
-from bcapscope.tui.desk.builtin import JOINTS, Place, builtin_simulator
+from bcapscope.tui.desk.builtin import JOINTS, BuiltIn, builtin_simulator
 from bcapscope.tui.desk.connecting import add_robot, connect
 from bcapscope.tui.desk.desk import Desk, NotArmedError, NotConnectedError, handle_variant
 from bcapscope.tui.desk.halt import HaltNews, HaltState
@@ -67,8 +67,8 @@ def desk(folder: Path) -> Iterator[tuple[Desk, Heard]]:
         made.close()
 
 
-def join(made: Desk, place: Place, robot: str = "Gundam", tcp: bool = False) -> bool:
-    target = Target(place.host, place.port, tcp, timeout=300.0)
+def join(made: Desk, port: int, robot: str = "Gundam", tcp: bool = False) -> bool:
+    target = Target("127.0.0.1", port, tcp, timeout=300.0)
     return asyncio.run(made.do(connect(made, target, AUTOMATIC, robot, "")))
 
 
@@ -91,9 +91,9 @@ def start_robslave(made: Desk) -> None:
 
 
 @pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
-def test_connecting_walks_its_steps(tmp_path: Path, simulator: Place, tcp: bool) -> None:
+def test_connecting_walks_its_steps(tmp_path: Path, simulator: BuiltIn, tcp: bool) -> None:
     with desk(tmp_path) as (made, heard):
-        assert join(made, simulator, tcp=tcp)
+        assert join(made, simulator.port, tcp=tcp)
         done = [(each.step, each.done) for each in heard.all(StepNews) if each.done is not None]
         assert done == [(step, True) for step in Step]
         status = made.status
@@ -108,9 +108,9 @@ def test_connecting_walks_its_steps(tmp_path: Path, simulator: Place, tcp: bool)
         assert heard.halt is HaltState.CLOSED
 
 
-def test_the_pages_of_the_tester(tmp_path: Path, simulator: Place) -> None:
+def test_the_pages_of_the_tester(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, _):
-        assert join(made, simulator)
+        assert join(made, simulator.port)
         start_robslave(made)
         record = robot_call(made, "slvChangeMode", Variant(VT.I4, 2))
         assert record.reply is not None
@@ -127,9 +127,9 @@ def test_the_pages_of_the_tester(tmp_path: Path, simulator: Place) -> None:
         asyncio.run(made.do(made.disconnect()))
 
 
-def test_halt_ends_a_motion_while_its_call_is_under_way(tmp_path: Path, simulator: Place) -> None:
+def test_halt_ends_a_motion_while_its_call_is_under_way(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, heard):
-        assert join(made, simulator)
+        assert join(made, simulator.port)
         heard.wait_for(lambda: heard.halt is HaltState.READY)
         robot = made.status.robot
         assert robot is not None
@@ -156,9 +156,9 @@ def test_halt_ends_a_motion_while_its_call_is_under_way(tmp_path: Path, simulato
         assert HaltState.HALTED in [each.state for each in heard.all(HaltNews)]
 
 
-def test_halt_goes_out_though_both_event_loops_are_stuck(tmp_path: Path, simulator: Place) -> None:
+def test_halt_goes_out_though_both_event_loops_are_stuck(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, heard):
-        assert join(made, simulator)
+        assert join(made, simulator.port)
         heard.wait_for(lambda: heard.halt is HaltState.READY)
         free = threading.Event()
 
@@ -178,7 +178,7 @@ def test_halt_goes_out_though_both_event_loops_are_stuck(tmp_path: Path, simulat
 
 def test_nothing_moves_unarmed_but_on_the_simulator(tmp_path: Path) -> None:
     with udp_server() as server, desk(tmp_path) as (made, _):
-        assert join(made, Place("127.0.0.1", server.port))
+        assert join(made, server.port)
         assert made.arming.needed
         with pytest.raises(NotArmedError):
             robot_call(made, "slvMove", Variant(VT.I4, 1))
@@ -195,7 +195,7 @@ def answering(**answers: Answer | None) -> AbstractContextManager[UdpServer]:
 
 def test_a_refused_step_says_why(tmp_path: Path) -> None:
     with answering(Controller_Connect=(0x80000901, ())) as server, desk(tmp_path) as (made, heard):
-        assert not join(made, Place("127.0.0.1", server.port))
+        assert not join(made, server.port)
         last = heard.all(StepNews)[-1]
         assert (last.step, last.done) == (Step.CONTROLLER, False)
         assert "E_NO_LICENSE" in last.text
@@ -204,14 +204,14 @@ def test_a_refused_step_says_why(tmp_path: Path) -> None:
 
 def test_each_provider_is_tried(tmp_path: Path) -> None:
     with answering(Controller_Connect=(0x80070057, ())) as server, desk(tmp_path) as (made, _):
-        assert not join(made, Place("127.0.0.1", server.port))
+        assert not join(made, server.port)
         calls = [call for peer in server.peers.values() for call in peer.executed]
         assert [call[2] for call in calls if call[0] == "Controller_Connect"] == list(AUTOMATIC)
 
 
 def test_nobody_there(tmp_path: Path) -> None:
     with desk(tmp_path) as (made, heard):
-        assert not join(made, Place("127.0.0.1", 9), tcp=True)
+        assert not join(made, 9, tcp=True)
         assert heard.all(StepNews)[-1] == StepNews(Step.LINK, False, "connection refused")
         with pytest.raises(NotConnectedError):
             asyncio.run(made.do(made.invoke("Service_Stop")))
@@ -221,7 +221,7 @@ def test_nobody_there(tmp_path: Path) -> None:
 def test_the_controller_goes_away(tmp_path: Path, tcp: bool) -> None:
     with desk(tmp_path) as (made, heard):
         with builtin_simulator() as place:
-            target = Target(place.host, place.port, tcp, timeout=100.0, retries=1)
+            target = Target("127.0.0.1", place.port, tcp, timeout=100.0, retries=1)
             assert asyncio.run(made.do(connect(made, target, AUTOMATIC, "Arm", "")))
         if tcp:
             with pytest.raises(OSError, match="closed"):
@@ -235,7 +235,7 @@ def test_the_controller_goes_away(tmp_path: Path, tcp: bool) -> None:
 
 def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
     with answering(Robot_Execute=None) as server, desk(tmp_path) as (made, heard):
-        assert join(made, Place("127.0.0.1", server.port))
+        assert join(made, server.port)
 
         async def cancel() -> None:
             assert made.status.robot is not None
@@ -268,9 +268,9 @@ def test_connecting_can_be_cancelled(tmp_path: Path) -> None:
         assert not made.status.is_connected
 
 
-def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: Place) -> None:
+def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, _):
-        assert join(made, simulator, tcp=False)
+        assert join(made, simulator.port, tcp=False)
         raw = bytes.fromhex("01100000003412000013000000000004")
         record = asyncio.run(made.do(made.send_raw(raw)))
         assert record.sent[0].item.raw == raw
@@ -281,16 +281,16 @@ def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: Place) -> None:
         assert robot_call(made, "slvGetMode").ending is Ending.ANSWERED
 
 
-def test_too_much_for_udp_is_told_and_not_sent(tmp_path: Path, simulator: Place) -> None:
+def test_too_much_for_udp_is_told_and_not_sent(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, _):
-        assert join(made, simulator)
+        assert join(made, simulator.port)
         with pytest.raises(LocalProtocolError, match="TCP"):
             robot_call(made, "slvGetMode", Variant(VT.BSTR, "x" * 300))
 
 
-def test_everything_sent_is_in_the_audit_log(tmp_path: Path, simulator: Place) -> None:
+def test_everything_sent_is_in_the_audit_log(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path / "log") as (made, _):
-        assert join(made, simulator)
+        assert join(made, simulator.port)
         robot_call(made, "Motor", Variant(VT.I4, 1))
     (path,) = (tmp_path / "log").iterdir()
     lines = [orjson.loads(line) for line in path.read_bytes().splitlines()]
@@ -303,17 +303,17 @@ def test_everything_sent_is_in_the_audit_log(tmp_path: Path, simulator: Place) -
     assert motor["hex"].startswith("01")
 
 
-def test_a_log_that_cannot_be_written_is_told_once(tmp_path: Path, simulator: Place) -> None:
+def test_a_log_that_cannot_be_written_is_told_once(tmp_path: Path, simulator: BuiltIn) -> None:
     (tmp_path / "file").write_text("")
     with desk(tmp_path / "file") as (made, heard):
-        assert join(made, simulator)
+        assert join(made, simulator.port)
         troubles = [each for each in heard.news if type(each).__name__ == "Trouble"]
         assert len(troubles) == 1
 
 
-def test_a_robot_can_be_added_later(tmp_path: Path, simulator: Place) -> None:
+def test_a_robot_can_be_added_later(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, heard):
-        assert join(made, simulator, robot="")
+        assert join(made, simulator.port, robot="")
         assert made.status.robot is None
         assert asyncio.run(made.do(add_robot(made, "Gundam", "")))
         assert made.status.robot is not None

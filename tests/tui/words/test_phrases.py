@@ -1,0 +1,181 @@
+"""What rooms below say, in Japanese."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+import time
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.client.reach import PROVIDERS
+from bcapscope.errors import Attempt, ControllerError, ExchangeTimeout
+from bcapscope.player.finding import Finding
+from bcapscope.player.lateness import Spread
+from bcapscope.player.limits import UNKNOWN, limited
+from bcapscope.player.messages import Counts, Ended, Outcome, Progress, State
+from bcapscope.player.preflight import check
+from bcapscope.protocol.command_table import ROWS
+from bcapscope.protocol.hresult import LEVELS, SUBSYSTEMS, describe
+from bcapscope.protocol.hresult_table import AXIS_FAMILIES, RANGES, RC7_CODES, SLAVE_MODE, STATE, SYMBOLS
+from bcapscope.protocol.notation import parse
+from bcapscope.protocol.slavemode import MODES
+from bcapscope.render.advice import advice
+from bcapscope.render.playing import ended_lines
+from bcapscope.render.slaverun import figure_lines
+from bcapscope.tui import words
+from bcapscope.tui.words import PHRASES, Language, speak, told
+from bcapscope.tui.words.phrases import LONGEST, Phrasebook
+from tests.player.ways import PERIOD, swing, way
+
+JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
+BOOK = Phrasebook(
+    {
+        "a {} of {}": "{1} の {0}",
+        "a {#} of {}": "{1} の {0} 番",
+        "{J} moves": "{0} が動く",
+        "cat": "猫",
+        "{}, {}": "{0}、{1}",
+    }
+)
+
+
+@pytest.fixture(autouse=True)
+def _japanese() -> Iterator[None]:
+    speak(Language.JAPANESE)
+    yield
+    speak(Language.ENGLISH)
+
+
+def is_japanese(text: str) -> bool:
+    return bool(JAPANESE.search(told(text)))
+
+
+@pytest.mark.parametrize(
+    ("english", "japanese"),
+    [
+        ("cat", "猫"),
+        ("dog", "dog"),
+        ("", ""),
+        ("a tail of cat", "猫 の tail"),
+        ("a 3 of cat", "猫 の 3 番"),
+        ("a -1.5e-07 of cat", "猫 の -1.5e-07 番"),
+        ("J1, J2 moves", "J1、J2 が動く"),
+        ("nothing moves", "nothing moves"),
+        ("cat, a {0} of {x}", "猫、{x} の {0}"),
+        ("a tail\nor x of cat", "猫 の tail\nor x"),
+    ],
+)
+def test_phrases_and_what_stands_in_their_places(english: str, japanese: str) -> None:
+    assert BOOK.japanese(english) == japanese
+
+
+@pytest.mark.parametrize("english", sorted(PHRASES))
+def test_japanese_has_the_places_of_the_english(english: str) -> None:
+    count = len(re.findall(r"\{[#J]?\}", english))
+    used = {int(number) for number in re.findall(r"\{(\d)\}", PHRASES[english])}
+    assert used <= set(range(count))
+    assert "{}" not in PHRASES[english]
+
+
+def texts_of_results() -> Iterator[str]:
+    for entry in (*SYMBOLS, *SLAVE_MODE, *STATE, *RC7_CODES):
+        yield entry.text
+        yield entry.advice or entry.text
+    for family in AXIS_FAMILIES:
+        yield family.text
+        yield family.advice or family.text
+    for span in RANGES:
+        yield describe(span.first).text
+    yield from (*LEVELS, *SUBSYSTEMS.values())
+
+
+def texts_of_commands() -> Iterator[str]:
+    for row in (row for rows in ROWS.values() for row in rows):
+        yield row.text
+        yield from filter(re.compile("[a-z]{3}").search, (row.elements, row.returns))
+
+
+@pytest.mark.parametrize("text", sorted(set(texts_of_commands())))
+def test_everything_that_is_said_of_commands_is_there(text: str) -> None:
+    assert is_japanese(text)
+
+
+def test_books_do_not_disagree() -> None:
+    names = [module.name for module in pkgutil.iter_modules(words.__path__, f"{words.__name__}.")]
+    books = [getattr(importlib.import_module(name), "PHRASES", {}) for name in names]
+    for book in books:
+        assert {english: PHRASES[english] for english in book} == book
+
+
+@pytest.mark.parametrize("text", sorted(set(texts_of_results())))
+def test_every_meaning_and_advice_of_a_result_is_there(text: str) -> None:
+    assert is_japanese(text)
+
+
+@pytest.mark.parametrize("code", [0x84201482, 0x83500121, 0x8420405A, 0x82204021, 0x0000600B, 0x83291234])
+def test_a_result_is_explained(code: int) -> None:
+    head, details, *_ = advice(code, tongue=told)
+    assert JAPANESE.search(head)
+    assert "レベル" in details
+
+
+def messages() -> Iterator[str]:
+    attempt = Attempt(5, 0, 0)
+    yield str(ControllerError("Controller_Connect", 0x80070057, "E_INVALIDARG", f"not allowed; {PROVIDERS}"))
+    yield str(ExchangeTimeout("Robot_Halt", (attempt,))).partition("\n")[0]
+    yield attempt.text(0)
+    for text in ("i2:x", "bool:2", "empty:1", "empty[]:1", "variant:1"):
+        with pytest.raises(ValueError, match=r".") as raised:
+            parse(text)
+        yield str(raised.value)
+    for text in ("J1", "J1=a..b", "J1.speed=0", "J1=3..2", "J9=1..2", "J1.speed=x"):
+        with pytest.raises(ValueError, match=r".") as raised:
+            limited(UNKNOWN, [text])
+        yield str(raised.value)
+    yield from (mode.text for mode in MODES if mode.pose_type)
+    yield from State
+
+
+@pytest.mark.parametrize("text", sorted(set(messages())))
+def test_what_else_the_tester_shows(text: str) -> None:
+    assert is_japanese(text)
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_how_the_player_ended(outcome: Outcome) -> None:
+    ended = Ended(outcome, "stop was asked for", Spread(), Spread(), Counts(5, retries=1, late=2), left=False)
+    assert [line for line in ended_lines(ended) if not is_japanese(line.strip())] == []
+
+
+def test_the_player_at_work() -> None:
+    progress = Progress(State.PLAYING, 50, 100, 0.4, 0.4, Spread(50, 1000, 2000, 3000, 4000))
+    assert all(JAPANESE.search(line) for line in figure_lines(progress, (1, 8.0, 3.4), tongue=told))
+
+
+def findings() -> Iterator[Finding]:
+    yield from check(way(swing(degrees=40)), PERIOD).findings
+    yield from check(way(swing(degrees=400)), PERIOD / 3, present=[1.0] * 6, loop=True).findings
+    yield from check(way(swing(degrees=0)), PERIOD, limited(UNKNOWN, ["J1=1..2"])).findings
+
+
+@pytest.mark.parametrize("finding", list(findings()), ids=lambda finding: finding.check)
+def test_the_preflight(finding: Finding) -> None:
+    assert is_japanese(finding.sentence)
+    assert not finding.advice or is_japanese(finding.advice)
+
+
+@given(st.text("J1 ,:'{}of typea", max_size=LONGEST + 1))
+def test_no_text_takes_long_or_breaks(text: str) -> None:
+    began = time.perf_counter()
+    assert isinstance(Phrasebook(PHRASES).japanese(text), str)
+    assert time.perf_counter() - began < 5
+
+
+def test_long_text_stays_as_it_is() -> None:
+    text = "cat, " * LONGEST
+    assert BOOK.japanese(text) == text
