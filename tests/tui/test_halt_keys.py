@@ -1,0 +1,136 @@
+"""HALT: one key, whatever is on the screen."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+from textual.command import CommandPalette
+from textual.drivers.headless_driver import HeadlessDriver
+from textual.events import Key
+from textual.pilot import Pilot
+from textual.screen import Screen
+from textual.widgets import Select
+
+from bcapscope.tui.halting import HALT_KEYS, halting
+from bcapscope.tui.screens.help import HelpScreen
+from bcapscope.tui.screens.slave import SlaveScreen
+from bcapscope.tui.screens.tester import Tester as Window
+from bcapscope.tui.tester.ask import ArmDialog, ChoiceDialog, NameDialog
+from bcapscope.tui.tester.files import FilePicker
+from bcapscope.tui.tester.picker import CommandPicker, FunctionPicker
+from bcapscope.tui.tester.recovery import RecoveryDialog
+from tests.tui.pilot import drive, until
+from tests.tui.tester import focus, make_tester
+
+Open = Callable[[Pilot[None]], Awaitable[None]]
+
+
+def keys(*pressed: str) -> Open:
+    async def open_it(pilot: Pilot[None]) -> None:
+        await pilot.press(*pressed)
+
+    return open_it
+
+
+def put(make: Callable[[], Screen[None]]) -> Open:
+    async def open_it(pilot: Pilot[None]) -> None:
+        pilot.app.push_screen(make())
+
+    return open_it
+
+
+async def catalogue(pilot: Pilot[None]) -> None:
+    await focus(pilot, "#robot-forms .command")
+    await pilot.press("f4")
+
+
+async def functions(pilot: Pilot[None]) -> None:
+    await focus(pilot, "#tabs")
+    await pilot.press("right", "right", "right")
+    await focus(pilot, "#choose-function")
+    await pilot.press("enter")
+
+
+async def list_of_types(pilot: Pilot[None]) -> None:
+    await focus(pilot, "#execute .type")
+    await pilot.press("enter")
+    assert pilot.app.screen.query_one("#execute .type", Select).expanded
+
+
+@pytest.mark.parametrize(
+    ("opened", "what"),
+    [
+        (keys(), Window),
+        (list_of_types, Window),
+        (keys("f1"), HelpScreen),
+        (keys("ctrl+p"), CommandPalette),
+        (keys("f7"), RecoveryDialog),
+        (keys("f9"), SlaveScreen),
+        (keys("f9", "ctrl+o"), FilePicker),
+        (keys("f9", "ctrl+p"), CommandPalette),
+        (catalogue, CommandPicker),
+        (functions, FunctionPicker),
+        (put(lambda: ArmDialog([])), ArmDialog),  # type: ignore[arg-type, return-value]  # it answers
+        (put(lambda: ChoiceDialog([], ("no", "yes"))), ChoiceDialog),  # type: ignore[arg-type, return-value]
+        (put(lambda: NameDialog("", "")), NameDialog),  # type: ignore[arg-type, return-value]
+    ],
+    ids=lambda each: each.__name__ if isinstance(each, type) else "",
+)
+def test_each_key_halts_whatever_is_open(tmp_path: Path, opened: Open, what: type[object]) -> None:
+    halted: list[str] = []
+
+    def halt() -> bool:
+        halted.append("")
+        return True
+
+    async def act(pilot: Pilot[None]) -> None:
+        app.at_halt(halt)
+        await opened(pilot)
+        await until(pilot, lambda: isinstance(app.screen, what))
+        for number, key in enumerate(HALT_KEYS, 1):
+            await pilot.press(key)
+            assert len(halted) == number
+        assert isinstance(app.screen, what)
+
+    app = make_tester(tmp_path, "127.0.0.1", 9)
+    drive(app, act)
+
+
+def test_the_driver_halts_before_the_event_loop_knows() -> None:
+    pressed = threading.Event()
+    passed: list[object] = []
+
+    class Terminal(HeadlessDriver):
+        def process_message(self, message: object) -> None:
+            passed.append(message)
+
+    driver = object.__new__(halting(Terminal, pressed.set))
+    driver.process_message(Key("a", "a"))
+    assert not pressed.is_set()
+    driver.process_message(Key("f12", None))
+    assert pressed.is_set()
+    assert len(passed) == 2
+
+
+def test_halt_while_the_screen_hangs(tmp_path: Path) -> None:
+    """The thread that reads the keys does not wait for the event loop."""
+    halted = threading.Event()
+
+    def halt() -> bool:
+        halted.set()
+        return True
+
+    async def act(pilot: Pilot[None]) -> None:
+        app.at_halt(halt)
+        driver = halting(HeadlessDriver, app.halt)(app)
+        loop = asyncio.get_running_loop()
+        read = loop.run_in_executor(None, driver.process_message, Key("f12", None))
+        assert halted.wait(10)  # which holds up the event loop meanwhile
+        await read
+
+    app = make_tester(tmp_path, "127.0.0.1", 9)
+    drive(app, act)
