@@ -20,7 +20,7 @@ from typing import Annotated, TypeAlias
 import msgspec
 from msgspec import Meta
 
-from bcapscope.faults.document import DocumentError, FieldError, read_document
+from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldError, read_document
 from bcapscope.faults.fault import AnyFault
 from bcapscope.faults.quantities import Duration, ResultCode
 from bcapscope.protocol.hresult import is_failure
@@ -341,7 +341,8 @@ def load_scenario(named: str) -> Scenario:
     if not named.endswith((".yaml", ".yml")):
         raise LookupError(f"there is no scenario {named!r}{nearest(named, shipped()) or '.'}")
     try:
-        return read_scenario(Path(named).read_text(encoding="utf-8"))
+        with Path(named).open(encoding="utf-8") as file:
+            return read_scenario(file.read(LONGEST_DOCUMENT + 1))
     except UnicodeDecodeError as error:
         raise DocumentError((), 0, f"no text in UTF-8: {error.reason} at byte {error.start}") from error
 

@@ -183,3 +183,11 @@ def test_the_readmes_example_can_be_read() -> None:
     actions = {kind.__struct_config__.tag for part in (AnyFault, AnyEvent) for kind in get_args(part)}
     assert {each.action for each in scenario.faults} <= actions
     assert actions - {"pass"} <= set(re.findall(r"`([a-z-]+)`", readme))
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no file without an end")
+def test_a_file_without_an_end_is_not_read_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "endless.yaml"
+    path.symlink_to("/dev/zero")
+    with pytest.raises(DocumentError, match="longer than 1048576 characters"):
+        load_scenario(str(path))
