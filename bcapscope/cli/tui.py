@@ -18,7 +18,6 @@ from bcapscope.cli.output import narrate
 from bcapscope.cli.proxyrules import RuleWishes, rule_options
 from bcapscope.cli.tuilive import ProxyWishes, show_proxy, show_simulator
 from bcapscope.cli.tuiserve import serve_option
-from bcapscope.client.paces import PORT
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
@@ -121,7 +120,7 @@ def command(
         words = ["--profile", profile] if typed else []
         words += ["--scenario", scenario] if scenario else []
         with _folders():
-            show_simulator(ports[0] if ports else PORT, words)
+            show_simulator(_port(ports), words)
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
@@ -131,7 +130,14 @@ def command(
         if is_file or interface:
             _show(path or "", interface or "", ports)
         else:
-            _test(Wanted(path or "", ports[0] if ports else PORT, tcp, option, profile), requests)
+            _test(Wanted(path or "", _port(ports), tcp, option, profile), requests)
+
+
+def _port(ports: tuple[int, ...]) -> int:
+    """Return the port that was given, or else that of b-CAP."""
+    from bcapscope.client.paces import PORT  # with all of the client, which a capture is shown without
+
+    return ports[0] if ports else PORT
 
 
 @contextmanager

@@ -91,6 +91,8 @@ class Scope(App[None]):
             settings_path: where settings are kept; in the platform's place unless given.
             language: of the labels, instead of what the settings or the environment say.
         """
+        # Not a blank screen at first, as Textual has it: all styles would be read for that one, too.
+        self.DEFAULT_MODE = spots[0].mode  # type: ignore[misc]  # its place is the class, where there is one mode
         self._halts: list[Callable[[], bool]] = []  # before the driver that uses it is made
         self._harmless = Harmless()
         super().__init__()
@@ -113,10 +115,23 @@ class Scope(App[None]):
 
     def _take_theme(self, name: str) -> None:
         names = [theme.name for theme in THEMES]
-        self.theme = name if name in names else names[0]
+        name = name if name in names else names[0]
+        if self.is_running:
+            self.theme = name
+            return
+        # Not as it is done later: that reads all styles again, and there is nothing yet to draw anew.
+        self.set_reactive(App.theme, name)
+        is_dark = self.current_theme.dark
+        self.set_class(is_dark, "-dark-mode", update=False)
+        self.set_class(not is_dark, "-light-mode", update=False)
+        self.stylesheet.set_variables(self.get_css_variables())
+        self._take_inks()
 
     def _watch_theme(self, theme_name: str) -> None:
         super()._watch_theme(theme_name)
+        self._take_inks()
+
+    def _take_inks(self) -> None:
         inks = styles_of(self.current_theme)
         if self.no_color:
             inks = {name: Style(bold=style.bold) for name, style in inks.items()} | {
@@ -124,11 +139,10 @@ class Scope(App[None]):
             }
         self.inks = inks
 
-    async def on_mount(self) -> None:
-        """Listen to signals, go to the first screen, tell what was wrong with the settings."""
+    def on_mount(self) -> None:
+        """Listen to signals, tell what was wrong with the settings."""
         self._listen()
         gc.set_threshold(*_GARBAGE)
-        await self.switch_mode(self.spots[0].mode)
         if self._trouble:
             text = say("shell.settings.broken", path=self._settings_path, reason=self._trouble)
             self.tell(text, "warning")

@@ -22,7 +22,7 @@ from bcapscope.tui.screens.help import HelpScreen
 from bcapscope.tui.screens.palette import all_commands
 from bcapscope.tui.screens.place import Place
 from bcapscope.tui.settings import load
-from bcapscope.tui.words import Language
+from bcapscope.tui.words import Language, speak
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, make, shown, until
 
@@ -113,7 +113,7 @@ def test_japanese_labels() -> None:
         assert {command.name for command in all_commands(made.screen, made)} >= {"終了", "テーマ: ダーク"}
 
     drive(made := app(language=Language.JAPANESE), act)
-    make(language=Language.ENGLISH)
+    speak(Language.ENGLISH)
 
 
 def test_the_theme_is_remembered(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from bcapscope.errors import BcapError
 from bcapscope.tui.traffic import sweeping
 
 _PREFIX = "traffic-"
-_GRACE = 2.0
+_GRACE = 10.0
 """Seconds that removing is waited for."""
 
 
