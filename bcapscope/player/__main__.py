@@ -40,7 +40,8 @@ def main() -> None:
             desk.finish()
             return
         grade = stack.enter_context(undisturbed(plan.realtime and not plan.look_only))
-        desk.deliver(Readiness(grade.realtime, grade.locked, grade.text))
+        if plan.aftermath is None:
+            desk.deliver(Readiness(grade.realtime, grade.locked, grade.text))
         ended = _play(plan, desk, Journal(desk.deliver, record), log)
         desk.deliver(structs.replace(ended, realtime=grade.realtime))
     desk.finish()

@@ -54,9 +54,8 @@ FASTEST = 0.98
 
 _START = 5_000_000
 _PREPARING = 300_000
-"""ns kept free before a deadline, for making the next packet. Where there is more time, more of it is kept: the
-first steps after a sleep take ten times as long as those that follow each other, with caches that others have
-filled meanwhile."""
+"""ns kept free before a deadline, for making the next packet; more where there is more time. The first steps
+after a sleep take ten times as long as those that follow each other, with caches that others have filled."""
 
 _PATIENCE = 8_000_000
 _ROBOT_EXECUTE = 64

@@ -173,13 +173,16 @@ class Visit:
             )
 
     async def _tidy(self, left: Aftermath) -> None:
-        """End what a player before this one has begun."""
+        """End what a player before this one has begun, and tell what the controller shows."""
         self._station.generation = Generation(left.generation)
         self._leaving = True
         self._show(State.LEAVING)
         await self._station.connect()
         self._debts.owe(*left.debts)
         await self._debts.settle()
+        errors = () if self._debts.gone else await self._station.errors()
+        if errors:
+            self._desk.deliver(Trouble("the motion was not ended in order", errors))
 
     async def _once(self, mode: SlaveMode, trajectory: Trajectory) -> None:
         """Get ready, play and leave."""

@@ -123,7 +123,7 @@ def test_it_plays_and_tells(sim: Sim, tmp_path: Path) -> None:
     shown = [message for message in messages if isinstance(message, Progress) and message.commanded]
     assert len(shown) > 5
     assert len(shown[-2].returned) == 8
-    assert log.read_text(encoding="utf-8").count("\n") == ended.logged + 1 > 100
+    assert log.read_text(encoding="utf-8").count("\n") == ended.logged + 1 > 50  # less if held up
     assert record.stat().st_size > 100 * 150
     assert sim.machine.slave.mode is None
 

@@ -499,6 +499,16 @@ def test_another_player_ends_what_one_has_left(profile: str) -> None:
     assert (machine.owner, machine.open) == (None, {})
     assert set(machine.tasks.values()) == {2}
     assert not machine.alarms.active
+    assert not [message for message in after.desk.told if isinstance(message, Trouble)]
+
+
+def test_what_the_controller_shows_after_a_player_was_killed_is_told() -> None:
+    stage = Stage(start=Start(errors=(0x84201482,)))
+    ended = stage.play(plan(0x202, points=(), aftermath=Aftermath((Debt.SLAVE_MODE,), Generation.RC8, 1, 9)))
+    assert ended.outcome is Outcome.DONE
+    (trouble,) = [message for message in stage.desk.told if isinstance(message, Trouble)]
+    assert [code for code, _ in trouble.errors] == [0x84201482]
+    assert "ClearError" not in stage.said
 
 
 def test_a_reply_that_is_longer_than_all_tries_is_waited_for() -> None:
