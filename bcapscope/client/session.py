@@ -79,6 +79,7 @@ class Session:
         self._caller = caller
         self._open: list[tuple[Function, int | None]] = []
         self._modes: dict[int, int] = {}
+        self._starting = False
 
     @property
     def exchanger(self) -> Exchanger:
@@ -92,9 +93,20 @@ class Session:
             LocalProtocolError: it cannot be sent, see `Requester.call`.
             ConnectionError: the link is gone.
         """
-        settled = await self._caller.exchange(function_id, arguments, self.pace(function_id, arguments))
+        pace = self.pace(function_id, arguments)
+        mode = _slave_mode(function_id, arguments)
+        robot = _handle(arguments)
+        before = self._modes.get(robot, 0)
+        # What is given up on the way may still be done.
+        self._starting = function_id == _SERVICE_START
+        if mode:
+            self._modes[robot] = mode
+        settled = await self._caller.exchange(function_id, arguments, pace)
+        self._starting = False
         if isinstance(settled, Answered):
             self._note(function_id, arguments, settled.reply)
+        elif mode and isinstance(settled, Refused):
+            self._modes[robot] = before
         return settled
 
     async def call(self, function_id: int, arguments: Sequence[Variant]) -> Frame:
@@ -127,6 +139,9 @@ class Session:
         Where the peer no longer answers, the rest is left to it.
         """
         try:
+            if self._starting:
+                self.paces = self.paces._replace(others=self.paces.others._replace(retries=0))
+                await self._leave("Service_Stop")
             for handle, mode in self._modes.items():
                 if mode:
                     await self._leave("Robot_Execute", handle, "slvChangeMode", Variant(VT.I4, 0))
@@ -167,13 +182,21 @@ class Session:
             gone = (function, _handle(arguments) if arguments else None)
             if gone in self._open:
                 self._open.remove(gone)
-        if command_of(function_id, arguments) == "slvchangemode" and len(arguments) > 2:
-            self._modes[_handle(arguments)] = mode_value(arguments[2]) or 0
+        mode = _slave_mode(function_id, arguments)
+        if mode is not None:
+            self._modes[_handle(arguments)] = mode
 
 
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
     """Return the command of a Robot_Execute in lower case, else nothing."""
     return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
+
+
+def _slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
+    """Return the slave mode that a call asks for; None if it asks for none."""
+    if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
+        return None
+    return mode_value(arguments[2]) or 0
 
 
 def _handle(arguments: Sequence[Variant]) -> int:

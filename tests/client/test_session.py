@@ -117,6 +117,56 @@ def test_what_is_open_is_let_go_when_the_task_is_cancelled_in_a_call() -> None:
     assert peer.functions[-2:] == ["Controller_Disconnect", "Service_Stop"]
 
 
+@pytest.mark.parametrize(
+    ("hangs", "expected"),
+    [
+        ("Service_Start", [("Service_Start", ""), ("Service_Stop",)]),
+        (
+            "Robot_Execute",
+            [("Robot_Execute", 7, "slvChangeMode", 0x102), ("Robot_Execute", 7, "slvChangeMode", 0)],
+        ),
+    ],
+)
+def test_what_may_have_begun_when_it_was_given_up_is_ended(
+    hangs: str, expected: list[tuple[object, ...]]
+) -> None:
+    near, far = memory_pair()
+    peer = Peer(far)
+    peer.answers[hangs] = None
+
+    async def use() -> None:
+        async with open_session(over_link(near)) as session:
+            if hangs == "Service_Start":
+                await session.invoke("Service_Start", "")
+            await Robot(session, 7).slv_change_mode(0x102)
+
+    async def play() -> None:
+        task = asyncio.create_task(use())
+        await asyncio.sleep(0.5)
+        del peer.answers[hangs]
+        peer.end()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    run_virtually(play())
+    assert peer.executed == expected
+
+
+def test_a_slave_mode_that_is_refused_is_not_left() -> None:
+    near, far = memory_pair()
+    peer = Peer(far)
+    peer.answers["Robot_Execute"] = E_HANDLE, ()
+
+    async def play() -> None:
+        async with open_session(over_link(near)) as session:
+            with pytest.raises(ControllerError):
+                await Robot(session, 7).slv_change_mode(0x102)
+
+    run_virtually(play())
+    assert len(peer.executed) == 1
+
+
 def test_a_peer_that_is_gone_is_not_asked_to_release_everything() -> None:
     async def play() -> float:
         gone = False
