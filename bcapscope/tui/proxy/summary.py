@@ -28,9 +28,11 @@ def _way(key: str, times: tuple[int, int, int, int]) -> str:
 
 
 def _counts(figures: Figures) -> Iterator[str]:
-    up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
-    yield say("proxy.datagrams", up=up, down=down)
-    if figures.bytes_up or figures.bytes_down:
+    is_tcp = figures.bytes_up or figures.bytes_down
+    if figures.came_up or figures.came_down or not is_tcp:  # in 80 columns there is no room for what is not used
+        up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
+        yield say("proxy.datagrams", up=up, down=down)
+    if is_tcp:
         yield say("proxy.tcp", up=f"{figures.bytes_up:,}", down=f"{figures.bytes_down:,}")
     yield say("proxy.faults", count=f"{sum(figures.struck.values()):,}")
     if figures.guard:

@@ -111,7 +111,7 @@ class FieldTree(Lines):
         if row.kind is RowKind.PROBLEM:
             return f"       {indent}{INK.problem}!! {row.text}{INK.reset}"
         if row.kind is RowKind.NOTE:
-            return f"       {indent}{INK.dim}{row.text}{INK.reset}"
+            return f"       {indent}{INK.dim}{told(row.text)}{INK.reset}"
         fold = " " if stop == at + 1 else "▸" if at in self._folded else "▾"
         name_width = _NARROW_NAME if self.size.width < _NARROW else _NAME_WIDTH
         width = max(1, name_width - len(indent))

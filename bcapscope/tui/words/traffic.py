@@ -147,7 +147,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.searching": ("searching {percent} %", "検索中 {percent} %"),
     "traffic.about.request": (
         "Frame {number}, {role} of call {call}",
-        "フレーム {number}: コール {call} の {role}",
+        "フレーム {number}: コール {call} の{role}",
     ),
     "traffic.about.stray": (
         "Frame {number}, a reply to no open call",
