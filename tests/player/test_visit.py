@@ -445,6 +445,31 @@ def test_an_order_ends_what_is_waited_for(order: Order) -> None:
     assert not stage.simulator.machine.motor_is_on(120_000 * MS)
 
 
+@pytest.mark.parametrize("order", list(Order))
+@pytest.mark.parametrize("profile", ["rc7", "rc8"])
+def test_an_order_at_any_moment_leaves_everything_as_it_was(profile: str, order: Order) -> None:
+    """The order comes at the n-th look for one, until the motion is over before it."""
+    moment, outcome = 1, Outcome.STOPPED
+    while outcome is not Outcome.DONE:
+        stage = Stage(profile, Start(joints=(5.0, *HOME[1:]), motor_time=120 * MS))
+        stage.desk.at_poll = lambda count, moment=moment: order if count == moment else None
+        stage.channel.delay = 2 * MS
+        ended = stage.play(plan(0x102, points=wave(20, 0.5), may_approach=True, log="anything"))
+        machine, outcome = stage.simulator.machine, ended.outcome
+        assert outcome in (Outcome.DONE, Outcome.STOPPED, Outcome.HALTED), ended
+        assert ended.left
+        assert (machine.slave.mode, machine.owner, machine.open) == (None, None, {}), moment
+        assert not machine.motor_is_on(stage.channel.now())
+        assert set(machine.tasks.values()) == {2}
+        assert not machine.alarms.active
+        logged = len(machine.log.records)
+        stage.simulator.advance(stage.channel.now() + 100 * MS)
+        assert len(machine.log.records) == logged
+        assert machine.arm.stands(stage.channel.now() + 100 * MS)
+        moment += 1
+    assert moment > 40
+
+
 def test_an_order_ends_what_nobody_will_answer() -> None:
     stage = Stage()
 
