@@ -15,8 +15,9 @@ MOST_KEPT = 32
 MOST_FINDINGS = 16
 """Findings of one rule, where it tells several apart; what comes beyond joins the first."""
 
-MOST_CALLS = 4096
-"""Calls whose incidents can be found by their number."""
+MOST_CALLS = 256
+"""Calls whose incidents can be found by their number, the latest: what explains a call is not long ago. An
+incident may hold all that is known of a stay in slave mode, some 20 kB."""
 
 MOST_FRAMES = 16
 """Frames that a finding names."""

@@ -20,6 +20,9 @@ MOST_HANDLES = 1024
 """Handles of a client that are remembered; the official server gives it 1000 (orin_bcap
 C/src/bCAPServer/bcap_server.c)."""
 
+MOST_DEPARTED = 32
+"""Clients that are known to have gone and are remembered, as they may have left something behind."""
+
 A_WHILE = 50_000_000
 """A call that takes longer than this, in nanoseconds, may still run when the next one is sent."""
 
@@ -352,6 +355,7 @@ class Clients:
         """Tell `gone` about each client that is dropped to bound the memory."""
         self._gone = gone
         self._all: dict[Conversation, Client] = {}
+        self._departed: deque[Conversation] = deque()
         self.seen = 0
 
     def __iter__(self) -> Iterator[Client]:
@@ -368,6 +372,18 @@ class Clients:
                 self._gone(silent)
             client = self._all[call.conversation] = Client(call)
         return client
+
+    def depart(self, conversation: Conversation) -> None:
+        """Take notice that a client is gone for good; the latest few are remembered, for the others' sake."""
+        client = self._all.get(conversation)
+        if client is None:
+            return
+        client.points.clear()
+        self._departed.append(conversation)
+        if len(self._departed) > MOST_DEPARTED:
+            forgotten = self._all.pop(self._departed.popleft(), None)
+            if forgotten is not None:
+                self._gone(forgotten)
 
     def find(self, conversation: Conversation) -> Client | None:
         """Return a client that has called; None for one that has not, or is forgotten."""

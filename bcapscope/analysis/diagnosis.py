@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from bcapscope.analysis.casebook import Casebook
 from bcapscope.analysis.choice import Choice
 from bcapscope.analysis.client import Client, Clients
-from bcapscope.analysis.finding import Finding
+from bcapscope.analysis.finding import Finding, Seen
 from bcapscope.analysis.rules import WATCHERS
 from bcapscope.analysis.rules.rule import Kind, all_seen, overrides
 from bcapscope.analysis.rules.wire import LARGE
@@ -29,24 +29,6 @@ MOST_FLOWS = 65536
 """Flows that are known not to be new; when there are more, all are forgotten."""
 
 _See: TypeAlias = Callable[[Exchange, Client], None]
-
-
-class Seen(NamedTuple):
-    """How much a diagnosis saw.
-
-    Attributes:
-        frames: frames and malformed items.
-        calls: calls.
-        clients: conversations that asked at least once.
-        nanoseconds: from the first frame to the end.
-        chosen: of the calls those that were asked for; None where all were.
-    """
-
-    frames: int
-    calls: int
-    clients: int
-    nanoseconds: int
-    chosen: int | None = None
 
 
 class Diagnosis:
@@ -71,7 +53,7 @@ class Diagnosis:
         self._choice = None if chosen is None else Choice(chosen, self._book.report)
         report = self._book.report if self._choice is None else self._choice.report
         self._clients = Clients(self._drop)
-        self._handles = Handles()
+        self._handles = Handles(most_over=0)
         self._slave = SlaveWatcher()
         watchers = [watcher(report, self._clients) for watcher in WATCHERS]
         self._callers = overrides(watchers, "call")
@@ -82,6 +64,7 @@ class Diagnosis:
             self._stays.append(heed)
         self._gone = [each.gone for each in overrides(watchers, "gone")]
         self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
+        self._forgetters = [each.forget for each in overrides(watchers, "forget")]
         self._calls = self._ended = 0
         self._seers: dict[tuple[Question, Kind], tuple[_See, ...]] = {}
         self._flows: set[Flow] = set()
@@ -157,6 +140,17 @@ class Diagnosis:
         for stay in stays:
             for tell in self._stays:
                 tell(stay)
+
+    def forget(self, conversation: Conversation) -> None:
+        """Let go of a conversation that is over, all of whose calls were taken."""
+        self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
+        if conversation is self._conversation:
+            self._conversation = self._question = None
+        self._handles.forget(conversation)
+        self._tell(self._slave.forget(conversation))
+        self._clients.depart(conversation)
+        for forget in self._forgetters:
+            forget(conversation)
 
     def finish(self, ended: int = 0) -> tuple[Finding, ...]:
         """Tell all that was found, the first cause first; nothing more is to be taken after that.

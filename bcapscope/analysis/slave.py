@@ -118,6 +118,19 @@ class SlaveWatcher:
         self._seen = max(self._seen, call.activity)
         return self._release(self._seen - HELD_NS) if self._ended else ()
 
+    def forget(self, conversation: Conversation) -> tuple[Stay, ...]:
+        """Return the stays of a client that were not given out yet, and forget it: it is gone."""
+        waiting = (course for known in self._controllers.values() for course in known.waiting.values())
+        for course in [
+            each for each in (*self._courses.values(), *waiting) if each.conversation is conversation
+        ]:
+            self._close(course, Exit(ExitReason.SILENT, course.last_seen, (), None, None))
+        for key in [key for key in self._over if key[0] is conversation]:
+            del self._over[key]
+        found = [each for each in self._ended if each.course.conversation is conversation]
+        self._ended = deque(each for each in self._ended if each.course.conversation is not conversation)
+        return tuple(self._stay(each) for each in found)
+
     def finish(self, ended: int = 0) -> tuple[Stay, ...]:
         """Return the stays that were not given out yet; the traffic has ended.
 

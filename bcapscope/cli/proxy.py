@@ -110,8 +110,9 @@ def command(
     are open, closes the recording and sums up; a second Ctrl-C ends at once.
 
     Rules look into what passes: faults, --read-only and the like, --intercept, --script. Each message meets
-    the scripts first, then the intercept, the guard, and the faults in their order. While it runs, they can
-    be changed by `bcapscope proxy ctl ADDRESS` if it was given `--control ADDRESS`.
+    the scripts first, then the intercept, the faults in their order, and the guard last, right before the
+    controller. While it runs, they can be changed by `bcapscope proxy ctl ADDRESS` if it was given
+    `--control ADDRESS`. What they still hold at the end is sent if it is an answer, or stops the robot.
 
     Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
     script not be used; 6 the capture cannot be written; 9 there is no controller of that name.

@@ -7,8 +7,10 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 from types import FrameType
@@ -26,8 +28,8 @@ from bcapscope.proxy.tcp import TcpPort
 from bcapscope.proxy.udp import UdpPort, UdpSession
 from bcapscope.traffic.observation import Endpoint
 
-RING_SIZE = 16 << 20
-"""Bytes: ten seconds of four robots with a set point each millisecond, if nobody watched at all."""
+RING_SIZE = 32 << 20
+"""Bytes: twenty seconds of four robots with a set point each millisecond, if nobody watched at all."""
 
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
@@ -126,6 +128,7 @@ class Proxy:
             greet()
             self.relay.run(self._look_around)
             self.relay.close_ports()
+            self.relay.let_all_go()
             self._say_goodbye()
             if self.relay.policy is not None:
                 self.relay.policy.close()
@@ -182,7 +185,7 @@ class Proxy:
             self._watched = False
             self.relay.unwatch(self._link.fileno())
             self._ring.abandon()
-            narrate("watching has ended; the relay goes on, and nothing is recorded or shown any more")
+            _aside("watching has ended; the relay goes on, and nothing is recorded or shown any more")
             if self._ending:
                 self.relay.stop()
 
@@ -205,6 +208,19 @@ class Proxy:
             how = "was ended" if answered == len(requests) else "could not be ended: no answer"
             what = f", where {state}," if state else ""
             self.relay.tell(f"the session of {client} at {controller}{what} {how}")
+
+
+def _aside(text: str) -> None:
+    """Tell something while bytes pass: in a thread of its own, as a terminal that is stopped takes nothing.
+
+    It writes past Python's buffer, whose lock the end of the program would wait for.
+    """
+
+    def write() -> None:
+        with suppress(OSError):
+            os.write(2, f"{text}\n".encode())
+
+    threading.Thread(target=write, name="aside", daemon=True).start()
 
 
 def _share(size: int) -> SharedMemory:

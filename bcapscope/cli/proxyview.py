@@ -16,7 +16,7 @@ from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.getters import CALL_GETTERS, FRAME_GETTERS, Told
 from bcapscope.traffic.handles import Thing
-from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.observation import Conversation, Observation
 from bcapscope.traffic.question import Questions
 
 Lines: TypeAlias = Iterator[str] | Iterator[bytes]
@@ -29,6 +29,7 @@ class View:
         """Take what is to be shown, and colours."""
         wanted = look.filter()
         self._questions = Questions()
+        self._records = CallRecordRenderer()
         self._began = False
         self._frames: Callable[[Told], Lines] | None = None
         self._calls: Callable[[Settled, Thing | None], Lines] | None = None
@@ -43,10 +44,15 @@ class View:
         elif look.shown is RecordKind.CALL:
             calls = CallRenderer(look.clock, palette)
             self._begin = calls.begin
-            self._calls = _call_form(look.form, calls)
+            self._calls = _call_form(look.form, calls, self._records)
             if wanted is not None:
                 self._wants_call = wanted.bind(CALL_GETTERS)
         self._chooses_calls = wanted is not None or look.form is Form.JSON
+
+    def forget(self, conversation: Conversation) -> None:
+        """Forget a client that has gone."""
+        self._questions.forget(conversation)
+        self._records.forget(conversation)
 
     def frame(self, seen: Observation, note: str) -> Sequence[str] | Sequence[bytes]:
         """Return the lines of a frame.
@@ -88,12 +94,14 @@ def _frame_form(form: Form, line: LineRenderer, palette: Palette) -> Callable[[T
     return lines
 
 
-def _call_form(form: Form, renderer: CallRenderer) -> Callable[[Settled, Thing | None], Lines]:
+def _call_form(
+    form: Form, renderer: CallRenderer, records: CallRecordRenderer
+) -> Callable[[Settled, Thing | None], Lines]:
     if form is Form.TREE:
         return renderer.tree
     if form is Form.LINE:
         return lambda settled, subject: iter((renderer.line(settled, subject),))
-    record = CallRecordRenderer().record
+    record = records.record
 
     def lines(settled: Settled, subject: Thing | None) -> Iterator[bytes]:
         if isinstance(settled, Exchange):

@@ -12,13 +12,13 @@ import os
 import shutil
 import signal
 import time
-from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.rules.session import IN_SLAVE_MODE
 from bcapscope.cli.output import palette
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxystatus import Delays, losses, rates, totals
@@ -27,6 +27,7 @@ from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes
 from bcapscope.cli.screen import Screen
 from bcapscope.proxy.farewell import Farewells
 from bcapscope.proxy.ring import Kind, Record, RingReader
+from bcapscope.proxy.vigil import Vigil
 from bcapscope.proxy.witness import Witness
 from bcapscope.render.call import counted
 from bcapscope.render.escape import printable
@@ -34,6 +35,7 @@ from bcapscope.render.findings import FindingsRenderer
 from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.handles import Handles
 from bcapscope.traffic.lane import RETRY_WITHIN_NS
+from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.tracker import Tracker
 
 TICK = 0.025
@@ -45,8 +47,7 @@ _MARGIN = round(3 * TICK * 1e9)
 
 _NICENESS = 10
 _AT_ONCE = 128
-_MOST_BEHIND = 1024
-"""So many times `_AT_ONCE` records are recorded and not decoded yet; what comes then stays in the ring."""
+"""Records."""
 
 
 def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
@@ -69,14 +70,16 @@ def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
     shared = SharedMemory(memory)
     assert shared.buf is not None
     reader = RingReader(shared.buf)
+    ahead = RingReader(shared.buf, ahead=True)
     relay.send_bytes(READY)
     try:
-        Watcher(reader, wishes, screen, recorder).run(relay)
+        Watcher(reader, wishes, screen, None if recorder is None else Scribe(ahead, recorder)).run(relay)
     finally:
         screen.close()
         if recorder is not None:
             recorder.close()
-        reader.release()
+        for end in (reader, ahead):
+            end.release()
         shared.close()
 
 
@@ -94,75 +97,94 @@ def _step_back() -> None:
     gc.freeze()
 
 
+class Scribe:
+    """Records what the relay wrote, ahead of all that is made of it.
+
+    Attributes:
+        reader: reads for it; what it has read stays in the ring until it is decoded as well.
+    """
+
+    def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
+        """Take a reader that is ahead of the watcher's, and what writes."""
+        self.reader = reader
+        self._recorder = recorder
+
+    def write(self) -> None:
+        """Record all that there is."""
+        while records := self.reader.take(_AT_ONCE):
+            self._recorder.take(records)
+
+
 class Watcher:
-    """Takes what the relay wrote, and does with it what is wished."""
+    """Takes what the relay wrote, and does with it what is wished.
+
+    What waits to be decoded waits in the ring, whose size is fixed. Who has gone is forgotten; beside the
+    clients that are there, of whom the relay has a limit, it holds what tracker and diagnosis bound.
+    """
 
     def __init__(
-        self, reader: RingReader, wishes: Wishes, screen: Screen, recorder: ProxyRecorder | None
+        self, reader: RingReader, wishes: Wishes, screen: Screen, scribe: Scribe | None = None
     ) -> None:
         self._reader = reader
         self._wishes = wishes
         self._screen = screen
-        self._recorder = recorder
+        self._scribe = scribe
         self._colors = palette(wishes.color)
         self._view = View(wishes.look, self._colors)
         self._witness = Witness()
         self._tracker = Tracker()
         self._diagnosis = Diagnosis()
-        self._handles = Handles()
+        self._handles = Handles(most_over=0)
         self._farewells = Farewells(self._handles)
+        self._vigil = Vigil()
         self._delays = Delays()
         self._advice = ""
         self._calls = self._retries = 0
-        self._backlog: deque[list[Record]] = deque()
         self._next_status = self._shown = 0
         self._counts_then: tuple[int, ...] = ()
 
     def run(self, relay: Connection) -> None:
         """Watch until the relay is gone and all that it left is taken."""
-        over = asked = False
+        asked = False
         while True:
-            new = self._drain()
-            self._work()
-            behind = bool(self._backlog or self._reader.waiting)
-            if asked and not behind:
+            is_busy = self.look()
+            if asked and not self._reader.waiting:
                 relay.send_bytes(self._goodbyes())
                 asked = False
-            if over and not behind and not new:
-                break
-            self._look_around(behind)
-            if over:
-                time.sleep(0 if behind else TICK / 10)
-                continue
             try:
-                if relay.poll(0 if self._backlog else TICK):
+                if relay.poll(0 if is_busy else TICK):
                     said = relay.recv_bytes()
                     asked = said == FAREWELL
                     self._advice = self._advice if asked else said.decode()
             except (EOFError, OSError):
-                over = True
+                break
+        while self._reader.waiting:
+            self.look()
         self._finish()
 
-    def _drain(self) -> bool:
-        """Record all that the relay wrote, before anything else; tell whether there was anything."""
-        found = False
-        while len(self._backlog) < _MOST_BEHIND and (records := self._reader.take(_AT_ONCE)):
-            found = True
-            if self._recorder is not None:
-                self._recorder.take(records)
-            self._backlog.append(records)
-        return found
+    def look(self) -> bool:
+        """Take what the relay has written: record all of it, then decode, show and judge for a tick.
 
-    def _work(self) -> None:
-        """Decode, show and judge what was recorded, as far as that goes in a tick."""
+        Returns:
+            Whether the tick was too short.
+        """
+        if self._scribe is not None:
+            self._scribe.write()
+        is_busy = self._decode()
+        self._look_around()
+        return is_busy
+
+    def _decode(self) -> bool:
         until = time.monotonic() + TICK
-        while self._backlog and time.monotonic() < until:
-            self._take(self._backlog.popleft())
+        recorded = None if self._scribe is None else self._scribe.reader.place
+        while records := self._reader.take(_AT_ONCE, recorded):
+            self._take(records)
+            if time.monotonic() >= until:
+                return True
+        return False
 
     def _take(self, records: list[Record]) -> None:
         lines: list[str | bytes] = []
-        gone = [record for record in records if record.kind is Kind.GONE]
-        going = [(self._witness.conversation(record.client), record) for record in gone]
         for seen, note in self._witness.observe(records):
             lines += self._view.frame(seen, note)
             self._diagnosis.take_observation(seen)
@@ -174,13 +196,18 @@ class Watcher:
         for record in records:
             if record.kind is Kind.TOLD:
                 self._screen.tell(printable(record.data.decode("utf-8", "replace")))
-        for conversation, record in going:
-            left = "" if conversation is None else self._farewells.forget(conversation)
-            if left:
-                why = printable(record.data.decode("utf-8", "replace"))
-                self._screen.tell(
-                    f"{conversation.client if conversation else ''} is gone ({why}) while {left}"
-                )
+        for conversation, why in self._witness.gone():
+            self._part_from(conversation, printable(why))
+
+    def _part_from(self, conversation: Conversation, why: str) -> None:
+        """Settle the calls of a client that has gone, tell what it left behind, and forget it."""
+        self._screen.show(self._settled(self._tracker.forget(conversation)))
+        left = self._farewells.forget(conversation)
+        self._handles.forget(conversation)
+        self._diagnosis.forget(conversation)
+        self._view.forget(conversation)
+        if left:
+            self._screen.tell(f"{conversation.client} is gone ({why}) while {left}")
 
     def _settled(self, settled: Iterable[Settled]) -> list[str | bytes]:
         lines: list[str | bytes] = []
@@ -195,12 +222,18 @@ class Watcher:
             lines += self._view.call(item, subject)
         return lines
 
-    def _look_around(self, is_behind: bool) -> None:
+    def _look_around(self) -> None:
         """Do what is due whether or not anything passes."""
         now = time.time_ns()
-        if not is_behind:
-            self._screen.show(self._settled(self._tracker.expire(now - _MARGIN)))
         color = self._colors
+        if not self._reader.waiting:
+            self._screen.show(self._settled(self._tracker.expire(now - _MARGIN)))
+            heard = self._witness.heard
+            sending = ((each, heard[each]) for each in self._farewells.in_slave_mode() if each in heard)
+            for sentence in self._vigil.look(sending, now - _MARGIN):
+                self._screen.tell(
+                    f"{color.problem}{IN_SLAVE_MODE.severity}{color.reset} {IN_SLAVE_MODE.id}: {sentence}"
+                )
         for finding in self._diagnosis.news():
             head = f"{color.problem}{finding.severity}{color.reset} {finding.rule}"
             self._screen.tell(f"{head}: {printable(finding.sentence)}")

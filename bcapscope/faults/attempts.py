@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from bcapscope.protocol.frame import Frame
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 from bcapscope.traffic.question import MOST_CONVERSATIONS, MOST_SERIALS
@@ -10,14 +12,31 @@ MOST_TRIES = 16
 """Twice of what any client sends for one call, the one that tries without end left out."""
 
 
-class _Call:
-    """A call and how many packets have asked for it."""
+class Call:
+    """A call, compared by identity.
+
+    Attributes:
+        content: of each of its requests, from the function id on.
+        tries: packets that have asked for it.
+    """
 
     __slots__ = ("content", "tries")
 
     def __init__(self, content: bytes, tries: int) -> None:
         self.content = content
         self.tries = tries
+
+
+class Try(NamedTuple):
+    """One packet of a call.
+
+    Attributes:
+        call: that it asks for, or answers.
+        number: of the try; 1 is the first.
+    """
+
+    call: Call
+    number: int
 
 
 class Attempts:
@@ -36,14 +55,29 @@ class Attempts:
         """
         if flow.conversation.transport is Transport.TCP:
             return 1
+        found = self.follow(flow, frame)
+        return None if found is None else found.number
+
+    def follow(self, flow: Flow, frame: Frame) -> Try | None:
+        """Take in the next frame of a conversation over UDP; tell what it asks for or answers.
+
+        None for a response to what was not asked lately.
+        """
         serials = self._conversations.pop(flow.conversation, None) or _Serials()
         while len(self._conversations) >= MOST_CONVERSATIONS:
             del self._conversations[next(iter(self._conversations))]
         self._conversations[flow.conversation] = serials
-        if flow.direction is Direction.RESPONSE:
-            found = serials.find(frame.serial)
-            return found[1] if found else None
-        return serials.ask(frame)
+        return serials.find(frame.serial) if flow.direction is Direction.RESPONSE else serials.ask(frame)
+
+    def asked_before(self, flow: Flow, request: Frame) -> Call | None:
+        """Return the call that was asked for by the same request, to the byte; nothing is taken in."""
+        serials = self._conversations.get(flow.conversation)
+        known = serials.find(request.serial) if serials else None
+        return known.call if known and known.call.content == request.raw[9:] else None
+
+    def forget(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over."""
+        self._conversations.pop(conversation, None)
 
 
 class _Serials:
@@ -52,33 +86,32 @@ class _Serials:
     __slots__ = ("earlier", "latest")
 
     def __init__(self) -> None:
-        self.latest: dict[int, tuple[_Call, int]] = {}
-        self.earlier: dict[int, tuple[_Call, int]] = {}
+        self.latest: dict[int, Try] = {}
+        self.earlier: dict[int, Try] = {}
 
-    def find(self, serial: int) -> tuple[_Call, int] | None:
+    def find(self, serial: int) -> Try | None:
         return self.latest.get(serial) or self.earlier.get(serial)
 
-    def ask(self, frame: Frame) -> int:
+    def ask(self, frame: Frame) -> Try:
         serial, reserved, content = frame.serial, frame.reserved, frame.raw[9:]
         known = self.find(serial)
-        if known and known[0].content == content and reserved not in (0, serial):
-            return known[1]  # the network has made a copy of it
-        call, number = self._call_of(serial, reserved, content)
-        call.tries = max(call.tries, number)
-        self.latest[serial] = (call, number)
+        if known and known.call.content == content and reserved not in (0, serial):
+            return known  # the network has made a copy of it
+        found = self._try_of(serial, reserved, content)
+        found.call.tries = max(found.call.tries, found.number)
+        self.latest[serial] = found
         if len(self.latest) >= MOST_SERIALS:
             self.earlier, self.latest = self.latest, {}
-        return number
+        return found
 
-    def _call_of(self, serial: int, reserved: int, content: bytes) -> tuple[_Call, int]:
+    def _try_of(self, serial: int, reserved: int, content: bytes) -> Try:
         if reserved in (0, serial):
-            return _Call(content, 1), 1
+            return Try(Call(content, 1), 1)
         origin = self.find(reserved)
-        if origin and origin[0].content == content:
-            return origin[0], origin[0].tries + 1
+        if origin and origin.call.content == content:
+            return Try(origin.call, origin.call.tries + 1)
         # The first try was lost before it came here; serials count on from it.
         behind = (serial - reserved) & 0xFFFF
-        number = behind + 1 if behind < MOST_TRIES else 2
-        call = _Call(content, number)
-        self.latest[reserved] = (call, 1)
-        return call, number
+        found = Try(Call(content, 1), behind + 1 if behind < MOST_TRIES else 2)
+        self.latest[reserved] = Try(found.call, 1)
+        return found

@@ -230,24 +230,44 @@ class Shaper:
     def holds(self, flow: Flow) -> bool:
         """Tell whether something of this flow is still to be sent, before its end is passed on, or never."""
         return not self.passes_end(flow.conversation) or any(
-            isinstance(parcel.output, Send) and _way(parcel.output.flow) == _way(flow)
-            for _, _, parcel in self._waiting
+            _is_of(parcel.output, _way(flow)) for _, _, parcel in self._waiting
         )
 
     def passes_end(self, conversation: Conversation) -> bool:
         """Tell whether the end of one side of a connection is to be heard of: not of a half-open one."""
         return conversation not in self._dead
 
+    def abandon(self, flow: Flow) -> list[bytes]:
+        """Let go of all that is held of one direction, and return it in the order in which it was to go.
+
+        Of a half-open conversation nothing is returned.
+        """
+        way = _way(flow)
+        found = [entry for entry in self._waiting if _is_of(entry[2].output, way)]
+        self._waiting = [entry for entry in self._waiting if not _is_of(entry[2].output, way)]
+        self._recount()
+        self._stream_until.pop(way, None)
+        self._overtaken.pop(way, None)
+        if flow.conversation in self._dead:
+            return []
+        outputs = [parcel.output for _, _, parcel in sorted(found, key=_order)]
+        return [output.data for output in outputs if isinstance(output, Send)]
+
     def forget(self, conversation: Conversation) -> None:
         """Forget a conversation that is over; what is held of it is lost."""
         self._dead.pop(conversation, None)
         self._manners.forget(conversation)
+        self._questions.forget(conversation)
+        self._attempts.forget(conversation)
         for rule in self.rules:
             rule.effect.forget(conversation)
         for direction in Direction:
             self._stream_until.pop((conversation, direction), None)
             self._overtaken.pop((conversation, direction), None)
         self._waiting = [entry for entry in self._waiting if not _belongs(entry[2].output, conversation)]
+        self._recount()
+
+    def _recount(self) -> None:
         heapq.heapify(self._waiting)
         self._waiting_bytes = sum(parcel.size for _, _, parcel in self._waiting)
 
@@ -342,6 +362,14 @@ def _way(flow: Flow) -> _Way:
 
 def _to_client(flow: Flow) -> Flow:
     return flow if flow.direction is _RESPONSE else Flow(flow.conversation, _RESPONSE)
+
+
+def _order(entry: tuple[int, int, _Parcel]) -> tuple[int, int]:
+    return entry[:2]
+
+
+def _is_of(output: Output | None, way: _Way) -> bool:
+    return isinstance(output, Send) and _way(output.flow) == way
 
 
 def _belongs(output: Output | None, conversation: Conversation) -> bool:

@@ -30,7 +30,7 @@ from bcapscope.faults.quantities import ResultCode
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import function_name
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.observation import Direction, Endpoint, Transport
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 from bcapscope.traffic.question import Question
 from bcapscope.traffic.tracker import Tracker
 
@@ -163,8 +163,10 @@ class Addons:
         """Tell of a new client."""
         self._call_all("connected", client)
 
-    def gone(self, client: Client) -> None:
-        """Tell of a client that has gone."""
+    def gone(self, client: Client, conversation: Conversation) -> None:
+        """Tell of the open calls of a client that has gone, then of that, and forget it."""
+        if self._tracker is not None:
+            self._settle(self._tracker.forget(conversation))
         self._call_all("gone", client)
 
     def expire(self, since_1970: int) -> None:

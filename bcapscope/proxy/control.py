@@ -31,7 +31,8 @@ from bcapscope.faults.rewriting import Rewriter
 from bcapscope.protocol.frame import Frame, parse_datagram
 from bcapscope.protocol.functions import function_name
 from bcapscope.proxy.intercept import Held
-from bcapscope.proxy.rules import Attendance, Rules
+from bcapscope.proxy.rules import Rules
+from bcapscope.proxy.way import Attendance
 
 LONGEST_LINE = 1 << 20
 """Bytes; a message in hexadecimal digits has 1006 on UDP and seldom more than 20,000 on TCP."""
@@ -189,7 +190,7 @@ class Desk:
             case Edit():
                 rules.send_on(ask.number, now, self._edited(ask))
             case DropHeld():
-                rules.drop(ask.number)
+                rules.drop(ask.number, now)
             case ListClients():
                 found = (_client(each, self._upstream(each.number), now) for each in rules.clients())
                 return {"clients": list(found)}
@@ -294,6 +295,7 @@ def _held(held: Held, now: int) -> dict[str, object]:
         "command": question.command if question else None,
         "waited_s": round((now - held.since) / 1e9, 3),
         "left_s": round((held.until - now) / 1e9, 3),
+        "more": held.more,
         "hex": held.data.hex(),
     }
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
-from bcapscope.protocol.hresult import is_success
+from bcapscope.protocol.hresult import is_failure, is_success
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.handles import Ending, Handles, Session, handle_of
@@ -21,6 +21,7 @@ from bcapscope.traffic.observation import Conversation, Transport
 _ROBOT_EXECUTE = next(each.id for each in FUNCTIONS.values() if each.name == "Robot_Execute")
 _RELEASES = {each.releases: each.id for each in FUNCTIONS.values() if each.releases is not None}
 _STATES = _SLAVE, _TAKE, _GIVE = "slvchangemode", "takearm", "givearm"
+_POINT = "slvmove"
 
 
 class Farewell(NamedTuple):
@@ -41,6 +42,7 @@ class _State:
     def __init__(self) -> None:
         self.slave: dict[int, None] = {}
         self.arms: dict[int, None] = {}
+        self.refused = False  # the latest set point, perhaps as slave mode has ended by itself
         self.serial = 0
         self.convention = Convention.UNKNOWN
 
@@ -69,8 +71,16 @@ class Farewells:
         state.serial = call.last.item.serial
         state.convention = call.convention
         command = (call.question.command or "").casefold()
-        if command in _STATES:
+        if command == _POINT:
+            state.refused = call.hresult is not None and is_failure(call.hresult)
+        elif command in _STATES:
             self._learn(state, call, command)
+
+    def in_slave_mode(self) -> Iterator[Conversation]:
+        """Yield the clients that are in slave mode, as far as was seen, and whose set points are accepted."""
+        for client, state in self._states.items():
+            if state.slave and not state.refused:
+                yield client
 
     def forget(self, client: Conversation) -> str:
         """Forget a client that has gone; return what it left open beside handles, in words."""
@@ -92,6 +102,7 @@ class Farewells:
         if handle is None or call.hresult is None or not is_success(call.hresult):
             return
         if command == _SLAVE:
+            state.refused = False
             _switch(state.slave, handle, _mode(call.request.item.arguments) != 0)
         else:
             _switch(state.arms, handle, command == _TAKE)

@@ -77,6 +77,12 @@ class Policy(Protocol):
     def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
         """Take notice that a stream has ended in one direction; return what is to be done about its rest."""
 
+    def hides_end(self, client: int) -> bool:
+        """Tell whether neither side of a client's connection may hear of the other's end, by FIN or RST."""
+
+    def let_go(self, client: int, now: int) -> Sequence[Action]:
+        """Return what is to be done at once as a client, which is still there, is about to end."""
+
     def gone(self, client: int, now: int) -> None:
         """Forget a client."""
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
+from bcapscope.faults.attempts import Attempts, Call
 from bcapscope.faults.message import Message
 from bcapscope.faults.quantities import Condition
+from bcapscope.faults.rewriting import with_header
+from bcapscope.protocol.frame import Frame, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.traffic.getters import FRAME_GETTERS, Told
-from bcapscope.traffic.observation import Direction, Flow
+from bcapscope.traffic.lane import RETRY_WITHIN_NS
+from bcapscope.traffic.observation import Conversation, Direction, Flow
 from bcapscope.traffic.question import Question
 
 MOST_HELD = 1000
@@ -17,6 +21,9 @@ MOST_HELD = 1000
 
 PATIENCE = 60_000_000_000
 """ns that a message waits unless told otherwise: long enough to edit one, and a robot is not left hanging."""
+
+_Subject: TypeAlias = tuple[Call, Direction]
+"""What is decided about: a call over UDP, or its answer, whichever of its tries brings it."""
 
 
 class Held(NamedTuple):
@@ -26,10 +33,12 @@ class Held(NamedTuple):
         number: to name it by, never used twice.
         client: its number.
         flow: who speaks to whom.
-        data: the message.
+        data: the message; of a call that was tried again the latest try, as its client takes no other answer.
         question: what it asks or answers, where that is known.
         since: ns.
         until: ns; then it goes on unchanged.
+        more: how many more packets of the same call came meanwhile, which are not held apart.
+        subject: what is decided about, where there may be retries.
     """
 
     number: int
@@ -39,10 +48,38 @@ class Held(NamedTuple):
     question: Question | None
     since: int
     until: int
+    more: int = 0
+    subject: _Subject | None = None
+
+
+class Considered(NamedTuple):
+    """What becomes of a message that concerns the intercept.
+
+    Attributes:
+        note: in words.
+        data: what goes on in its place now; None for nothing.
+    """
+
+    note: str
+    data: bytes | None
+
+
+class _Decided(NamedTuple):
+    """What was decided about a message whose retries may still come.
+
+    Attributes:
+        number: of the message.
+        data: went on in its place; None for itself, empty for nothing.
+        until: ns; no retry is expected after that.
+    """
+
+    number: int
+    data: bytes | None
+    until: int
 
 
 class Intercept:
-    """Holds the messages that a filter is true for.
+    """Holds the messages that a filter is true for, each call once: what is decided holds for its retries.
 
     Requests that stop the robot or let go of something are never held.
 
@@ -56,6 +93,9 @@ class Intercept:
         self.patience = patience
         self.count = 0
         self._held: dict[int, Held] = {}
+        self._numbers: dict[_Subject, int] = {}
+        self._decided: dict[_Subject, _Decided] = {}
+        self._attempts = Attempts()
         self.set(condition)
 
     def set(self, condition: Condition | None) -> None:
@@ -64,6 +104,11 @@ class Intercept:
         self._test: Callable[[Told], bool] | None = None
         if condition is not None:
             self._test = condition.filter.bind(FRAME_GETTERS)
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no message concerns it."""
+        return self.condition is None and not self._numbers and not self._decided
 
     @property
     def held(self) -> list[Held]:
@@ -75,20 +120,116 @@ class Intercept:
         """Whether nothing more can be held."""
         return len(self._held) >= MOST_HELD
 
-    def wants(self, message: Message) -> bool:
+    def consider(self, client: int, message: Message) -> Considered | None:
+        """Hold a message or let it pass; None for one that does not concern the intercept.
+
+        All messages must pass here, in order.
+        """
+        while self._decided and next(iter(self._decided.values())).until < message.now:
+            del self._decided[next(iter(self._decided))]
+        subject = self._subject(message)
+        if subject is not None:
+            number, decided = self._numbers.get(subject), self._decided.get(subject)
+            if number is not None:
+                known = self._held[number]
+                self._held[number] = known._replace(data=message.data, more=known.more + 1)
+                return Considered(f"intercept: held with {number}, of which it is another try", None)
+            if decided is not None:
+                return self._again(message, subject, decided)
+        if not self._wants(message):
+            return None
+        if self.is_full:
+            return Considered(f"intercept: not held, {MOST_HELD} are held already", message.data)
+        return Considered(f"intercept: held as {self._hold(client, message, subject)}", None)
+
+    def release(self, number: int, now: int, data: bytes | None = None) -> Held:
+        """Let go of a message and return it; the same becomes of its retries.
+
+        Args:
+            number: of the message.
+            now: ns.
+            data: what goes on in its place; None for itself, empty for nothing.
+
+        Raises:
+            KeyError: nothing of this number is held.
+        """
+        held = self._held.pop(number)
+        if held.subject is not None:
+            del self._numbers[held.subject]
+            self._remember(held.subject, _Decided(number, data, now + RETRY_WITHIN_NS))
+        return held
+
+    def due(self) -> int | None:
+        """Tell when the next message has waited too long."""
+        return min((held.until for held in self._held.values()), default=None)
+
+    def expired(self, now: int) -> list[Held]:
+        """Let go of what has waited too long."""
+        return [self.release(held.number, now) for held in self.held if held.until <= now]
+
+    def holds(self, flow: Flow) -> bool:
+        """Tell whether anything of a flow is held."""
+        return any(held.flow is flow for held in self._held.values())
+
+    def abandon(self, flow: Flow) -> list[Held]:
+        """Let go of all that is held of one direction, and return it."""
+        found = [held for held in self.held if held.flow is flow]
+        for held in found:
+            del self._held[held.number]
+            if held.subject is not None:
+                del self._numbers[held.subject]
+        return found
+
+    def forget(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over, of which nothing is held any more."""
+        self._attempts.forget(conversation)
+
+    def _subject(self, message: Message) -> _Subject | None:
+        if self.is_idle or not message.datagram or len(message.frames) != 1:
+            return None
+        (frame,), flow = message.frames, message.flow
+        if flow.direction is Direction.REQUEST:
+            copied = self._attempts.asked_before(flow, frame)
+            if copied is not None and (copied, flow.direction) in self._numbers:
+                return copied, flow.direction
+        found = self._attempts.follow(flow, frame)
+        return None if found is None else (found.call, flow.direction)
+
+    def _again(self, message: Message, subject: _Subject, decided: _Decided) -> Considered:
+        """Let become of a retry what became of the message."""
+        self._remember(subject, decided._replace(until=message.now + RETRY_WITHIN_NS))
+        (frame,), number = message.frames, decided.number
+        if decided.data is None:
+            return Considered(f"intercept: sent on, as {number} was", message.data)
+        items = parse_datagram(decided.data)
+        if len(items) == 1 and isinstance(items[0], Frame):
+            data = with_header(items[0], serial=frame.serial, reserved=frame.reserved)
+            return Considered(f"intercept: edited, as {number} was", data)
+        return Considered(f"intercept: dropped, as it is another try of {number}", None)
+
+    def _remember(self, subject: _Subject, decided: _Decided) -> None:
+        """Remember a decision, behind all others: the first to end stands first."""
+        self._decided.pop(subject, None)
+        self._decided[subject] = decided
+        if len(self._decided) > MOST_HELD:
+            del self._decided[next(iter(self._decided))]
+
+    def _wants(self, message: Message) -> bool:
         """Tell whether a message is to be held."""
         test = self._test
         if test is None or not any(test(told) for told in message.told):
             return False
         if message.flow.direction is Direction.RESPONSE:
             return True
+        items = (told.seen.item for told in message.told)
         return not any(
-            always_passes(frame.code, [argument.variant for argument in frame.arguments])
-            for frame in message.frames
+            always_passes(item.code, [argument.variant for argument in item.arguments])
+            for item in items
+            if isinstance(item, Frame)
         )
 
-    def hold(self, client: int, message: Message) -> Held:
-        """Hold a message."""
+    def _hold(self, client: int, message: Message, subject: _Subject | None) -> int:
+        """Hold a message; return its number."""
         self.count += 1
         held = Held(
             self.count,
@@ -98,30 +239,9 @@ class Intercept:
             next((told.question for told in message.told if told.question), None),
             message.now,
             message.now + self.patience,
+            subject=subject,
         )
         self._held[held.number] = held
-        return held
-
-    def release(self, number: int) -> Held:
-        """Let go of a message and return it.
-
-        Raises:
-            KeyError: nothing of this number is held.
-        """
-        return self._held.pop(number)
-
-    def due(self) -> int | None:
-        """Tell when the next message has waited too long."""
-        return min((held.until for held in self._held.values()), default=None)
-
-    def expired(self, now: int) -> list[Held]:
-        """Let go of what has waited too long."""
-        return [self._held.pop(held.number) for held in self.held if held.until <= now]
-
-    def holds(self, flow: Flow) -> bool:
-        """Tell whether anything of a flow is held."""
-        return any(held.flow is flow for held in self._held.values())
-
-    def forget(self, client: int) -> None:
-        """Drop what is held of a client that is gone."""
-        self._held = {number: held for number, held in self._held.items() if held.client != client}
+        if subject is not None:
+            self._numbers[subject] = held.number
+        return held.number

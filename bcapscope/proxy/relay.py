@@ -48,7 +48,7 @@ class Session(Protocol):
 
     @property
     def state(self) -> str:
-        """How the way to the controller is: open, connecting, connected, refused."""
+        """How the way to the controller is: open, connecting, connected, half-open, refused."""
 
     def send(self, up: bool, data: bytes) -> int:
         """Send, to the controller or to the client; return when, 0 if not all of it went out yet."""
@@ -138,6 +138,11 @@ class Relay:
                 self._next_beat = time.monotonic() + PATIENCE
                 self._beat()
 
+    def let_all_go(self) -> None:
+        """Send what rules still give out of what they hold, as all is about to end."""
+        for session in list(self.sessions.values()):
+            self.let_go(session)
+
     def close(self) -> None:
         """Let go of all clients and ports."""
         self.close_ports()
@@ -172,11 +177,17 @@ class Relay:
             self._poller.unregister(descriptor)
 
     def has_room(self) -> bool:
-        """Tell whether there may be another client; one of UDP that is silent makes room."""
+        """Tell whether there may be another client; one that is silent makes room, if its connection does not
+        tell that it is there.
+        """
         if len(self.sessions) < MOST_CLIENTS:
             return True
-        on_udp = (each for each in self.sessions.values() if each.conversation.transport is Transport.UDP)
-        silent = min(on_udp, key=lambda each: each.heard, default=None)
+        may_go = (
+            each
+            for each in self.sessions.values()
+            if each.conversation.transport is Transport.UDP or each.state == "half-open"
+        )
+        silent = min(may_go, key=lambda each: each.heard, default=None)
         if silent is None or time.time_ns() - silent.heard < GIVE_WAY_AFTER:
             return False
         silent.close(False, "silent, and there are too many clients")
@@ -233,6 +244,18 @@ class Relay:
         direction = direction_of(up)
         self._perform(self.policy.ended(session.number, direction, time.monotonic_ns()))
         return not self.policy.holds(session.number, direction)
+
+    def hides_end(self, session: Session) -> bool:
+        """Tell whether neither side of a client may hear of the other's end."""
+        return self.policy is not None and self.policy.hides_end(session.number)
+
+    def let_go(self, session: Session) -> bool:
+        """Send what rules give out of what they hold of a client that is about to end; tell if it was any."""
+        if self.policy is None or session.number not in self.sessions:
+            return False
+        actions = self.policy.let_go(session.number, time.monotonic_ns())
+        self._perform(actions)
+        return bool(actions)
 
     def _perform(self, actions: Sequence[Action]) -> None:
         for action in actions:

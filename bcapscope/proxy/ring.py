@@ -23,6 +23,9 @@ SET_POINT = 2_000_000
 BATCH = 16
 """Datagrams that are noted before they are written together: writing costs time in which others may wait."""
 
+MOST_TOLD = 1024
+"""Sentences that wait for room; those that come then are lost, and counted."""
+
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
 _WRITTEN, _READ, _COUNTS, _FIGURES = 0, 1, 8, 64  # places in the header, in 8 bytes
@@ -233,11 +236,28 @@ class RingWriter(_Ring):
         return True
 
     def must(self, kind: Kind, client: int, data: bytes, now: int, *, up: bool = False) -> None:
-        """Write what has to be known, now or as soon as there is room; everything else waits for it."""
+        """Write what has to be known, now or as soon as there is room; everything else waits for it.
+
+        Where the reader stands still, what waits is bounded all the same: a client that comes and goes
+        meanwhile was never there, and not all is told.
+        """
         self.flush()
-        if not self._abandoned:
-            self._owed.append((kind, up, client, now, data))
-            self._settle()
+        if self._abandoned or (kind is Kind.GONE and self._unmeet(client)):
+            return
+        if kind is Kind.TOLD and len(self._owed) >= MOST_TOLD:
+            self.counts[Count.UNWATCHED] += 1
+            return
+        self._owed.append((kind, up, client, now, data))
+        self._settle()
+
+    def _unmeet(self, client: int) -> bool:
+        """Take back all that waits of a client that the reader has not met; tell whether that is so."""
+        if not any(kind is Kind.OPENED and number == client for kind, _, number, _, _ in self._owed):
+            return False
+        kept = deque(each for each in self._owed if each[2] != client)
+        self.counts[Count.UNWATCHED] += len(self._owed) - len(kept)
+        self._owed = kept
+        return True
 
     def _settle(self) -> bool:
         owed, self._owed = self._owed, deque()
@@ -253,27 +273,41 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """The watcher's end.
+    """The watcher's end, or one that reads ahead of it.
 
     Attributes:
         counts: by `Count`; the relay's.
         figures: by `Figure`; the watcher's own.
+        place: bytes that were taken so far.
     """
 
-    def __init__(self, memory: memoryview) -> None:
+    def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
+        """Read from the beginning.
+
+        Args:
+            memory: that both ends share.
+            ahead: another reader comes behind; only what that one has taken makes room.
+        """
         super().__init__(memory)
-        self._read = self._ready = 0
+        self.place = self._ready = 0
+        self._ahead = ahead
 
     @property
     def waiting(self) -> int:
         """Bytes that were written and not taken yet."""
-        return self._marks[_WRITTEN] - self._read
+        return self._marks[_WRITTEN] - self.place
 
-    def take(self, most: int = 8192) -> list[Record]:
-        """Return what had been written at the last look, so many records at most, and look again."""
+    def take(self, most: int = 8192, until: int | None = None) -> list[Record]:
+        """Return what had been written at the last look, so many records at most, and look again.
+
+        Args:
+            most: records.
+            until: what lies behind the `place` of a reader that is ahead is left to it; None for no other.
+        """
         records: list[Record] = []
-        space, size, read = self._space, self._size, self._read
-        while read < self._ready and len(records) < most:
+        space, size, read = self._space, self._size, self.place
+        ready = self._ready if until is None else until
+        while read < ready and len(records) < most:
             place = read % size
             need, kind, up, noted, client, length, came, left = _peek(space, place)
             read += need
@@ -282,8 +316,10 @@ class RingReader(_Ring):
                 data = bytes(space[place + 32 : end])
                 note = str(space[end : end + noted], "utf-8", "replace") if noted else ""
                 records.append(Record(Kind(kind), bool(up), client, came, left, data, note))
-        self._marks[_READ] = self._read = read
-        if read == self._ready:
+        self.place = read
+        if not self._ahead:
+            self._marks[_READ] = read
+        if read >= self._ready:
             self._ready = self._marks[_WRITTEN]
         return records
 

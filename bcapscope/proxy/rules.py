@@ -1,4 +1,6 @@
-"""All that looks into what passes: addons, intercept, guard and faults, in this order: the relay's policy.
+"""All that looks into what passes: addons, intercept, faults and guard, in this order: the relay's policy.
+
+The guard comes last, right before the controller: whatever the others have made of a message, it sees it.
 
 Nothing here reads a clock or a socket. A stream is cut into frames only while something must see them; else
 its bytes pass as they come.
@@ -6,85 +8,29 @@ its bytes pass as they come.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
 from bcapscope.faults.answers import Manners
 from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Message, Output
 from bcapscope.faults.message import Send as Sent
 from bcapscope.faults.shaper import Shaper
+from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_ACCESSDENIED
-from bcapscope.protocol.stream import Splitter
 from bcapscope.proxy.addons import Addons, Client
 from bcapscope.proxy.guard import Guard
 from bcapscope.proxy.hook import Action, Close, Decision, Send
-from bcapscope.proxy.intercept import MOST_HELD, Held, Intercept
-from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+from bcapscope.proxy.intercept import Held, Intercept
+from bcapscope.proxy.way import Attendance, Way, Work, joined, part
+from bcapscope.traffic.observation import Conversation, Direction, Flow
 from bcapscope.traffic.question import Questions
 
 _SETTLE = 50_000_000
 """ns between looks for calls that have settled, as the tracker itself has it."""
 
-
-class _Way:
-    """One direction of a client.
-
-    Attributes:
-        flow: for filters and faults.
-        client: whose.
-        splitter: of a stream, while something must see its frames.
-        begun: bytes have passed.
-        pieces: datagrams, or reads of a stream, that came.
-        last: when the last of them came; ns.
-    """
-
-    __slots__ = ("begun", "client", "flow", "last", "pieces", "splitter")
-
-    def __init__(self, client: Client, flow: Flow) -> None:
-        self.client = client
-        self.flow = flow
-        self.splitter: Splitter | None = None
-        self.begun = False
-        self.pieces = self.last = 0
-
-    @property
-    def is_stream(self) -> bool:
-        """Whether frames must be cut out of it."""
-        return self.flow.conversation.transport is Transport.TCP
-
-
-class Attendance(NamedTuple):
-    """A client that is there.
-
-    Attributes:
-        number: of the client.
-        conversation: between the client and the controller.
-        since: ns.
-        up: datagrams, or reads of a stream, that came from the client.
-        heard: when the last of them came, ns; 0 for never.
-        down: those that came from the controller.
-        answered: when the last of them came, ns; 0 for never.
-    """
-
-    number: int
-    conversation: Conversation
-    since: int
-    up: int
-    heard: int
-    down: int
-    answered: int
-
-
-class _Work:
-    """What is done about one piece of what came: actions in order, and what is said of it."""
-
-    __slots__ = ("actions", "notes")
-
-    def __init__(self) -> None:
-        self.actions: list[Action] = []
-        self.notes: list[str] = []
+_MOST_NAMED = 8
 
 
 class Rules:
@@ -96,6 +42,7 @@ class Rules:
         intercept: what is held.
         addons: the user's own.
         refused: requests that the guard has refused.
+        lost: requests that were held when their client or the proxy ended, and went no further.
         tell: is given a line for the user.
     """
 
@@ -122,9 +69,10 @@ class Rules:
         self.intercept = intercept or Intercept()
         self.addons = addons or Addons(())
         self.refused = 0
+        self.lost = 0
         self.tell: Callable[[str], None] = lambda text: None
         self._epoch = epoch
-        self._ways: dict[int, dict[Direction, _Way]] = {}
+        self._ways: dict[int, dict[Direction, Way]] = {}
         self._since: dict[int, int] = {}
         self._numbers: dict[Conversation, int] = {}
         self._outbox: list[Action] = []
@@ -137,7 +85,7 @@ class Rules:
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client."""
         told = Client(client, conversation.client, conversation.server, conversation.transport)
-        self._ways[client] = {side: _Way(told, Flow(conversation, side)) for side in Direction}
+        self._ways[client] = {side: Way(told, Flow(conversation, side)) for side in Direction}
         self._numbers[conversation] = client
         self._since[client] = now
         self.addons.connected(told)
@@ -151,11 +99,11 @@ class Rules:
         if not looks and way.splitter is None and self.shaper.idle(now):
             way.begun = True
             return Decision("", (Send(client, direction, data),))
-        work = _Work()
-        for piece in self._pieces(way, data, looks or self.shaper.needs_frames(now)):
+        work = Work()
+        for piece in way.cut(data, looks or self.shaper.needs_frames(now)):
             self._process(way, piece, now, work)
         way.begun = True
-        return Decision("; ".join(dict.fromkeys(work.notes)), _joined(work.actions, way))
+        return Decision("; ".join(dict.fromkeys(work.notes)), joined(work.actions, way))
 
     def holds(self, client: int, direction: Direction) -> bool:
         """Tell whether something of this direction is still to be sent; nothing of a client that is gone."""
@@ -175,23 +123,53 @@ class Rules:
 
     def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
         """Let go of a frame that breaks off where a stream has ended."""
-        way, work = self._ways[client][direction], _Work()
-        if way.splitter is not None:
-            for piece in way.splitter.close():
-                self._process(way, piece.item.raw, now, work)
-        return _joined(work.actions, way)
+        way, work = self._ways[client][direction], Work()
+        for piece in way.rest():
+            self._process(way, piece, now, work)
+        return joined(work.actions, way)
+
+    def hides_end(self, client: int) -> bool:
+        """Tell whether neither side of a client may hear of the other's end."""
+        ways = self._ways.get(client)
+        return ways is not None and not self.shaper.passes_end(ways[Direction.REQUEST].flow.conversation)
+
+    def let_go(self, client: int, now: int) -> Sequence[Action]:
+        """Give out what is still held of a client that is to end, or forget it.
+
+        Answers go on, and requests that stop the robot or let go of something; all other requests do not.
+        """
+        work, lost = Work(), Counter[str]()
+        for direction, way in self._ways[client].items():
+            held = self.shaper.abandon(way.flow)
+            held += (each.data for each in self.intercept.abandon(way.flow))
+            held += way.rest()
+            if self.hides_end(client):
+                continue
+            if direction is Direction.REQUEST and held:
+                held, left = part(way, held)
+                lost.update(map(_named, left))
+            for data in held:
+                self._emit(way, data, "sent on, as it ends", work)
+        if lost:
+            who = self._ways[client][Direction.REQUEST].client.address
+            self.tell(f"{who} ends; of what was held of it these were not sent on: {_counted(lost)}")
+            self.lost += lost.total()
+        return work.actions
 
     def gone(self, client: int, now: int) -> None:
         """Forget a client."""
         ways = self._ways.pop(client)
+        for way in ways.values():
+            self.intercept.abandon(way.flow)
         way = ways[Direction.REQUEST]
         conversation = way.flow.conversation
         del self._numbers[conversation], self._since[client]
         self._manners.forget(conversation)
         self.shaper.forget(conversation)
-        self.intercept.forget(client)
+        self.intercept.forget(conversation)
+        self._questions.forget(conversation)
         self._outbox = [action for action in self._outbox if action.client != client]
-        self.addons.gone(way.client)
+        self.addons.gone(way.client, conversation)
 
     def due(self) -> int | None:
         """Tell when `take` is to be called."""
@@ -202,7 +180,7 @@ class Rules:
 
     def take(self, now: int) -> Sequence[Action]:
         """Give out what is to be done by now."""
-        work = _Work()
+        work = Work()
         work.actions, self._outbox = self._outbox, []
         for held in self.intercept.expired(now):
             waited = f"intercept: nobody decided in {self.intercept.patience / 1e9:g} s, sent on unchanged"
@@ -225,6 +203,10 @@ class Rules:
             lines.append(f"guard: refused {_times(self.refused)}")
         if self.intercept.count:
             lines.append(f"intercept: held {_times(self.intercept.count)}")
+        if self.lost:
+            lines.append(
+                f"held requests that were not sent on, as their client or the proxy ended: {self.lost}"
+            )
         if self.addons.errors:
             lines.append(f"scripts: went wrong {_times(self.addons.errors)}")
         return lines
@@ -251,8 +233,8 @@ class Rules:
             return
         kept = [way for ways in self._ways.values() for way in ways.values() if way.splitter is not None]
         for way in kept:
-            work = _Work()
-            for rest in self._pieces(way, b"", cut=False):
+            work = Work()
+            for rest in way.cut(b"", into_frames=False):
                 self._process(way, rest, now, work)
             self._outbox += work.actions
 
@@ -262,56 +244,41 @@ class Rules:
         Raises:
             KeyError: nothing of this number is held.
         """
-        held = self.intercept.release(number)
+        held = self.intercept.release(number, now, data)
         done = "sent on" if data is None or data == held.data else "edited"
         note = f"intercept: {done} after {(now - held.since) / 1e9:.1f} s"
-        work = _Work()
+        work = Work()
         self._send_on(held, held.data if data is None else data, note, now, work)
         self._outbox += work.actions
 
-    def drop(self, number: int) -> None:
-        """Drop a message that is held.
+    def drop(self, number: int, now: int) -> None:
+        """Drop a message that is held, and its retries.
 
         Raises:
             KeyError: nothing of this number is held.
         """
-        self.intercept.release(number)
+        self.intercept.release(number, now, b"")
 
     # messages
 
     @property
     def _looks(self) -> bool:
-        return self.guard is not None or self.intercept.condition is not None or self.addons.looks
+        return self.guard is not None or not self.intercept.is_idle or self.addons.looks
 
-    def _pieces(self, way: _Way, data: bytes, cut: bool) -> Iterator[bytes]:
-        """Cut what came into messages, as far as something must see them."""
-        if not way.is_stream:
-            yield data
-            return
-        if cut:
-            if way.splitter is None:
-                way.splitter = Splitter(in_step=not way.begun)
-            for piece in way.splitter.feed(data):
-                yield piece.item.raw
-            return
-        splitter, way.splitter = way.splitter, None
-        rest = b"".join(piece.item.raw for piece in splitter.close()) if splitter else b""
-        if rest or data:
-            yield rest + data
-
-    def _process(self, way: _Way, data: bytes, now: int, work: _Work) -> None:
+    def _process(self, way: Way, data: bytes, now: int, work: Work) -> None:
         if self._looks:
             self._messages += 1
             message = Message(self._messages, way.flow, data, now, now + self._epoch)
             message.ask(self._questions)
             self._manners.see(way.flow, data)
             left = self._shown(way, message, work)
-            if left is None or self._held(way, left, work):
+            going = None if left is None else self._intercepted(way, left, work)
+            if going is None:
                 return
-            data = left.data
+            data = going
         self._go(way, data, now, work)
 
-    def _shown(self, way: _Way, message: Message, work: _Work) -> Message | None:
+    def _shown(self, way: Way, message: Message, work: Work) -> Message | None:
         """Show a message to the addons; give what they leave of it."""
         if not self.addons.looks:
             return message
@@ -328,91 +295,79 @@ class Rules:
         changed.ask(self._questions)
         return changed
 
-    def _held(self, way: _Way, message: Message, work: _Work) -> bool:
-        if not self.intercept.wants(message):
-            return False
-        if self.intercept.is_full:
-            work.notes.append(f"intercept: not held, {MOST_HELD} are held already")
-            return False
-        held = self.intercept.hold(way.client.number, message)
-        work.notes.append(f"intercept: held as {held.number}")
-        return True
+    def _intercepted(self, way: Way, message: Message, work: Work) -> bytes | None:
+        """Give what the intercept lets pass of a message now; None for nothing."""
+        considered = self.intercept.consider(way.client.number, message)
+        if considered is None:
+            return message.data
+        work.notes.append(considered.note)
+        return considered.data
 
-    def _send_on(self, held: Held, data: bytes, note: str, now: int, work: _Work) -> None:
+    def _send_on(self, held: Held, data: bytes, note: str, now: int, work: Work) -> None:
         way = self._ways[held.client][held.flow.direction]
-        own = _Work()
+        own = Work()
         self._go(way, data, now, own)
         work.actions += [
             action._replace(note=note) if isinstance(action, Send) and not action.note else action
             for action in own.actions
         ]
 
-    def _go(self, way: _Way, data: bytes, now: int, work: _Work) -> None:
-        """Pass a message through the guard and the faults."""
-        if self.guard is not None and way.flow.direction is Direction.REQUEST:
-            data = self._guarded(self.guard, way, data, work)
-            if not data:
-                return
+    def _go(self, way: Way, data: bytes, now: int, work: Work) -> None:
+        """Pass a message through the faults."""
         taken = self.shaper.take(way.flow, data, now)
         work.notes += taken.touched
         self._translate(taken.outputs, work)
 
-    def _guarded(self, guard: Guard, way: _Way, data: bytes, work: _Work) -> bytes:
-        """Give what the guard leaves of a request; the rest is answered in the controller's place."""
-        passing = []
-        for told in Message(0, way.flow, data, 0, 0).told:
-            item = told.seen.item
-            if not isinstance(item, Frame):
-                if guard.read_only:
-                    work.notes.append("guard: read-only: dropped bytes that are no frame")
-                else:
-                    passing.append(item.raw)
-                continue
-            why = guard.refuses(item)
-            if why:
-                self.refused += 1
-                work.notes.append(f"guard: {why}, answered with E_ACCESSDENIED")
-                self._answer(way, (item,), E_ACCESSDENIED, f"guard: {why}", work)
-            else:
-                passing.append(item.raw)
-        return b"".join(passing)
+    def _emit(self, way: Way, data: bytes, note: str, work: Work) -> None:
+        """Send what is left of a message; what is for the controller as far as the guard lets it."""
+        number, direction = way.client.number, way.flow.direction
+        if self.guard is not None and direction is Direction.REQUEST:
+            data = self._guarded(self.guard, way, data, work)
+            if not data:
+                return
+        work.actions.append(Send(number, direction, data, note))
 
-    def _answer(self, way: _Way, requests: Sequence[Frame], code: int, note: str, work: _Work) -> None:
+    def _guarded(self, guard: Guard, way: Way, data: bytes, work: Work) -> bytes:
+        """Give what the guard leaves of a request; the rest is answered in the controller's place."""
+        passing, refused, dropped = guard.sift(data)
+        for frame, why in refused:
+            self.refused += 1
+            work.notes.append(f"guard: {why}, answered with E_ACCESSDENIED")
+            self._answer(way, (frame,), E_ACCESSDENIED, f"guard: {why}", work)
+        if dropped:
+            work.notes.append("guard: dropped bytes that are no frame")
+        return passing
+
+    def _answer(self, way: Way, requests: Sequence[Frame], code: int, note: str, work: Work) -> None:
         for request in requests:
             raw = self._manners.answer(way.flow.conversation, request, code)
             work.actions.append(Send(way.client.number, Direction.RESPONSE, raw, note))
 
-    def _translate(self, outputs: Sequence[Output], work: _Work) -> None:
+    def _translate(self, outputs: Sequence[Output], work: Work) -> None:
         for output in outputs:
             note = "; ".join(output.touched)
             if isinstance(output, Sent):
                 flow = output.flow
-                number = self._numbers[flow.conversation]
-                work.actions.append(Send(number, flow.direction, output.data, note))
+                way = self._ways[self._numbers[flow.conversation]][flow.direction]
+                self._emit(way, output.data, note, work)
             else:
                 number = self._numbers[output.conversation]
                 work.actions.append(Close(number, output.how is Ending.RESET, note))
 
 
+def _named(lost: Frame | bytes) -> str:
+    """Name what was lost."""
+    if isinstance(lost, bytes):
+        return "piece of a stream, or bytes that are no frame"
+    return call_name(lost.code, [argument.variant for argument in lost.arguments])[:80]
+
+
+def _counted(lost: Counter[str]) -> str:
+    more = len(lost) - _MOST_NAMED
+    return ", ".join(f"{count} {name}" for name, count in lost.most_common(_MOST_NAMED)) + (
+        f" and {more} more" if more > 0 else ""
+    )
+
+
 def _times(count: int) -> str:
     return {0: "never", 1: "once"}.get(count, f"{count} times")
-
-
-def _joined(actions: list[Action], way: _Way) -> Sequence[Action]:
-    """Join bytes of a stream that pass untouched into one piece again, as they came."""
-    if not way.is_stream or len(actions) < 2:
-        return actions
-    joined: list[Action] = []
-    for action in actions:
-        last = joined[-1] if joined else None
-        if (
-            isinstance(action, Send)
-            and isinstance(last, Send)
-            and not action.note
-            and not last.note
-            and action[:2] == last[:2]
-        ):
-            joined[-1] = last._replace(data=last.data + action.data)
-        else:
-            joined.append(action)
-    return joined

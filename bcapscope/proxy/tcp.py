@@ -146,7 +146,7 @@ class TcpSession:
         self._server = server
         self._up = _Half(True, client, server)
         self._down = _Half(False, server, client)
-        self._connected = self._closed = False
+        self._connected = self._closed = self._buried = self._ending = False
         self._masks: dict[int, int | None] = {client.fileno(): 0, server.fileno(): WRITE}
         relay.watch(client.fileno(), self._client_happened, 0)
         relay.watch(server.fileno(), self._server_happened, WRITE)
@@ -156,6 +156,8 @@ class TcpSession:
     @property
     def state(self) -> str:
         """How the connection to the controller is."""
+        if self._buried:
+            return "half-open"
         return "connected" if self._connected else "connecting"
 
     def fail(self, problem: int) -> None:
@@ -180,21 +182,31 @@ class TcpSession:
         self._shut(self._up if up else self._down)
 
     def close(self, reset_both: bool, why: str) -> None:
-        """Close both connections."""
-        if self._closed:
+        """Close both connections, after what rules still give out of what they held."""
+        if self._ending:
             return
+        self._ending = True
+        spoke = self._relay.let_go(self)
         self._closed = True
         for half in (self._up, self._down):
             if half.pending and not reset_both:
-                with suppress(OSError):
-                    half.sink.send(half.pending)
+                self._send_last(half)
         for sock in (self._client, self._server):
             self._relay.unwatch(sock.fileno())
-            if reset_both:
+            if reset_both and not (spoke and sock is self._server):  # what was just sent would be lost
                 reset(sock)
             else:
                 sock.close()
         self._relay.part(self, why, reset_both)
+
+    def _send_last(self, half: _Half) -> None:
+        """Write what is pending, as far as it is taken at once."""
+        left = len(half.pending)
+        with suppress(OSError):
+            left -= half.sink.send(half.pending)
+        if left:
+            whose = "the controller" if half.up else "the client"
+            self._relay.tell(f"{self.conversation.client}: {left} bytes were not taken by {whose} any more")
 
     def sweep(self, now: int) -> None:
         """Give up a connection that is not made; read on where rules held too much."""
@@ -245,16 +257,22 @@ class TcpSession:
         if half.up:
             self.heard = came
         if not size:
-            half.ended = True
-            if relay.ends(self, half.up):
-                self._shut(half)
-            self._want()
+            self._finish(half)
         elif relay.policy is not None:
             relay.rule(self, half.up, bytes(relay.buffer[:size]), came)
             if relay.policy.is_full():
                 self._want()
         else:
             self._pass_on(half, memoryview(relay.buffer)[:size], came)
+
+    def _finish(self, half: _Half) -> None:
+        """Take notice that the source of a direction says no more."""
+        half.ended = True
+        if self._relay.ends(self, half.up):
+            self._shut(half)
+        if self._relay.hides_end(self) and self._up.ended and self._down.ended:
+            self.close(False, "ended by both sides, which did not hear of each other's end")
+        self._want()
 
     def _pass_on(self, half: _Half, data: memoryview, came: int) -> None:
         ring = self._relay.ring
@@ -310,7 +328,13 @@ class TcpSession:
             self.close(False, "ended by both sides")
 
     def _break(self, half: _Half, problem: int) -> None:
-        """Pass on that the source of a direction is broken."""
+        """Pass on that the source of a direction is broken, unless the other side is not to hear of it."""
+        if self._relay.hides_end(self):
+            self._buried = True
+            self._relay.unwatch(half.source.fileno())
+            half.source.close()
+            self._finish(half)
+            return
         who = "the client" if half.up else "the controller"
         text = reason(OSError(problem, "")) if problem else "reset"
         self.close(True, f"{who}: {text}")
@@ -335,6 +359,8 @@ class TcpSession:
 
     def _set(self, sock: socket.socket, mask: int | None) -> None:
         descriptor = sock.fileno()
+        if descriptor < 0:  # closed, and the other side does not know
+            return
         known = self._masks[descriptor]
         if mask == known:
             return

@@ -269,7 +269,8 @@ class UdpSession:
         """Do nothing: datagrams have no end."""
 
     def close(self, reset: bool, why: str) -> None:
-        """Close the socket."""
+        """Close the socket, after what rules still give out of what they held."""
+        self._relay.let_go(self)
         self._count_drops()
         self._relay.unwatch(self._upstream.fileno())
         self._upstream.close()

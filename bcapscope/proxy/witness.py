@@ -56,7 +56,8 @@ class _Way:
 
 
 class _Client:
-    def __init__(self, who: Met) -> None:
+    def __init__(self, who: Met, came: int) -> None:
+        self.heard = came
         conversation = Conversation(who.client, who.controller, who.transport, "the proxy")
         self.conversation = conversation
         self.is_stream = who.transport is Transport.TCP
@@ -73,16 +74,22 @@ class Witness:
     def __init__(self) -> None:
         self.count = 0
         self._clients: dict[int, _Client] = {}
+        self._gone: list[tuple[Conversation, str]] = []
 
     @property
     def numbers(self) -> dict[Conversation, int]:
         """The relay's number of each client that is there."""
         return {client.conversation: number for number, client in self._clients.items()}
 
-    def conversation(self, number: int) -> Conversation | None:
-        """Return that of a client, None if it has gone."""
-        client = self._clients.get(number)
-        return None if client is None else client.conversation
+    @property
+    def heard(self) -> dict[Conversation, int]:
+        """When each client that is there was heard last, ns since 1970."""
+        return {client.conversation: client.heard for client in self._clients.values()}
+
+    def gone(self) -> list[tuple[Conversation, str]]:
+        """Return who has gone since this was asked last, and why: words from the relay."""
+        gone, self._gone = self._gone, []
+        return gone
 
     def observe(self, records: Iterable[Record]) -> Iterator[tuple[Observation, str]]:
         """Yield what was said, with what a rule did to it."""
@@ -90,7 +97,7 @@ class Witness:
         for record in records:
             kind, up, number, came, left, data, note = record
             if kind is Kind.OPENED:
-                clients[number] = _Client(met(record))
+                clients[number] = _Client(met(record), came)
                 continue
             client = clients.get(number)
             if client is None:
@@ -99,6 +106,8 @@ class Witness:
                 time = came if up else left
                 if not time:
                     continue
+                if up:
+                    client.heard = time
                 way = client.ways[up]
                 if client.is_stream:
                     yield from self._stream(way, data, time, note)
@@ -110,6 +119,7 @@ class Witness:
                 yield from self._end(client.ways[up], came)
             elif kind is Kind.GONE:
                 del clients[number]
+                self._gone.append((client.conversation, data.decode("utf-8", "replace")))
                 for way in client.ways:
                     yield from self._end(way, came)
 

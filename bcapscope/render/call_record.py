@@ -55,6 +55,11 @@ class CallRecordRenderer:
         serial = request.item.serial
         return form % (call.call, started, request.number, serial, reply.number, latency, latency)
 
+    def forget(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over."""
+        for kind in [kind for kind in self._forms if kind[0] is conversation]:
+            del self._forms[kind]
+
     def _remember(self, kind: _Kind, call: Exchange) -> bytes:
         """Make the form of plain answered calls of one kind, with places for what is their own."""
         if len(self._forms) >= MOST_FORMS:

@@ -95,10 +95,15 @@ class Handles:
     that both have handle 1 are understood as well as a server that counts them together.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most_over: int = MOST_SESSIONS) -> None:
+        """Begin.
+
+        Args:
+            most_over: sessions that are remembered after their end; the oldest is forgotten first.
+        """
         self._clients: dict[Conversation, _Client] = {}
         self._last: _Client | None = None
-        self._over: deque[Session] = deque(maxlen=MOST_SESSIONS)
+        self._over: deque[Session] = deque(maxlen=most_over)
 
     def follow(self, exchange: Exchange) -> Thing | None:
         """Take in the next call; return the object that its handle stands for, None where that is not known.
@@ -129,6 +134,14 @@ class Handles:
         """
         begun = [client for client in self._clients.values() if client.is_begun]
         return (*self._over, *(client.session(None, Ending.OPEN) for client in begun))
+
+    def forget(self, conversation: Conversation) -> None:
+        """Forget a client that is gone."""
+        client = self._clients.pop(conversation, None)
+        if client is not None and client.is_begun:
+            self._over.append(client.session(None, Ending.OPEN))
+        if client is self._last:
+            self._last = None
 
     def _turn_to(self, conversation: Conversation) -> _Client:
         client = self._clients.pop(conversation, None) or _Client(conversation)

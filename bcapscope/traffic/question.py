@@ -120,6 +120,12 @@ class Questions:
             asked.earlier, asked.latest = asked.latest, {}
         return question
 
+    def forget(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over."""
+        self._conversations.pop(conversation, None)
+        if self._last is conversation:
+            self._last, self._asked = None, _Asked()
+
     def _turn_to(self, conversation: Conversation) -> None:
         asked = self._conversations.pop(conversation, None) or _Asked()
         while len(self._conversations) >= MOST_CONVERSATIONS:

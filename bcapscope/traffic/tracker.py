@@ -75,6 +75,15 @@ class Tracker:
         self._sweep(now)
         return self._take_due()
 
+    def forget(self, conversation: Conversation) -> Sequence[Settled]:
+        """Return the open calls of a conversation that is over, and forget it."""
+        lane = self._lanes.pop(conversation, None)
+        if conversation is self._conversation:
+            self._conversation = None
+        if lane is not None:
+            self._give_out(lane.close())
+        return self._take_due()
+
     def close(self) -> Sequence[Settled]:
         """Return all calls that are open, in the order of their start; the traffic has ended."""
         rest = [exchange for lane in self._lanes.values() for exchange in lane.close()]

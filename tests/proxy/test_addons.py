@@ -113,7 +113,7 @@ def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
     for _ in range(3):
         assert addons.see(WHO, message()).data == request(7)
     addons.connected(WHO)
-    addons.gone(WHO)
+    addons.gone(WHO, FLOWS.up.conversation)
     addons.done()
     assert [text.split(" (test_addons")[0] for text in told] == [
         "Broken.request: SystemExit",

@@ -60,9 +60,14 @@ class Session:
     def execute(self, command: str, parameter: Variant = EMPTY, code: int = 0) -> None:
         self.call("Robot_Execute", Variant(VT.I4, 5), Variant(VT.BSTR, command), parameter, code=code)
 
+    def settle(self) -> None:
+        """Let all calls settle."""
+        self._time += 10**10
+        self._follow(self._tracker.expire(self._time))
+
     def ends(self) -> list[tuple[str, int, int, tuple[object, ...]]]:
         """Return of each frame that would be sent: function id as text, serial, reserved, arguments."""
-        self._follow(self._tracker.expire(self._time + 10**10))
+        self.settle()
         found: list[tuple[str, int, int, tuple[object, ...]]] = []
         for farewell in self.farewells.of_all():
             for raw in farewell.requests:
@@ -133,3 +138,21 @@ def test_who_is_gone_is_forgotten() -> None:
     assert session.farewells.forget(session.conversation) == "the arm is held"
     assert session.farewells.forget(session.conversation) == ""
     assert session.ends() == []
+
+
+def test_who_is_in_slave_mode_and_whose_set_points_are_accepted() -> None:
+    session = Session()
+    session.begin()
+    session.execute("slvChangeMode", Variant(VT.I4, 0x102))
+    session.execute("slvMove")
+    session.settle()
+    assert list(session.farewells.in_slave_mode()) == [session.conversation]
+    session.execute("slvMove", code=0x84201482)
+    session.settle()
+    assert list(session.farewells.in_slave_mode()) == []
+    session.execute("slvChangeMode", Variant(VT.I4, 0x102))
+    session.settle()
+    assert list(session.farewells.in_slave_mode()) == [session.conversation]
+    session.execute("slvChangeMode", Variant(VT.I4, 0))
+    session.settle()
+    assert list(session.farewells.in_slave_mode()) == []

@@ -1,4 +1,4 @@
-"""What is held, for how long, and what never is."""
+"""What is held, for how long, and what never is; retries are held with the call that they belong to."""
 
 from __future__ import annotations
 
@@ -6,14 +6,22 @@ import pytest
 
 from bcapscope.faults.message import Message
 from bcapscope.faults.quantities import Condition
-from bcapscope.protocol.frame import encode
+from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.proxy.intercept import Intercept
-from bcapscope.traffic.observation import Flow
+from bcapscope.proxy.intercept import Considered, Intercept
+from bcapscope.traffic.lane import RETRY_WITHIN_NS
+from bcapscope.traffic.observation import Flow, Transport
 from bcapscope.traffic.question import Questions
 from tests.faults.traffic import reply, request, talk
 
 FLOWS = talk()
+TRIES = {
+    Convention.SEED: [(5, 0), (6, 5), (7, 5), (8, 5)],
+    Convention.OWN: [(5, 5), (6, 5), (7, 5), (8, 5)],
+    Convention.CHAIN: [(5, 0), (6, 5), (7, 6), (8, 7)],
+}
+"""Serial and reserved of the tries of one call."""
 
 
 def message(flow: Flow, raw: bytes, now: int = 0) -> Message:
@@ -23,15 +31,20 @@ def message(flow: Flow, raw: bytes, now: int = 0) -> Message:
     return made
 
 
+def consider(intercept: Intercept, raw: bytes, *, up: bool = True, now: int = 0) -> Considered | None:
+    """Show a message to an intercept."""
+    return intercept.consider(1, message(FLOWS.up if up else FLOWS.down, raw, now))
+
+
 def test_nothing_is_held_without_a_filter() -> None:
     intercept = Intercept()
-    assert not intercept.wants(message(FLOWS.up, request(1)))
+    assert consider(intercept, request(1)) is None
     intercept.set(Condition.read("serial == 1"))
-    assert intercept.wants(message(FLOWS.up, request(1)))
-    assert intercept.wants(message(FLOWS.down, reply(1)))
-    assert not intercept.wants(message(FLOWS.up, request(2)))
+    assert consider(intercept, request(1)) == Considered("intercept: held as 1", None)
+    assert consider(intercept, reply(1), up=False) == Considered("intercept: held as 2", None)
+    assert consider(intercept, request(2)) is None
     intercept.set(None)
-    assert not intercept.wants(message(FLOWS.up, request(1)))
+    assert consider(intercept, request(3)) is None
 
 
 @pytest.mark.parametrize(
@@ -45,31 +58,98 @@ def test_nothing_is_held_without_a_filter() -> None:
 )
 def test_what_stops_or_lets_go_is_never_held_but_its_answer_may_be(raw: bytes) -> None:
     intercept = Intercept(Condition.read("true"))
-    assert not intercept.wants(message(FLOWS.up, raw))
-    assert not intercept.wants(message(FLOWS.up, request(1) + raw))
-    assert intercept.wants(message(FLOWS.down, reply(1)))
+    for whole in (raw, request(1) + raw, raw + b"garbage"):
+        assert consider(intercept, whole) is None
+    assert consider(intercept, reply(1), up=False)
 
 
 def test_each_waits_as_long_as_was_said_when_it_came() -> None:
     intercept = Intercept(Condition.read("true"), patience=10)
-    first = intercept.hold(1, message(FLOWS.up, request(1), now=5))
+    consider(intercept, request(1), now=5)
     intercept.patience = 3
-    second = intercept.hold(2, message(FLOWS.down, reply(1), now=6))
+    consider(intercept, reply(1), up=False, now=6)
+    first, second = intercept.held
     assert [(each.number, each.until) for each in intercept.held] == [(1, 15), (2, 9)]
     assert intercept.due() == 9
     assert (intercept.holds(FLOWS.up), intercept.holds(FLOWS.down)) == (True, True)
     assert intercept.expired(8) == []
     assert intercept.expired(9) == [second]
-    assert intercept.release(1) == first
+    assert intercept.release(1, 10) == first
     assert intercept.due() is None
     with pytest.raises(KeyError):
-        intercept.release(1)
+        intercept.release(1, 10)
 
 
-def test_what_a_client_has_left_behind_is_dropped() -> None:
+def test_what_is_held_of_one_direction_can_be_taken_back() -> None:
     intercept = Intercept(Condition.read("true"))
-    intercept.hold(1, message(FLOWS.up, request(1)))
-    kept = intercept.hold(2, message(FLOWS.up, request(2)))
-    intercept.forget(1)
-    assert intercept.held == [kept]
+    consider(intercept, request(1))
+    consider(intercept, reply(1), up=False)
+    first, second = intercept.held
+    assert intercept.abandon(FLOWS.up) == [first]
+    assert intercept.held == [second]
     assert intercept.count == 2
+
+
+@pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
+def test_retries_are_held_with_their_call(tries: list[tuple[int, int]]) -> None:
+    intercept = Intercept(Condition.read("serial == 5"))
+    for place, (serial, reserved) in enumerate(tries):
+        consider(intercept, request(serial, reserved=reserved), now=place)
+    (held,) = intercept.held
+    assert (held.number, held.more, held.since) == (1, 3, 0)
+    assert held.data == request(8, reserved=tries[-1][1])  # the one whose answer the client takes
+
+
+def test_a_copy_of_what_is_held_is_held_with_it() -> None:
+    intercept = Intercept(Condition.read("serial == 5"))
+    consider(intercept, request(5))
+    assert consider(intercept, request(5)) == Considered(
+        "intercept: held with 1, of which it is another try", None
+    )
+
+
+@pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
+@pytest.mark.parametrize("decision", ["forward", "edit", "drop"])
+def test_what_is_decided_holds_for_later_retries(decision: str, tries: list[tuple[int, int]]) -> None:
+    intercept = Intercept(Condition.read("command == slvMove"))
+    (first, named), (second, reserved), *_ = tries
+    consider(intercept, request(first, reserved=named))
+    edited = request(first, reserved=named, values=(9.0,))
+    intercept.release(1, 10, {"forward": None, "edit": edited, "drop": b""}[decision])
+    found = consider(intercept, request(second, reserved=reserved), now=20)
+    assert found is not None
+    assert intercept.held == []
+    if decision == "drop":
+        assert found.data is None
+    else:
+        values = (9.0,) if decision == "edit" else ()
+        assert found.data == request(second, reserved=reserved, values=values)
+    other = consider(intercept, request(100, values=(7.0,)), now=30)
+    assert other == Considered("intercept: held as 2", None)
+
+
+def test_a_decision_is_forgotten_when_no_retry_can_come() -> None:
+    intercept = Intercept(Condition.read("serial == 5"))
+    consider(intercept, request(5))
+    intercept.set(None)
+    intercept.release(1, 0, b"")
+    assert consider(intercept, request(6, reserved=5), now=RETRY_WITHIN_NS) is not None
+    assert consider(intercept, request(7, reserved=5), now=3 * RETRY_WITHIN_NS) is None
+    assert intercept.is_idle
+
+
+def test_answers_to_the_tries_of_a_call_are_one() -> None:
+    intercept = Intercept(Condition.read("kind == response"))
+    for serial, reserved in TRIES[Convention.SEED][:2]:
+        assert consider(intercept, request(serial, reserved=reserved)) is None
+        consider(intercept, reply(serial), up=False)
+    (held,) = intercept.held
+    assert (Frame(held.data).serial, held.more) == (6, 1)
+
+
+def test_on_tcp_nothing_is_a_retry() -> None:
+    intercept = Intercept(Condition.read("true"))
+    flow = talk(Transport.TCP).up
+    for _ in range(2):
+        intercept.consider(1, message(flow, request(5)))
+    assert len(intercept.held) == 2

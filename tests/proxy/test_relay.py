@@ -45,6 +45,12 @@ class Say:
     def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
         return ()
 
+    def hides_end(self, client: int) -> bool:
+        return False
+
+    def let_go(self, client: int, now: int) -> Sequence[Action]:
+        return ()
+
     def gone(self, client: int, now: int) -> None:
         self.clients.append(f"{client} gone")
 

@@ -12,9 +12,11 @@ import pytest
 
 from bcapscope.faults import shaper
 from bcapscope.faults.notation import read_fault
-from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.variant import VT, Variant
 from bcapscope.proxy.ring import Count, Kind
 from bcapscope.proxy.rules import Rules
+from bcapscope.transport.tcp import reset
 from tests.faults.traffic import MS, reply, request
 from tests.proxy.relaying import PATIENCE, Running, datagrams, eventually, listening, port_of, running
 from tests.proxy.test_rules import holding, rules
@@ -89,6 +91,42 @@ def test_the_end_of_a_half_open_client_is_not_heard() -> None:
             server.recv(1)
         server.sendall(reply(1))
         assert len(proxy.relay.sessions) == 1
+
+
+@pytest.mark.parametrize("first", ["client", "server"])
+@pytest.mark.parametrize("how", ["reset", "fin"])
+def test_neither_end_of_a_half_open_conversation_hears_of_the_others(first: str, how: str) -> None:
+    with connected(live("half-open if serial == 2")) as (proxy, client, server):
+        client.sendall(request(1) + request(2))
+        assert server.recv(4096) == request(1)
+        eventually(lambda: proxy.relay.counts[Count.RULED])
+        going, staying = (client, server) if first == "client" else (server, client)
+        (session,) = proxy.relay.sessions.values()
+        if how == "reset":
+            reset(going)
+            eventually(lambda: session.state == "half-open")
+        else:
+            going.close()
+        staying.settimeout(0.3)
+        with pytest.raises(TimeoutError):
+            staying.recv(1)
+        staying.sendall(request(3))
+        assert list(proxy.relay.sessions.values()) == [session]
+        staying.close()
+        eventually(lambda: not proxy.relay.sessions)
+        eventually(lambda: proxy.of(Kind.GONE))
+
+
+def test_a_stop_that_is_held_is_sent_before_a_client_that_was_reset_is_let_go() -> None:
+    halt = encode(9, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    policy = live("delay=60s")
+    with connected(policy) as (proxy, client, server):
+        policy.tell = proxy.relay.tell
+        client.sendall(request(1) + halt)
+        eventually(lambda: proxy.relay.counts[Count.RULED])
+        reset(client)
+        assert read_all(server) == halt
+        eventually(lambda: "not sent on: 1 Robot_Execute slvMove" in proxy.told())
 
 
 def test_a_reset_by_a_rule_reaches_both_sides() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.proxy.ring import BATCH, HEADER, Count, Figure, Kind, Record, RingReader, RingWriter
+from bcapscope.proxy.ring import BATCH, HEADER, MOST_TOLD, Count, Figure, Kind, Record, RingReader, RingWriter
 
 
 def ends(size: int) -> tuple[RingWriter, RingReader]:
@@ -115,3 +115,39 @@ def test_the_watcher_leaves_figures_for_the_relay_and_records_do_not_touch_them(
         everything(reader)
     assert [writer.figures[figure] for figure in Figure] == [1000 + figure for figure in Figure]
     assert max(writer.counts) == 0
+
+
+def test_a_reader_ahead_makes_no_room_and_the_one_behind_goes_no_further() -> None:
+    memory = memoryview(bytearray(HEADER + (1 << 10)))
+    writer, behind, ahead = RingWriter(memory), RingReader(memory), RingReader(memory, ahead=True)
+    written = sum(writer.put(True, 1, 2, number, bytes(100)) for number in range(20))
+    assert len(everything(ahead)) == written
+    assert not writer.put(True, 1, 2, 3, bytes(100))
+    assert behind.take(2, until=0) == []
+    assert len(behind.take(2, until=ahead.place)) == 2
+    assert writer.put(True, 1, 2, 77, bytes(100))
+    assert [record.left for record in behind.take(until=ahead.place)] == list(range(2, written))
+    assert [record.left for record in everything(ahead)] == [77]
+    assert [record.left for record in behind.take(until=ahead.place)] == [77]
+
+
+def test_what_must_be_known_is_bounded_where_the_reader_stands_still() -> None:
+    writer, reader = ends(1 << 10)
+    writer.must(Kind.OPENED, 1, b"here", 1)
+    while writer.put(True, 1, 2, 3, b""):
+        pass
+    before = writer.counts[Count.UNWATCHED]
+    for client in range(2, 5000):
+        writer.must(Kind.OPENED, client, b"comes and goes", 1)
+        writer.must(Kind.END, client, b"", 1)
+        writer.must(Kind.GONE, client, b"", 1)
+        writer.must(Kind.TOLD, 0, b"something", 1)
+    writer.must(Kind.GONE, 1, b"", 1)
+    assert writer.counts[Count.UNWATCHED] > before
+    found: list[Record] = []
+    for _ in range(200):
+        found += everything(reader)
+        writer.put(True, 1, 2, 3, b"")
+    kinds = [record.kind for record in found if record.kind is not Kind.DATA]
+    assert kinds.count(Kind.TOLD) == MOST_TOLD
+    assert kinds.count(Kind.OPENED) == kinds.count(Kind.GONE) == 1

@@ -98,6 +98,88 @@ def test_a_client_that_is_gone_is_forgotten() -> None:
     assert not made.holds(1, UP)
 
 
+SLAVE_OFF = encode(8, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0)))
+
+
+def test_of_what_is_held_at_the_end_stops_and_answers_go_on_and_motions_do_not() -> None:
+    told: list[str] = []
+    made = rules("delay=60s")
+    made.tell = told.append
+    for serial, raw in enumerate((request(1), HALT, request(2), SLAVE_OFF)):
+        made.receive(1, UP, raw, serial)
+    made.receive(1, DOWN, reply(1), 9)
+    actions = made.let_go(1, 10)
+    assert [each.data for each in actions if isinstance(each, Send) and each.toward is UP] == [
+        HALT,
+        SLAVE_OFF,
+    ]
+    assert sent(actions, DOWN) == reply(1)
+    assert told == [
+        "10.0.0.2:50001 ends; of what was held of it these were not sent on: 2 Robot_Execute slvMove"
+    ]
+    assert "held requests that were not sent on, as their client or the proxy ended: 2" in made.report()
+    assert made.due() is None
+    made.gone(1, 10)
+
+
+def test_a_stop_in_a_stream_that_is_held_goes_on_behind_the_rest_of_what_has_begun() -> None:
+    made = rules(transport=Transport.TCP)
+    play(made, [request(1)[:30]])
+    made.shaper.add(read_fault("delay=60s"), 0)
+    for piece in (request(1)[30:] + request(2)[:9], request(2)[9:] + HALT):
+        made.receive(1, UP, piece, 0)
+    assert sent(made.let_go(1, 1)) == request(1)[30:] + HALT
+    assert made.lost == 1
+
+
+def test_nothing_goes_on_of_a_stream_without_a_stop() -> None:
+    made = rules("delay=60s", transport=Transport.TCP)
+    made.receive(1, UP, request(1)[:30], 0)
+    assert made.let_go(1, 1) == []
+
+
+def test_what_is_intercepted_ends_likewise() -> None:
+    made = rules(intercept=holding("true"))
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, DOWN, reply(1), 0)
+    actions = made.let_go(1, 1)
+    assert (sent(actions), sent(actions, DOWN)) == (b"", reply(1))
+    assert made.intercept.held == []
+
+
+def test_the_guard_sees_what_goes_on_at_the_end() -> None:
+    made = rules("delay=60s", guard=Guard(read_only=True))
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, UP, HALT, 0)
+    assert sent(made.let_go(1, 1)) == HALT
+
+
+def test_nothing_goes_on_of_a_half_open_conversation() -> None:
+    made = rules("delay=60s", "half-open if serial == 5")
+    made.receive(1, UP, HALT, 0)
+    assert not made.hides_end(1)
+    made.receive(1, UP, request(5), 0)
+    assert made.hides_end(1)
+    assert made.let_go(1, 1) == []
+
+
+def test_retries_of_an_edited_message_are_edited_likewise() -> None:
+    made = rules(intercept=holding("command == slvMove"))
+    made.receive(1, UP, request(5), 0)
+    made.receive(1, UP, request(6, reserved=5), MS)
+    assert made.receive(1, UP, request(7, reserved=5), 2 * MS).actions == []
+    made.send_on(1, 3 * MS, request(7, reserved=5, values=(9.0,)))
+    assert sent(made.take(3 * MS)) == request(7, reserved=5, values=(9.0,))
+    assert sent(made.receive(1, UP, request(8, reserved=5), 4 * MS).actions) == request(
+        8, reserved=5, values=(9.0,)
+    )
+
+
+def test_an_empty_datagram_passes() -> None:
+    for made in (rules(), rules(intercept=holding("serial == 1"))):
+        assert len(made.receive(1, UP, b"", 0).actions) == 1
+
+
 # streams
 
 
@@ -192,16 +274,34 @@ def test_what_is_allowed_passes_beside_what_is_refused() -> None:
     assert Frame(sent(decision.actions, DOWN)).serial == 5
 
 
-def test_bytes_that_are_no_frame_do_not_pass_a_guard_that_lets_only_reading_pass() -> None:
-    assert rules(guard=Guard(read_only=True)).receive(1, UP, b"garbage", 0).actions == []
-    blocking = Guard(block=[read_target("slvMove")])
-    assert sent(rules(guard=blocking).receive(1, UP, b"garbage", 0).actions) == b"garbage"
+@pytest.mark.parametrize("guard", [Guard(read_only=True), Guard(block=[read_target("slvMove")])])
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+def test_bytes_that_are_no_frame_do_not_pass_a_guard(guard: Guard, transport: Transport) -> None:
+    made = rules(guard=guard, transport=transport)
+    assert sent(made.receive(1, UP, b"garbage" + HALT[:20], 0).actions) == b""
+    if transport is Transport.TCP:
+        assert sent(made.ended(1, UP, 0)) == b""
+    back = [*made.receive(1, DOWN, b"garbage", 0).actions, *made.ended(1, DOWN, 0)]
+    assert sent(back, DOWN) == b"garbage"
 
 
 def test_the_guard_sees_frames_in_a_stream_and_leaves_replies_alone() -> None:
     made = rules(guard=Guard(read_only=True), transport=Transport.TCP)
     assert play(made, [request(1)[:20], request(1)[20:] + HALT]) == [b"", HALT]
     assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
+
+
+@pytest.mark.parametrize(
+    "fault", ["rewrite code 102", "corrupt offset 9 bits 3", "truncate=40", "garbage request"]
+)
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+def test_faults_make_nothing_of_a_request_that_the_guard_would_refuse(
+    fault: str, transport: Transport
+) -> None:
+    made = rules(fault, "delay=1ms", guard=Guard(read_only=True), transport=transport)
+    made.receive(1, UP, encode(5, 0, 100, (Variant(VT.I4, 1),)), 0)
+    passed = sent(made.take(MS))
+    assert passed == b"" or Frame(passed).code == 100 or not Guard(read_only=True).refuses(Frame(passed))
 
 
 # intercept
@@ -230,7 +330,7 @@ def test_a_held_message_is_edited_or_dropped() -> None:
     made.receive(1, DOWN, reply(1), 0)
     made.receive(1, DOWN, reply(2), 0)
     made.send_on(1, MS, b"other")
-    made.drop(2)
+    made.drop(2, MS)
     assert made.take(MS) == [Send(1, DOWN, b"other", "intercept: edited after 0.0 s")]
     assert made.intercept.held == []
 
@@ -256,7 +356,8 @@ def test_an_edited_message_meets_the_guard_and_the_faults() -> None:
     made = rules("delay=3ms", intercept=holding("command == CurJnt"), guard=Guard(read_only=True))
     made.receive(1, UP, request(1, "CurJnt"), 0)
     made.send_on(1, 0, request(1, "slvMove"))
-    assert Frame(sent(made.take(0), DOWN)).code == E_ACCESSDENIED
+    assert made.take(0) == []
+    assert Frame(sent(made.take(3 * MS), DOWN)).code == E_ACCESSDENIED
     made.receive(1, UP, request(2, "CurJnt"), 0)
     made.send_on(2, 0)
     assert made.take(0) == []
@@ -265,10 +366,10 @@ def test_an_edited_message_meets_the_guard_and_the_faults() -> None:
 
 def test_no_more_is_held_than_fits() -> None:
     made = rules(intercept=holding("true"))
-    for serial in range(MOST_HELD):
+    for serial in range(1, MOST_HELD + 1):
         made.receive(1, UP, request(serial), 0)
-    decision = made.receive(1, UP, request(7), 0)
-    assert sent(decision.actions) == request(7)
+    decision = made.receive(1, UP, request(5000), 0)
+    assert sent(decision.actions) == request(5000)
     assert decision.note == f"intercept: not held, {MOST_HELD} are held already"
 
 
@@ -389,7 +490,7 @@ def test_nothing_that_comes_does_harm(
                 made.shaper.remove(next(iter(made.shaper.counts)))
             case "send on" | "drop" if made.intercept.held:
                 number = made.intercept.held[0].number
-                made.send_on(number, now, data) if what == "send on" else made.drop(number)
+                made.send_on(number, now, data) if what == "send on" else made.drop(number, now)
         due = made.due()
         assert due is None or due >= 0
     made.take(now + 1000 * MS)

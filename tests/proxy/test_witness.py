@@ -76,9 +76,24 @@ def test_clients_are_known_until_they_are_gone() -> None:
     witness = Witness()
     list(witness.observe([opened("udp", 1), opened("tcp", 2)]))
     assert sorted(witness.numbers.values()) == [1, 2]
-    conversation = witness.conversation(2)
-    assert conversation is not None
-    assert conversation.transport is Transport.TCP
-    list(witness.observe([Record(Kind.GONE, False, 2, 9, 0, b"", ""), data(True, 1, 2, REQUEST, client=2)]))
-    assert witness.conversation(2) is None
+    assert witness.gone() == []
+    list(
+        witness.observe(
+            [Record(Kind.GONE, False, 2, 9, 0, b"reset", ""), data(True, 1, 2, REQUEST, client=2)]
+        )
+    )
+    ((conversation, why),) = witness.gone()
+    assert (conversation.transport, why) == (Transport.TCP, "reset")
+    assert (witness.gone(), list(witness.numbers.values())) == ([], [1])
+    brief = Record(Kind.GONE, False, 3, 9, 0, b"in the same look", "")
+    list(witness.observe([opened("udp", 3), brief]))
+    assert [why for _, why in witness.gone()] == ["in the same look"]
     assert witness.count == 0
+
+
+def test_when_each_client_was_heard() -> None:
+    witness = Witness()
+    list(witness.observe([opened("udp"), data(False, 30, 40, REPLY)]))
+    assert list(witness.heard.values()) == [1]
+    list(witness.observe([data(True, 50, 60, REQUEST)]))
+    assert list(witness.heard.values()) == [50]

@@ -186,6 +186,9 @@ class Replies(Watcher):
 
         self.report(Incident(rule, seen.time, seen.time, conversation, (seen.number,), say))
 
+    def forget(self, conversation: Conversation) -> None:
+        self._asking.discard(conversation)
+
     def gone(self, client: Client, ended: int) -> None:
         last = client.last
         if not client.answered and (client.first.given_up or len(last.requests) > 1):

@@ -168,6 +168,9 @@ class Watcher:
     def stay(self, stay: Stay) -> None:
         """See a stay in slave mode that has ended."""
 
+    def forget(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over, whether it had calls or not."""
+
     def gone(self, client: Client, ended: int) -> None:
         """Say goodbye to a client that will not be heard of any more.
 

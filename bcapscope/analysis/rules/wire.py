@@ -11,7 +11,7 @@ from bcapscope.analysis.speech import Speech, called, counted
 from bcapscope.protocol.arguments import Problem
 from bcapscope.protocol.frame import LARGEST_UDP_FRAME, SOH, Frame, Malformed
 from bcapscope.traffic.exchange import Exchange, FrameObservation
-from bcapscope.traffic.observation import Direction, Flow, Observation, Transport
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
@@ -144,6 +144,10 @@ class Wire(Watcher):
                     f"a copy of a frame of {called(call)} was seen ({counted(len(copies), 'copy', 'copies')})"
                 ),
             )
+
+    def forget(self, conversation: Conversation) -> None:
+        for flow in [flow for flow in self._unsure if flow.conversation is conversation]:
+            del self._unsure[flow]
 
     def _doubt(self, flow: Flow, time: int) -> None:
         if len(self._unsure) >= _MOST_FLOWS:

@@ -1,0 +1,151 @@
+"""The watcher of a proxy: what it holds after many clients have come and gone, and what it tells of them."""
+
+from __future__ import annotations
+
+import gc
+import json
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from bcapscope.cli.proxyrecord import ProxyRecorder
+from bcapscope.cli.proxywatch import Scribe, Watcher
+from bcapscope.cli.proxywishes import Form, Look, Wishes
+from bcapscope.cli.screen import Screen
+from bcapscope.protocol.arguments import Argument
+from bcapscope.protocol.frame import encode
+from bcapscope.protocol.layout import Layout
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.proxy.ring import HEADER, Kind, RingReader, RingWriter
+from bcapscope.traffic.fields import RecordKind
+
+MS = 1_000_000
+TEXT = Variant(VT.BSTR, "")
+
+
+class Silent(Screen):
+    """Keeps what it is to show."""
+
+    def __init__(self) -> None:
+        self.lines = 0
+        self.told: list[str] = []
+
+    @property
+    def has_status(self) -> bool:
+        return False
+
+    def show(self, lines: Sequence[bytes | str]) -> None:
+        self.lines += len(lines)
+
+    def tell(self, text: str) -> None:
+        self.told.append(text)
+
+
+class Chain:
+    """Ring, watcher and recorder, without the relay and the processes."""
+
+    def __init__(self, record: Path | None, shown: RecordKind | None, form: Form = Form.LINE) -> None:
+        memory = memoryview(bytearray(HEADER + (1 << 20)))
+        self.ring = RingWriter(memory)
+        self.screen = Silent()
+        wishes = Wishes(record, None, Look(shown, form), "never")
+        scribe = None
+        if record is not None:
+            scribe = Scribe(RingReader(memory, ahead=True), ProxyRecorder(record, None, self.screen.tell))
+        self._watcher = Watcher(RingReader(memory), wishes, self.screen, scribe)
+        self.now = time.time_ns()
+
+    def look(self) -> None:
+        """Let it take all that there is."""
+        for _ in range(4):
+            self._watcher.look()
+
+    def say(self, client: int, up: bool, raw: bytes) -> None:
+        self.now += MS
+        assert self.ring.put(up, client, self.now, self.now + 1000, raw)
+
+    def meet(self, client: int, transport: str) -> None:
+        ends = [["10.0.0.2", 1024 + client % 60_000], ["10.0.0.3", 5008], ["10.0.0.3", 9], ["10.0.0.1", 5007]]
+        self.ring.must(Kind.OPENED, client, json.dumps([transport, *ends]).encode(), self.now)
+
+    def session(self, client: int, transport: str) -> None:
+        """Let a client connect, send a few set points, and vanish in slave mode."""
+        self.meet(client, transport)
+        for serial, (function, arguments, values) in enumerate(calls(client), 1):
+            self.say(client, True, encode(serial, 0, function, arguments))
+            self.say(client, False, encode(serial, 0, 0, values))
+        self.say(client, True, b"no frame")
+        self.ring.must(Kind.GONE, client, b"reset", self.now, up=True)
+
+
+def calls(client: int) -> Iterator[tuple[int, tuple[Variant, ...], tuple[Variant, ...]]]:
+    yield 1, (TEXT,), ()
+    yield 3, (TEXT, TEXT, TEXT, TEXT), (Variant(VT.I4, client),)
+    yield 7, (Variant(VT.I4, client), Variant(VT.BSTR, "Arm"), TEXT), (Variant(VT.I4, client + 1),)
+    robot = Variant(VT.I4, client + 1)
+    yield 64, (robot, Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0x102)), ()
+    for number in range(5):
+        pose = Variant.array(VT.R8, (float(number), 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0))
+        yield 64, (robot, Variant(VT.BSTR, "slvMove"), pose), ()
+
+
+def held() -> Counter[str]:
+    """Count the objects of ours that are there; of forms of frames as many are kept as `layout` says."""
+    gc.collect()
+    return Counter(
+        f"{type(each).__module__}.{type(each).__name__}"
+        for each in gc.get_objects()
+        if type(each).__module__.startswith("bcapscope.") and type(each) not in (Layout, Variant, Argument)
+    )
+
+
+@pytest.mark.parametrize(
+    ("transport", "shown", "form"),
+    [("udp", RecordKind.FRAME, Form.LINE), ("tcp", RecordKind.CALL, Form.JSON)],
+    ids=["udp", "tcp"],
+)
+def test_clients_that_have_gone_are_forgotten_with_all_that_they_hold(
+    transport: str, shown: RecordKind, form: Form, tmp_path: Path
+) -> None:
+    chain = Chain(tmp_path / "all.pcapng", shown, form)
+
+    def come_and_go(clients: range) -> Counter[str]:
+        for client in clients:
+            chain.session(client, transport)
+            if client % 8 == 0:
+                chain.look()
+        chain.look()
+        chain.screen.told.clear()
+        return held()
+
+    # After the first ones all that is kept of the latest few, and of forms of frames, is filled.
+    few, many = come_and_go(range(1, 401)), come_and_go(range(401, 801))
+    grown = {name: (few[name], count) for name, count in many.items() if count > few[name] * 1.05 + 16}
+    assert grown == {}
+    assert sum(many.values()) < 30_000, many.most_common(9)
+    assert chain.screen.lines >= 800 * 9
+
+
+def test_a_client_that_vanishes_in_slave_mode_is_told() -> None:
+    chain = Chain(None, None)
+    chain.session(1, "tcp")
+    chain.look()
+    told = [text for text in chain.screen.told if "is gone" in text]
+    assert told == ["10.0.0.2:1025 is gone (reset) while slave mode is on"]
+
+
+def test_a_client_that_falls_silent_in_slave_mode_is_told_as_a_finding() -> None:
+    chain = Chain(None, None)
+    chain.now -= 10_000 * MS
+    chain.meet(1, "udp")
+    for serial, (function, arguments, values) in enumerate(calls(1), 1):
+        chain.say(1, True, encode(serial, 0, function, arguments))
+        chain.say(1, False, encode(serial, 0, 0, values))
+    chain.look()
+    chain.look()
+    told = [text for text in chain.screen.told if "quit-in-slave-mode" in text]
+    assert len(told) == 1, chain.screen.told
+    assert "10.0.0.2:1025 has sent nothing for " in told[0]

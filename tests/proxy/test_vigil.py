@@ -1,0 +1,29 @@
+"""Silence in slave mode is told once, and its end."""
+
+from __future__ import annotations
+
+from bcapscope.proxy.vigil import SILENT_AFTER, Vigil
+from tests.faults.traffic import talk
+
+CLIENT = talk().up.conversation
+SECOND = 1_000_000_000
+
+
+def test_a_silence_and_its_end_are_told_once() -> None:
+    vigil = Vigil()
+    assert list(vigil.look([(CLIENT, 0)], SILENT_AFTER)) == []
+    assert list(vigil.look([(CLIENT, 0)], SILENT_AFTER + 1)) == [
+        "10.0.0.2:50001 has sent nothing for 0.5 s while slave mode is on"
+    ]
+    assert list(vigil.look([(CLIENT, 0)], 2 * SECOND)) == []
+    assert list(vigil.look([(CLIENT, 3 * SECOND)], 3 * SECOND)) == [
+        "10.0.0.2:50001 is heard again, after 3.0 s"
+    ]
+    assert list(vigil.look([(CLIENT, 3 * SECOND)], 3 * SECOND + 1)) == []
+
+
+def test_who_has_left_slave_mode_or_is_gone_is_forgotten() -> None:
+    vigil = Vigil()
+    assert list(vigil.look([(CLIENT, 0)], SECOND))
+    assert list(vigil.look([], SECOND)) == []
+    assert list(vigil.look([(CLIENT, 0)], SECOND))
