@@ -80,6 +80,11 @@ MARK = "marked"
 """The comment of a packet that was marked without a note."""
 
 
+def is_packet(block: bytes) -> bool:
+    """Tell whether a block that was written is a packet, and not the description of something."""
+    return block.startswith(_PACKET_BLOCK.to_bytes(4, "little"))
+
+
 def _option(code: int, text: str) -> bytes:
     data = text.encode("utf-8", "replace")[:_LONGEST_OPTION]
     data = data.decode("utf-8", "ignore").encode()  # no character cut in two

@@ -1,4 +1,8 @@
-"""A capture of what passes a server, written by a thread of its own, so that no client waits for a disk."""
+"""A capture of what passes a server, written by a thread of its own, so that no client waits for a disk.
+
+Packets are made by the thread of the server, when the client has its answer: a second thread that makes
+packets takes the interpreter from the first, and costs milliseconds. The one here only waits for the disk.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,11 @@ from collections import deque
 from collections.abc import Callable
 from io import RawIOBase
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
+from bcapscope.capture.packetfile import is_packet
 from bcapscope.capture.recording import Address, Recording
+from bcapscope.capture.spool import append
 from bcapscope.cli.files import FileRefused
 from bcapscope.render.call import counted
 from bcapscope.render.escape import printable
@@ -17,11 +23,11 @@ from bcapscope.render.escape import printable
 MOST_WAITING = 16 << 20
 """Bytes that wait for the disk, what they cost besides included, before packets are left out and counted."""
 
-_COST = 512
+_COST = 256
 """Bytes of memory that a packet takes besides its own."""
 
 _TICK = 0.02
-"""Seconds between looks at what there is to write: each takes the interpreter from the server for a while."""
+"""Seconds between looks at what there is to write."""
 
 _ENDS_WITHIN = 5.0
 """Seconds that what is left may take at the end."""
@@ -40,6 +46,25 @@ def open_capture(path: Path) -> BinaryIO | RawIOBase:
         return path.open("xb", buffering=0)
     except OSError as error:
         raise FileRefused(path, (error.strerror or str(error)).lower()) from None
+
+
+class _Basket(RawIOBase):
+    """Where packets are laid down for the other thread to take.
+
+    Attributes:
+        blocks: what was written, each time a piece.
+        size: of all that was ever written, with `_COST` for each.
+    """
+
+    def __init__(self) -> None:
+        self.blocks: deque[bytes] = deque()
+        self.size = 0
+
+    def write(self, data: Any) -> int:
+        """Take a piece."""
+        self.blocks.append(bytes(data))
+        self.size += len(data) + _COST
+        return len(data)
 
 
 class Recorder:
@@ -68,8 +93,11 @@ class Recorder:
         self._name = printable(name)
         self._tell = tell
         self._most = most
-        self._steps: deque[tuple[int, _Step]] = deque()
-        self._taken = self._written = 0
+        self._basket = _Basket()
+        self._recording = Recording(self._basket)
+        self._steps: list[_Step] = []
+        self._batch: list[bytes] = []
+        self._held = self._written = 0
         self._missing = self._lost = 0
         self._ways: set[_Way] = set()
         self._gaps: dict[_Way, int] = {}
@@ -78,6 +106,7 @@ class Recorder:
         self._news, self._over = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
+        self._news.set()
 
     def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
         """Record a UDP datagram."""
@@ -114,19 +143,25 @@ class Recorder:
             self._add(0, forget)
 
     def idle(self) -> None:
-        """Let the thread write what there is; called when nobody waits for an answer."""
-        if self._steps and not self._news.is_set():
+        """Make packets of what was taken, and let the thread write them; called when all are answered."""
+        if not self._steps:
+            return
+        steps, self._steps, self._held = self._steps, [], 0
+        for step in steps:
+            step(self._recording)
+        if not self._news.is_set():
             self._news.set()
 
     def close(self) -> bool:
         """Write what is left, if the disk takes it soon; tell whether nothing is missing."""
+        self.idle()
         self._over.set()
         self._news.set()
         self._thread.join(_ENDS_WITHIN)
         if not self._thread.is_alive():
             self._file.close()
         elif not self._failed:
-            self._lost += len(self._steps)
+            self._lost += sum(map(is_packet, (*self._batch, *self._basket.blocks)))
         self._lost += self._missing
         if self._lost:
             self._tell(f"{self._name} lacks {counted(self._lost, 'packet')}: it was not written fast enough")
@@ -135,7 +170,7 @@ class Recorder:
     def _has_room(self, size: int) -> bool:
         if self._failed:
             return False
-        waiting = self._taken - self._written
+        waiting = self._held + self._basket.size - self._written
         # Once packets are missing, half of the room must be free: rather one long gap than many short ones.
         if waiting + size + _COST <= (self._most // 2 if self._missing else self._most):
             return True
@@ -156,26 +191,25 @@ class Recorder:
         return f"{counted(missing, 'packet')} before this one could not be written in time"
 
     def _add(self, size: int, step: _Step) -> None:
-        self._steps.append((size + _COST, step))
-        self._taken += size + _COST
+        self._steps.append(step)
+        self._held += size + _COST
 
     def _run(self) -> None:
+        blocks = self._basket.blocks
         try:
-            recording = Recording(self._file)
-            while not self._over.is_set() or self._steps:
+            while not self._over.is_set() or blocks:
                 self._news.wait()
                 self._news.clear()
-                while self._steps:
-                    size, step = self._steps[0]
-                    step(recording)
-                    self._steps.popleft()
-                    self._written += size
+                self._batch = [blocks.popleft() for _ in range(len(blocks))]
+                data = b"".join(self._batch)
+                append(self._file, data)
+                self._written += len(data) + len(self._batch) * _COST
+                self._batch = []
                 self._over.wait(_TICK)
         except OSError as error:
             self._failed = True
-            reason = (error.strerror or str(error)).lower()
-            self._tell(f"{self._name} is not written any more: {reason}")
-            self._steps.clear()
+            self._tell(f"{self._name} is not written any more: {(error.strerror or str(error)).lower()}")
+            blocks.clear()
 
 
 def _skip(recording: Recording, late: list[_Step], gaps: dict[_Way, int]) -> None:
