@@ -121,7 +121,6 @@ class Client:
         mode_end: the call that ended slave mode last.
         failure: the first error of the controller that was not cleared since.
         error_read: the client asked for error details since `failure`.
-        cleared: the latest accepted ClearError.
         type_read: the type of the robot was asked for.
         unanswered: the latest call that was not answered, or only after a while.
         opened: what each handle was given for last.
@@ -149,7 +148,6 @@ class Client:
         self.mode_end: Exchange | None = None
         self.failure: Exchange | None = None
         self.error_read = False
-        self.cleared: Exchange | None = None
         self.type_read = False
         self.unanswered: Exchange | None = None
         self.opened: dict[int, Opened] = {}
@@ -294,7 +292,7 @@ class Client:
         self.arm = None
 
     def _clear_error(self, call: Exchange) -> None:
-        self.cleared, self.failure, self.error_read = call, None, False
+        self.failure, self.error_read = None, False
 
     def _read_error(self, call: Exchange) -> None:
         self.error_read = True

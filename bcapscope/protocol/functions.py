@@ -300,14 +300,6 @@ _BY_NAME = {function.name.casefold(): function for function in FUNCTIONS.values(
 _NAME_BY_ID = {function.id: function.name for function in FUNCTIONS.values()}
 
 
-def is_function_id(code: int) -> bool:
-    """Tell whether `code` (offset 9 of a frame) is the id of a function.
-
-    A result may have the same value: 1 is Service_Start and S_FALSE.
-    """
-    return code in _NAME_BY_ID
-
-
 def function_name(function_id: int) -> str:
     """Name a function id for people: `Robot_Execute`, or `Unknown(200)` outside 1..137."""
     return _NAME_BY_ID.get(function_id) or f"Unknown({function_id})"
