@@ -9,6 +9,7 @@ import click
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.cli import options
+from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import palette
 from bcapscope.cli.pairing import follow
 from bcapscope.cli.reading import Reading
@@ -45,7 +46,7 @@ def command(
     if as_json:
         records = (finding_record(number, finding) for number, finding in enumerate(findings, 1))
         reading.output.write_lines(records, reading.pause)
-    else:
+    elif diagnosis.seen.frames or reading.exit is not Exit.UNREADABLE:
         width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
         renderer = FindingsRenderer(palette(color), width)
         reading.output.write_lines(renderer.lines(findings, diagnosis.seen), reading.pause)

@@ -80,7 +80,8 @@ def command(
     reading.summary()
     for line in written:
         narrate(line)
-    _tell_left_out(trajectories, client, bool(written))
+    if trajectories.set_points or reading.exit is not Exit.UNREADABLE:
+        _tell_left_out(trajectories, client, bool(written))
     sys.exit(reading.exit if written or reading.exit else Exit.NOTHING)
 
 

@@ -9,6 +9,7 @@ import click
 
 from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.stay import Stay
+from bcapscope.cli.exits import Exit
 from bcapscope.cli.figures import Asked, figures
 from bcapscope.cli.output import narrate
 from bcapscope.cli.pairing import settle
@@ -33,7 +34,7 @@ def command(asked: Asked) -> None:
     Exit codes: as of decode.
     """
     reading = asked.reading
-    stays = _told(_stays(asked), asked.wanted is not None)
+    stays = _told(_stays(asked), asked)
     if asked.as_json:
         reading.output.write_lines(map(stay_record, stays), reading.pause)
     else:
@@ -54,11 +55,11 @@ def _stays(asked: Asked) -> Iterator[Stay]:
     yield from watcher.finish(asked.reading.ended)
 
 
-def _told(stays: Iterable[Stay], chosen: bool) -> Iterator[Stay]:
-    """Pass stays on; tell if there is none."""
+def _told(stays: Iterable[Stay], asked: Asked) -> Iterator[Stay]:
+    """Pass stays on; tell if there is none in what was read."""
     none = True
     for stay in stays:
         none = False
         yield stay
-    if none:
-        narrate("no set point fits the filter" if chosen else "no slave mode here")
+    if none and asked.reading.exit is not Exit.UNREADABLE:
+        narrate("no slave mode here" if asked.wanted is None else "no set point fits the filter")

@@ -36,6 +36,14 @@ def test_every_sample(path: Path) -> None:
     assert ("no slave mode here" in text.err) == (not stays)
 
 
+@pytest.mark.parametrize("command", [["slave"], ["extract", "-o", "never.csv"]])
+def test_of_what_could_not_be_read_nothing_is_said(command: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "none.pcap"
+    done = run(*command, path)
+    assert done.code == Exit.UNREADABLE
+    assert done.err == f"{path}: cannot be opened: No such file or directory\n"
+
+
 def test_json_of_a_whole_stay() -> None:
     (line,) = run("slave", SESSION, "--json").lines
     stay = json.loads(line)
