@@ -130,6 +130,8 @@ _OTHERS = (
     ("notices", _O, "S_EXECUTING each WDT while a call runs", _SERVER),
     ("notices", _O, "WDT and InvokeTimeout have 80 ms at least", _SERVER),
     ("bad datagram", _A, "is dropped; the C server's UDP service ends", "for the simulator's users"),
+    ("floods", _A, "each sender of datagrams has its turn; of one, 32 wait", "for the simulator's users"),
+    ("time", _A, "stands still while this program gets no processor", "for the simulator's users"),
     ("bad frame", _O, "ends its TCP connection without a reply", _SERVER),
     ("clients", _O, "20 over each transport; on UDP one may be forgotten after 10 s of silence", _SERVER),
     ("reset", _D, "the button on the pendant frees the places of dead clients", _SLIDES),
