@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -39,7 +38,8 @@ def check_free(path: Path, overwrite: bool) -> None:
 class NewFile:
     """A file that gets its name when it is complete; until then it stands beside, under a name of its own.
 
-    What is not kept is removed, so that a command that fails leaves nothing half written.
+    What is not kept is removed, so that a command that fails leaves nothing half written. It is open only
+    while something is written, so that there may be any number of them.
     """
 
     def __init__(self, path: Path) -> None:
@@ -51,7 +51,7 @@ class NewFile:
         self._path = path
         self._part = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
-            self._file = self._part.open("xb")
+            self._part.open("xb").close()
         except OSError as error:
             raise FileRefused(path, _reason(error)) from None
 
@@ -62,7 +62,8 @@ class NewFile:
             FileRefused: there is no more room.
         """
         try:
-            self._file.write(data)
+            with self._part.open("ab") as file:
+                file.write(data)
         except OSError as error:
             raise FileRefused(self._path, _reason(error)) from None
 
@@ -70,12 +71,11 @@ class NewFile:
         """Give the file its name, or another one in the same directory; nothing is written afterwards.
 
         Raises:
-            FileRefused: something is there already, or there is no more room.
+            FileRefused: something is there already, or it cannot have that name.
         """
         path = self._path if path is None else path
         check_free(path, overwrite)
         try:
-            self._file.close()
             self._part.replace(path)
         except OSError as error:
             raise FileRefused(path, _reason(error)) from None
@@ -88,8 +88,6 @@ class NewFile:
 
     def discard(self) -> None:
         """Remove the file unless it was kept."""
-        with suppress(OSError):  # there may be no room for what is still buffered
-            self._file.close()
         self._part.unlink(missing_ok=True)
 
 

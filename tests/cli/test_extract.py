@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from bcapscope.cli.exits import Exit
+from tests.analysis.scenes import Story
 from tests.cli.run import CAPTURES, run
 
 SESSION = CAPTURES / "slave-session.pcapng"
 LOST = CAPTURES / "slave-mode-lost.pcapng"
 ROBOTS = CAPTURES / "two-robots.pcapng"
 NO_SLAVE_MODE = CAPTURES / "tcp-gap.pcap"
+MOST_OPEN = 40
+
+_LIMITED = """\
+import os, resource, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[1]),) * 2)
+os.execv(sys.executable, [sys.executable, "-m", "bcapscope", *sys.argv[2:]])
+"""
+"""Runs the program with so many open files at the most."""
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -52,6 +63,22 @@ def test_what_was_refused_is_left_out(tmp_path: Path) -> None:
     ran = run("extract", LOST, "-o", tmp_path / "way.csv")
     assert len(rows(tmp_path / "way.csv")) == 30
     assert "left out: 3 refused by the controller\n" in ran.err
+
+
+def test_more_stays_than_files_may_be_open(tmp_path: Path) -> None:
+    story = Story()
+    client = story.client()
+    client.open()
+    client.ready()
+    for number in range(MOST_OPEN):
+        client.enter(40 + 100 * number)
+        client.move(50 + 100 * number, 2)
+    capture = tmp_path / "many.pcap"
+    capture.write_bytes(story.capture())
+    argv = [sys.executable, "-c", _LIMITED, str(MOST_OPEN), "extract", capture, "-o", tmp_path / "way.csv"]
+    done = subprocess.run(argv, capture_output=True, check=False)
+    assert done.returncode == Exit.OK, done.stderr.decode()
+    assert len(list(tmp_path.glob("way-*.csv"))) == MOST_OPEN
 
 
 def test_several_stays_are_several_files(tmp_path: Path) -> None:
