@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+import bcapscope
 from bcapscope.faults.yamlevents import DEEPEST, YamlError, events
 
 
@@ -45,3 +48,12 @@ def test_what_is_no_yaml(data: bytes | str, problem: str, place: tuple[int, int]
 def test_anything_gives_events_or_one_error(data: bytes | str) -> None:
     with suppress(YamlError):
         assert isinstance(list(events(data))[-1], yaml.StreamEndEvent)
+
+
+def test_nothing_reads_yaml_in_another_way() -> None:
+    root = Path(bcapscope.__path__[0])
+    other = re.compile(r"yaml\.(decode|parse|scan|(\w+_)?(load|compose)(_all)?)\(")
+    found = {
+        path.relative_to(root).as_posix() for path in root.rglob("*.py") if other.search(path.read_text())
+    }
+    assert found == {"faults/yamlevents.py"}

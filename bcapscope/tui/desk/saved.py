@@ -22,6 +22,7 @@ import msgspec
 import platformdirs
 
 from bcapscope.errors import BcapError
+from bcapscope.faults.document import read_document
 from bcapscope.protocol.functions import FUNCTIONS, Function, Param, function_by_name
 from bcapscope.protocol.notation import parse_as
 from bcapscope.protocol.variant import VT, Variant
@@ -99,10 +100,10 @@ def load(path: Path) -> Saved:
             content = file.read(LARGEST + 1)
         if len(content) > LARGEST:
             raise SavedError(say("desk.saved.large", name=path.name, most=LARGEST))
-        found = msgspec.yaml.decode(content, type=_File)
+        found = read_document(content.decode("utf-8"), _File)
     except OSError as error:
         raise SavedError(f"{path.name}: {cause(error)}") from None
-    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+    except ValueError as error:  # no UTF-8, or a `DocumentError`
         raise SavedError(f"{path.name}: {' '.join(str(error).split())}") from None
     function = function_by_name(found.function)
     if function is None:

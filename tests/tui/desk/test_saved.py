@@ -57,6 +57,13 @@ def test_what_is_no_request_is_told(tmp_path: Path, text: str, reason: str) -> N
     assert isinstance(found, str)
 
 
+def test_no_nesting_is_too_deep_to_be_refused(tmp_path: Path) -> None:
+    path = tmp_path / "deep.yaml"
+    path.write_text("[" * (LARGEST - 1))
+    with pytest.raises(SavedError, match=r"deep\.yaml: line 1: more than 64 levels"):
+        load(path)
+
+
 def test_bytes_that_are_no_text(tmp_path: Path) -> None:
     (tmp_path / "bad.yaml").write_bytes(b"function: \xff\xfe\n")
     assert isinstance(listed(tmp_path)[0][1], str)
