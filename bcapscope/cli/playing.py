@@ -9,6 +9,7 @@ from types import FrameType
 
 import click
 
+from bcapscope.cli.arming import can_ask, confirmed
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.keys import Keys
 from bcapscope.cli.output import narrate
@@ -128,7 +129,7 @@ class Playing:
         self._asking = False
         self._asked_to_stop = False
         self._fit = True
-        self._can_ask = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+        self._can_ask = can_ask()
 
     def run(self) -> Exit:
         """Play; return the exit code."""
@@ -217,11 +218,7 @@ class Playing:
 
     def _typed(self, question: Question) -> str:
         if question.topic is Topic.ARM:
-            host = self._plan.target.host
-            typed: str = click.prompt(
-                f"Type {printable(host)} if it may", default="", show_default=False, err=True
-            )
-            return "yes" if typed.strip() == host else "no"
+            return "yes" if confirmed(self._plan.target.host) else "no"
         choice: str = click.prompt(
             "Answer", type=click.Choice(question.choices), default=question.choices[0], err=True
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -9,6 +10,7 @@ from contextlib import asynccontextmanager
 import click
 
 from bcapscope.cli import options
+from bcapscope.cli.arming import can_ask, confirmed
 from bcapscope.cli.connection import Target, failures_told, optional_target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, palette
@@ -21,15 +23,18 @@ from bcapscope.client.session import Session
 from bcapscope.errors import BcapError
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.exchanger import BlockingExchanger, run
+from bcapscope.player.limits import SIMULATED, UNKNOWN, Limits, limited
 from bcapscope.player.realtime import undisturbed
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.guard import always_passes, request_effect
 from bcapscope.render.call import counted
 from bcapscope.render.escape import printable
+from bcapscope.render.preflight import PreflightRenderer
 from bcapscope.render.replay import ReplayRenderer
 from bcapscope.replay.performance import Performance, Played
 from bcapscope.replay.script import Script, scripts_of
+from bcapscope.replay.setpoints import Stretch, UnreadableError, preflight, stretches
 from bcapscope.replay.standin import StandIn
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
@@ -49,7 +54,14 @@ _MOST_LISTED = 8
 )
 @click.option("--client", metavar="ADDRESS", help="Whose session, by address, or address:port.")
 @options.filter_option(RecordKind.CALL)
-@click.option("--arm", is_flag=True, help="Allow what may move a robot.")
+@click.option("--arm", is_flag=True, help="A robot may move; else you are asked, except by the simulator.")
+@click.option(
+    "--limit",
+    "limits",
+    metavar="LIMIT",
+    multiple=True,
+    help="Of the arm: J1=-170..170, J1..J3.speed=300, J1.acceleration=6000.",
+)
 @click.option("--anywhere", is_flag=True, help="Enter slave mode wherever the robot stands.")
 @click.option("--keep-going", is_flag=True, help="Do not end where a call fails that had succeeded.")
 @click.option(
@@ -74,6 +86,7 @@ def command(
     client: str | None,
     wanted: Filter | None,
     arm: bool,
+    limits: tuple[str, ...],
     anywhere: bool,
     keep_going: bool,
     longest_pause: float,
@@ -88,14 +101,17 @@ def command(
 
     As client, each call is made at its time with the handles that this controller gives, and its result is
     held against the recorded one; retries are made as this network needs them. What the recording uses but
-    does not open is opened before. Whatever is still open at the end is let go of, slave mode first. What
-    may move a robot is only sent with --arm, or to bcapscope's own simulator, and slave mode is only entered
+    does not open is opened before. Whatever is still open at the end is let go of, slave mode first.
+
+    Before anything is sent the set points go through the pre-flight of `play`. What may move a robot is sent
+    to bcapscope's own simulator, with --arm, or when you have typed that it may; slave mode is only entered
     where the robot stands at the first set point, unless --anywhere is given.
 
     As server, a call is answered as the next one like it was in the recording.
 
     Exit codes: 0 all went as recorded; 2 the command line makes no sense; 4 nothing to play, or the address
-    cannot be listened on; 8 a result differs; 9 no answer; 10 --arm is missing.
+    cannot be listened on; 6 the capture cannot be written, or lacks something; 8 a result differs; 9 no
+    answer; 10 nobody said that a robot may move; 11 the set points are not fit to be played.
     """
     script = _script(Reading([capture], ()), wanted, client)
     if side == "server":
@@ -109,7 +125,9 @@ def command(
         return
     if not target.host:
         raise click.UsageError("which HOST is to be called?")
-    stage = _Stage(script, keep_going, anywhere, _Teller(as_json, quiet, color))
+    flight = _Flight(script, limits, color, quiet)
+    flight.check(UNKNOWN)
+    stage = _Stage(script, flight, keep_going, anywhere, _Teller(as_json, quiet, color))
     with failures_told(target):
         end_in_order()
         with undisturbed():
@@ -157,11 +175,43 @@ class _Teller:
             click.echo(self._renderer.line(played))
 
 
+class _Flight:
+    """The pre-flight of a script's set points."""
+
+    def __init__(self, script: Script, limits: tuple[str, ...], color: str, quiet: bool) -> None:
+        self._limits = limits
+        self._renderer = PreflightRenderer(palette(color), shutil.get_terminal_size().columns)
+        self._quiet = quiet
+        self.stretches: tuple[Stretch, ...] = ()
+        try:
+            limited(UNKNOWN, limits)
+            self.stretches = tuple(stretches(script))
+        except UnreadableError as error:
+            narrate(f"bcapscope: {error}: nothing was sent")
+            sys.exit(Exit.UNFIT)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from None
+
+    def check(self, limits: Limits, shown: bool = False) -> None:
+        """Check all set points, and show how that went; what is not fit to be played ends the program."""
+        found = [preflight(stretch, limited(limits, self._limits)) for stretch in self.stretches]
+        bad = [each for each in found if not each.is_fit]
+        for each in bad or (found if shown and not self._quiet else ()):
+            narrate(each.trajectory.source.form)
+            for line in self._renderer.lines(each):
+                narrate(line)
+        if bad:
+            sys.exit(Exit.UNFIT)
+
+
 class _Stage:
     """Plays a script to a controller and tells how it goes."""
 
-    def __init__(self, script: Script, keep_going: bool, anywhere: bool, tell: _Teller) -> None:
+    def __init__(
+        self, script: Script, flight: _Flight, keep_going: bool, anywhere: bool, tell: _Teller
+    ) -> None:
         self._script = script
+        self._flight = flight
         self._keep_going = keep_going
         self._anywhere = anywhere
         self._tell = tell
@@ -170,8 +220,11 @@ class _Stage:
 
     async def play(self, target: Target, armed: bool, longest_pause: int) -> Exit:
         """Play it without an event loop, which knows no microseconds; return how it went."""
-        if not armed and self._moves() and not await _is_simulator(target):
-            return Exit.UNARMED
+        if self._flight.stretches or (self._moves() and not armed):
+            simulated = await _is_simulator(target)
+            self._flight.check(SIMULATED if simulated else UNKNOWN, shown=True)
+            if self._moves() and not (armed or simulated or _allowed(target.host)):
+                return Exit.UNARMED
         try:
             async with _session(target) as (session, channel):
                 reach = Reach(session, target.service, target.connect, {})
@@ -206,11 +259,16 @@ class _Stage:
 
 async def _is_simulator(target: Target) -> bool:
     async with _session(target) as (session, _):
-        if await Reach(session, target.service, target.connect, {}).meets_simulator():
+        return await Reach(session, target.service, target.connect, {}).meets_simulator()
+
+
+def _allowed(host: str) -> bool:
+    """Tell whether a robot may move."""
+    if can_ask():
+        narrate("A robot will move: this is not the simulator.")
+        if confirmed(host):
             return True
-    narrate(
-        "bcapscope: the recording may move a robot, and this is not the simulator: not sent without --arm"
-    )
+    narrate("bcapscope: the recording may move a robot, and nobody said that it may: not sent without --arm")
     return False
 
 

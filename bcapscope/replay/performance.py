@@ -15,9 +15,10 @@ from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, ResultKind
 from bcapscope.protocol.hresult import is_failure, is_success
 from bcapscope.protocol.poses import numbers
 from bcapscope.protocol.requester import Answered, Settled, TimedOut
-from bcapscope.protocol.slavemode import mode_pose_type, mode_value
+from bcapscope.protocol.slavemode import mode_pose_type
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.replay.script import Line, Script
+from bcapscope.replay.setpoints import command_of, mode_entered
 
 WHOLE, PART = 1e-3, 1e-4
 """Numbers that differ by less, absolutely or relatively, are the same: mm, degrees and seconds that a robot
@@ -145,11 +146,11 @@ class Performance:
 
     async def _check_start(self, place: int) -> None:
         """Before slave mode is entered, look whether the robot stands where its first set point is."""
-        mode = _mode_entered(self._script.lines[place])
+        mode = mode_entered(self._script.lines[place])
         kind = None if mode is None else mode_pose_type(mode)
         if kind is None:
             return
-        moves = (line for line in self._script.lines[place + 1 :] if _command(line) == "slvmove")
+        moves = (line for line in self._script.lines[place + 1 :] if command_of(line) == "slvmove")
         first = next(moves, None)
         goal = None if first is None or len(first.arguments) < 3 else numbers(first.arguments[2])
         if first is None or goal is None:
@@ -185,17 +186,6 @@ class Performance:
         now = _first_number([argument.variant for argument in settled.reply.arguments])
         if then is not None and now is not None:
             self._handles[function.creates, then] = now
-
-
-def _command(line: Line) -> str | None:
-    return line.question.command.casefold() if line.question.command is not None else None
-
-
-def _mode_entered(line: Line) -> int | None:
-    """Return the slave mode that a line enters; None if it enters none."""
-    if _command(line) != "slvchangemode" or len(line.arguments) < 3:
-        return None
-    return mode_value(line.arguments[2]) or None
 
 
 def _first_number(values: Sequence[Variant]) -> int | None:

@@ -55,7 +55,7 @@ def test_as_client_and_as_server_at_once() -> None:
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
         refused = run(*words)
         assert refused.code == Exit.UNARMED
-        assert "this is not the simulator: not sent without --arm" in refused.err
+        assert "nobody said that it may: not sent without --arm" in refused.err
         done = run(*words, "--arm", "-f", "function != Robot_Execute")
         assert (done.code, len(done.lines)) == (Exit.OK, 7)
         process.send_signal(signal.SIGINT)
@@ -67,7 +67,7 @@ def test_as_client_and_as_server_at_once() -> None:
 def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
     with simulator("-q") as (_, port):
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
-        chosen = ("-f", "command != slvChangeMode and function != Service_Stop and call < 20 or call > 250")
+        chosen = ("-f", "command != slvChangeMode and function != Service_Stop and call < 40")
         ended = run(*words, *chosen)
         went_on = run(*words, *chosen, "--keep-going")
     assert ended.code == went_on.code == Exit.REFUSED
@@ -89,6 +89,17 @@ def test_what_cannot_be_is_told_in_a_sentence(words: tuple[str | Path, ...], cod
     done = run("replay", *words)
     assert (done.code, "Traceback" in done.err) == (code, False)
     assert told in done.err
+
+
+def test_set_points_that_are_not_fit_to_be_played_are_not_sent() -> None:
+    with simulator("-q") as (_, port):
+        words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client", "--arm")
+        done = run(*words, "--limit", "J1.speed=1")
+        wrong = run(*words, "--limit", "J1.sped=1")
+    assert (done.code, done.lines) == (Exit.UNFIT, [])
+    assert "J1 reaches" in done.err
+    assert "not fit to play" in done.err
+    assert (wrong.code, "is no limit" in wrong.err) == (Exit.USAGE, True)
 
 
 def test_nobody_there() -> None:
