@@ -75,7 +75,8 @@ def test_more_stays_than_files_may_be_open(tmp_path: Path) -> None:
         client.move(50 + 100 * number, 2)
     capture = tmp_path / "many.pcap"
     capture.write_bytes(story.capture())
-    argv = [sys.executable, "-c", _LIMITED, str(MOST_OPEN), "extract", capture, "-o", tmp_path / "way.csv"]
+    command = ["extract", str(capture), "-o", str(tmp_path / "way.csv")]
+    argv = [sys.executable, "-c", _LIMITED, str(MOST_OPEN), *command]
     done = subprocess.run(argv, capture_output=True, check=False)
     assert done.returncode == Exit.OK, done.stderr.decode()
     assert len(list(tmp_path.glob("way-*.csv"))) == MOST_OPEN
