@@ -113,8 +113,8 @@ class RuleWishes:
 
     def words(self) -> list[str]:
         """Tell what is set up, a line each."""
+        from bcapscope.analysis.speech import counted
         from bcapscope.proxy.intercept import PATIENCE
-        from bcapscope.render.call import counted
 
         lines = []
         if self.faults:

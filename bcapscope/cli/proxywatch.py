@@ -19,6 +19,7 @@ from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session import IN_SLAVE_MODE
+from bcapscope.analysis.speech import counted
 from bcapscope.cli.output import palette
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxystatus import Delays, losses, rates, totals
@@ -29,7 +30,6 @@ from bcapscope.proxy.farewell import Farewells
 from bcapscope.proxy.ring import Kind, Record, RingReader
 from bcapscope.proxy.vigil import Vigil
 from bcapscope.proxy.witness import Witness
-from bcapscope.render.call import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.findings import FindingsRenderer
 from bcapscope.traffic.exchange import Exchange, Settled

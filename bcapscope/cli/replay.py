@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 
 import click
 
+from bcapscope.analysis.speech import counted
 from bcapscope.cli import options
 from bcapscope.cli.arming import can_ask, confirmed
 from bcapscope.cli.connection import Target, failures_told, optional_target
@@ -28,7 +29,6 @@ from bcapscope.player.realtime import undisturbed
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.guard import always_passes, request_effect
-from bcapscope.render.call import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight import PreflightRenderer
 from bcapscope.render.replay import ReplayRenderer

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from bcapscope.analysis.speech import counted
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
 from bcapscope.render.escape import printable, quoted
@@ -182,11 +183,6 @@ def _subject(call: Exchange, subject: Thing | None) -> str:
 def milliseconds(nanoseconds: int) -> str:
     """Write a duration in milliseconds, to the microsecond."""
     return f"{nanoseconds / _MILLISECOND:.3f}"
-
-
-def counted(count: int, noun: str, plural: str = "") -> str:
-    """Write a number and its noun."""
-    return f"{count} {noun if count == 1 else plural or noun + 's'}"
 
 
 def frames_text(call: Exchange) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import islice
 
+from bcapscope.analysis.speech import counted
 from bcapscope.protocol.fields import HRESULT, Field
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.variant import VT, Value, vt_name
@@ -65,7 +66,7 @@ def _untyped(field: Field) -> str:
     """Describe one of the frame's own fields."""
     value = field.value
     if isinstance(value, bytes):
-        return _count(len(value), "byte") + (f", {field.text}" if field.text else "")
+        return counted(len(value), "byte") + (f", {field.text}" if field.text else "")
     if field.name == "type" or value is None:
         return field.text
     if field.name == HRESULT and isinstance(value, int):
@@ -78,14 +79,10 @@ def _typed(field: Field, longest: int | None) -> str:
     value, vt = field.value, field.vt or 0
     text = value_text(value, vt, longest)
     if isinstance(value, tuple):
-        text = _count(len(value), "element")
+        text = counted(len(value), "element")
     elif isinstance(value, bytes):
-        text = _count(len(value), "byte")
+        text = counted(len(value), "byte")
     if field.name == "data" and isinstance(value, str):
         return ""  # its characters come next
     has_type = any(child.name == "type" for child in islice(field.children, 2))
     return f"{vt_name(vt)} {text}".rstrip() if has_type else text
-
-
-def _count(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol.functions import ObjectClass
-from bcapscope.render.call import CallRenderer, counted, frames_text, milliseconds, session_text
+from bcapscope.render.call import CallRenderer, frames_text, milliseconds, session_text
 from bcapscope.render.moment import Clock
 from bcapscope.render.palette import ANSI
 from bcapscope.traffic.exchange import Stray
@@ -180,11 +180,6 @@ def test_sessions_of_hostile_objects_are_harmless() -> None:
 
 def test_milliseconds() -> None:
     assert [milliseconds(ns) for ns in (0, 1_234_567, -500_000)] == ["0.000", "1.235", "-0.500"]
-
-
-def test_numbers_with_their_noun() -> None:
-    assert [counted(n, "call") for n in (0, 1, 2)] == ["0 calls", "1 call", "2 calls"]
-    assert counted(2, "reply", "replies") == "2 replies"
 
 
 def test_frames_of_a_call() -> None:
