@@ -9,7 +9,7 @@ from typing import TypeAlias
 from bcapscope.protocol.variant import Variant
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.objects import Object, Objects
-from bcapscope.simulator.outcome import Outcome
+from bcapscope.simulator.outcome import DONE, Outcome
 
 
 @dataclass(slots=True)
@@ -36,3 +36,8 @@ Command: TypeAlias = Callable[[Context, Variant], Outcome]
 
 Commands: TypeAlias = Mapping[str, Command]
 """Commands by their names in lower case."""
+
+
+def accepted(context: Context, parameter: Variant) -> Outcome:
+    """Run a command of which nothing is to be seen here, such as a setting."""
+    return DONE

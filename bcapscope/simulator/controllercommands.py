@@ -12,7 +12,7 @@ from types import MappingProxyType
 from bcapscope.protocol.hresult import E_INVALIDARG, describe
 from bcapscope.protocol.variant import Variant
 from bcapscope.simulator.alarms import Alarm
-from bcapscope.simulator.context import Commands, Context
+from bcapscope.simulator.context import Commands, Context, accepted
 from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Machine
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
 from bcapscope.simulator.refusals import BAD_INDEX, EMERGENCY_STOP
@@ -116,11 +116,6 @@ def put_auto_mode(context: Context, parameter: Variant) -> Outcome:
 def get_auto_mode(context: Context, parameter: Variant) -> Outcome:
     """Run GetAutoMode (RC7)."""
     return Answer(value=i2(context.machine.auto_mode))
-
-
-def accepted(context: Context, parameter: Variant) -> Outcome:
-    """Take what needs nothing to be done here."""
-    return DONE
 
 
 def task_status(context: Context, parameter: Variant) -> Outcome:

@@ -153,7 +153,7 @@ class TakeArm(Event, frozen=True, kw_only=True, tag="take-arm"):
 
 
 class MoveArm(Event, frozen=True, kw_only=True, tag="move"):
-    """The arm is moved by somebody else; in slave mode, where the set points have it, it is not.
+    """The arm is moved by somebody else, unless set points have it or a motion is held.
 
     Attributes:
         joints: where to, six angles in degrees.
@@ -165,7 +165,7 @@ class MoveArm(Event, frozen=True, kw_only=True, tag="move"):
 
     def happen(self, simulator: Simulator, now: int) -> list[Output]:
         machine = simulator.machine
-        if machine.slave.mode is None:
+        if machine.slave.mode is None and not machine.is_held:
             machine.journey = Journey(machine.arm, eight(self.joints), now, self.speed / 100)
         return []
 

@@ -152,6 +152,11 @@ class Machine:
         """Return from when on another motion may begin, ns."""
         return self.journey.done if self.journey else self.began
 
+    @property
+    def is_held(self) -> bool:
+        """Whether a motion is paused."""
+        return self.journey is not None and self.journey.is_held
+
     def motor_is_on(self, now: int) -> bool:
         """Tell whether the motor is on."""
         return self._motor_at is not None and now >= self._motor_at

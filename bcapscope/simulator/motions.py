@@ -70,10 +70,10 @@ def unhold(context: Context) -> Outcome:
     Raises:
         RefusedError: the controller has trouble.
     """
-    journey = context.machine.journey
-    if journey and journey.is_held:
-        context.machine.check_state()
-        journey.resume(context.now)
+    machine = context.machine
+    if machine.journey and machine.is_held:
+        machine.check_state()
+        machine.journey.resume(context.now)
     return DONE
 
 

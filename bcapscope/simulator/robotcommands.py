@@ -13,7 +13,7 @@ from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.arm import MS
-from bcapscope.simulator.context import Command, Commands, Context
+from bcapscope.simulator.context import Command, Commands, Context, accepted
 from bcapscope.simulator.controllog import record_values
 from bcapscope.simulator.kinematics import Joints, beyond_limit, joints_of, pose_of
 from bcapscope.simulator.motions import MOTION_COMMANDS
@@ -187,11 +187,6 @@ def stop_log(context: Context, parameter: Variant) -> Outcome:
 def type_name(context: Context, parameter: Variant) -> Outcome:
     """Run GetRobotTypeName."""
     return Answer(value=bstr(context.machine.start.type_name))
-
-
-def accepted(context: Context, parameter: Variant) -> Outcome:
-    """Take a setting that changes nothing here."""
-    return DONE
 
 
 def _speed(name: str) -> Command:

@@ -60,7 +60,7 @@ def _enter(context: Context, mode: SlaveMode) -> Outcome:
     def poll(now: int) -> Answer | None:
         if machine.stops != stops:
             return Answer(machine.stopped_by)
-        if machine.arm.stands(now) and not (machine.journey and machine.journey.is_held):
+        if machine.arm.stands(now) and not machine.is_held:
             machine.slave.enter(mode, now)
             return DONE
         return Answer(machine.profile.running_result) if now >= began + PATIENCE else None
