@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import signal
 import socket
@@ -20,9 +21,11 @@ from bcapscope.capture.file import open_capture
 from bcapscope.capture.observer import Observer
 from bcapscope.errors import CaptureError
 from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import encode
+from bcapscope.protocol.frame import SMALLEST_FRAME, Frame, encode
+from bcapscope.protocol.variant import VT, Variant
+from bcapscope.proxy.control_client import ControlClient
 from bcapscope.traffic.observation import Observation
-from tests.cli.proxying import PATIENCE, Process, proxy, recording, simulator, talk
+from tests.cli.proxying import PATIENCE, persistent_talk, proxy, recording, simulator, talk
 from tests.cli.run import run
 
 POINTS = int(os.environ.get("BCAPSCOPE_POINTS", "60"))
@@ -53,6 +56,22 @@ def said(seen: list[Observation], server: int) -> tuple[list[bytes], list[bytes]
     here = [each for each in seen if each.flow.conversation.server.port == server]
     requests = [each.item.raw for each in here if each.flow.direction == "request"]
     return requests, [each.item.raw for each in here if each.flow.direction == "response"]
+
+
+def sound(frames: list[bytes]) -> list[bytes]:
+    """Return those that are sound frames."""
+    return [raw for raw in frames if len(raw) >= SMALLEST_FRAME and not Frame(raw).problems]
+
+
+def spoken(seen: list[Observation], server: int) -> dict[tuple[int, str], bytes]:
+    """Return all bytes to and from a server's port, by the client's port and the direction."""
+    found: dict[tuple[int, str], bytes] = {}
+    for each in seen:
+        conversation = each.flow.conversation
+        if conversation.server.port == server:
+            key = conversation.client.port, str(each.flow.direction)
+            found[key] = found.get(key, b"") + each.item.raw
+    return found
 
 
 def calls_of(path: Path, port: int) -> list[tuple[int, int | None]]:
@@ -99,6 +118,47 @@ def test_sessions_with_faults(controller: tuple[int, Path], tmp_path: Path) -> N
     assert comments
 
 
+ON_TCP = (Convention.TCP0, Convention.TCP1)
+
+
+@pytest.mark.parametrize(
+    ("conventions", "faults"),
+    [
+        (ON_TCP, ["delay=1ms±1ms", "duplicate 3%"]),
+        (ON_TCP, ["close 2% if command == slvMove", "close=fin 2% reply if command == slvMove"]),
+        (ON_TCP, ["corrupt 2% if command == slvMove", "truncate 2% if command == slvMove"]),
+        (ON_TCP[:1], ["half-open times 1 after 900ms if command == slvMove"]),
+        (ON_TCP[1:], ["half-open times 1 after 900ms if command == slvMove"]),
+    ],
+    ids=["late and twice", "closed", "damaged", "half-open tcp0", "half-open tcp1"],
+)
+def test_streams_with_faults(tmp_path: Path, conventions: tuple[Convention, ...], faults: list[str]) -> None:
+    path, at_the_controller = tmp_path / "faults.pcapng", tmp_path / "controller.pcapng"
+    words = [word for fault in faults for word in ("--fault", fault)]
+    again = "half-open" not in faults[0]
+    with simulator(*recording(at_the_controller)) as server:
+        to = server.port
+        with proxy(to, "-q", *words, "--seed", "7", *recording(path)) as process:
+            talks = [persistent_talk(process.port, each, POINTS, 200, again) for each in conventions]
+            told = process.end(signal.SIGINT)
+            port = process.port
+        server.end(signal.SIGINT)
+    assert re.search(r"fault \S+: struck (once|\d+ times)", told), told
+    seen = observed(path, {to, port})
+    asked, answered = map(sound, said(seen, port))
+    assert asked == [raw for each in talks for raw in each.sent]
+    # What stands behind a cut answer is told by the recording; its client may have given up by then.
+    rest = iter(answered)
+    assert all(raw in rest for each in talks for raw in sound(each.heard))
+    assert spoken(observed(at_the_controller, {to}), to) == spoken(seen, to)
+    calls = [call for each in talks for call in each.calls]
+    if "corrupt" in faults[0]:  # `calls` tells the result in a damaged answer, which its client does not take
+        pairs = zip(calls_of(path, port), calls, strict=True)
+        assert [own for told, own in pairs if told != own and own[1] is not None] == []
+    else:
+        assert calls_of(path, port) == calls
+
+
 def flood(port: int, seconds: float) -> tuple[int, float]:
     """Ask as fast as answers come; return how often, and when the last time was, since 1970."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -121,7 +181,7 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
     with proxy(to, "-q", *recording(path)) as process:
         count, _ = flood(process.port, 0.3)
         _, last = flood(process.port, 1.0)
-        watcher = watcher_of(process)
+        watcher = watcher_of(process.popen.pid)
         victims = {"relay": [process.popen.pid], "watcher": [watcher], "both": [watcher, process.popen.pid]}
         for pid in victims[whom]:
             os.kill(pid, signal.SIGKILL)
@@ -136,9 +196,8 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
     assert run("decode", path).code in (0, 3)
 
 
-def watcher_of(process: Process) -> int:
-    """Return the pid of the process that records."""
-    pid = process.popen.pid
+def watcher_of(pid: int) -> int:
+    """Return the pid of the process that records for another one."""
     for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
             return int(child)
@@ -190,7 +249,7 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
     path = tmp_path / "full.pcapng"
     reading, writing = os.pipe()
     with proxy(to, *recording(path), stdout=writing) as process:
-        resource.prlimit(watcher_of(process), resource.RLIMIT_FSIZE, (100_000, 100_000))
+        resource.prlimit(watcher_of(process.popen.pid), resource.RLIMIT_FSIZE, (100_000, 100_000))
         os.close(writing)
         os.close(reading)
         flood(process.port, 0.8)
@@ -223,6 +282,69 @@ def test_a_ring_of_files(controller: tuple[int, Path], tmp_path: Path) -> None:
     assert all(each.name.startswith("r_0") for each in files)
     frames = [len(observed(each, {process.port, to})) for each in files]
     assert all(frames)
+
+
+def test_a_stop_that_is_held_when_the_proxy_ends_is_sent_and_a_motion_is_not() -> None:
+    robot = Variant(VT.I4, 1)
+    halt = encode(9, 0, 70, (robot, Variant(VT.BSTR, "")))
+    move = encode(8, 0, 64, (robot, Variant(VT.BSTR, "slvMove"), Variant.array(VT.R4, (1.0,))))
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as server:
+        server.bind(("127.0.0.1", 0))
+        server.settimeout(PATIENCE)
+        port = server.getsockname()[1]
+        with proxy(port, "-q", "--fault", "delay=600s", "--control", "127.0.0.1:0") as process:
+            control = ControlClient(process.wait_for(r"proxy ctl (\S+)")[1])
+            with closing(control), closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as client:
+                for raw in (move, halt):
+                    client.sendto(raw, ("127.0.0.1", process.port))
+                until = time.monotonic() + PATIENCE
+                while control.ask({"do": "stats"})["ruled"] < 2:
+                    assert time.monotonic() < until
+            told = process.end(signal.SIGINT)
+        assert server.recv(4096) == halt
+    assert "not sent on: 1 Robot_Execute slvMove" in told
+
+
+def answers(port: int, seconds: float) -> bool:
+    """Tell whether datagrams come back through a port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.connect(("127.0.0.1", port))
+        sock.settimeout(0.1)
+        until = time.time() + seconds
+        while time.time() < until:
+            with suppress(OSError):
+                sock.send(encode(1, 0, 17))
+                return bool(sock.recv(4096))
+        return False
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no terminals here")
+def test_a_terminal_that_nobody_reads_and_a_watcher_that_is_stopped_or_killed_hold_nothing_up(
+    controller: tuple[int, Path],
+) -> None:
+    to, _ = controller
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    master, slave = os.openpty()
+    words = ["proxy", "--listen", f"udp:127.0.0.1:{port}", "--to", f"127.0.0.1:{to}"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "bcapscope", *words], stdin=subprocess.DEVNULL, stdout=slave, stderr=slave
+    ) as process:
+        try:
+            assert answers(port, PATIENCE)
+            assert flood(port, 1.0)[0] > 100  # far more lines than the terminal takes
+            watcher = watcher_of(process.pid)
+            os.kill(watcher, signal.SIGSTOP)
+            assert flood(port, 1.0)[0] > 100
+            os.kill(watcher, signal.SIGKILL)
+            assert flood(port, 1.0)[0] > 100
+            process.send_signal(signal.SIGINT)
+            assert process.wait(PATIENCE) == 0
+        finally:
+            process.kill()
+            os.close(master)
+            os.close(slave)
 
 
 HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
