@@ -174,7 +174,10 @@ class Scope(App[None]):
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Return what every line passes through on its way to the terminal."""
-        return (self._harmless, *super().get_line_filters())
+        before = tuple(super().get_line_filters())
+        if before != self._harmless.before:
+            self._harmless = Harmless(before)
+        return (self._harmless,)
 
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver, which knows the keys of HALT."""

@@ -6,6 +6,8 @@ not ours, and they show it as it is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rich.cells import cell_len
 from rich.segment import Segment
 from textual.color import Color
@@ -17,10 +19,20 @@ _BLANK = "\u3000"
 
 
 class Harmless(LineFilter):
-    """Puts a replacement character for each that is not plainly visible."""
+    """Puts a replacement character for each that is not plainly visible, after all that other filters do.
+
+    It stands for all of them, since Textual takes each line apart and puts it together again for each filter.
+    """
+
+    def __init__(self, before: Sequence[LineFilter] = ()) -> None:
+        """Take the filters that come before."""
+        super().__init__()
+        self.before = tuple(before)
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
         """Return the segments of a line, those that are harmless as they are."""
+        for each in self.before:
+            segments = each.apply(segments, background)
         if all(segment.text.isprintable() for segment in segments):
             return segments
         return [

@@ -47,20 +47,18 @@ EXECUTE, INVALID = 64, 0x80070057
 pytestmark = pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
 
 
-def assert_harmless(app: Scope) -> str:
-    """Look at all that is drawn, and at the picture of it; return what is drawn."""
-    drawn = shown(app)
-    assert [char for char in drawn if not char.isprintable() and char not in "\n\u3000"] == []
-    drawn.encode()
-    assert ElementTree.fromstring(app.export_screenshot()).tag.endswith("svg")
-    return drawn
-
-
-async def look(pilot: Pilot[None]) -> str:
-    """Let all be drawn, and look."""
+async def look(pilot: Pilot[None]) -> None:
+    """Let all be drawn, and look at every character."""
     await pilot.pause()
     assert isinstance(pilot.app, Scope)
-    return assert_harmless(pilot.app)
+    drawn = shown(pilot.app)
+    assert [char for char in drawn if not char.isprintable() and char not in "\n\u3000"] == []
+
+
+async def picture(pilot: Pilot[None]) -> None:
+    """Look, and at the picture of it as well."""
+    await look(pilot)
+    assert ElementTree.fromstring(pilot.app.export_screenshot()).tag.endswith("svg")
 
 
 def capture(path: Path, text: str) -> None:
@@ -84,8 +82,7 @@ def capture(path: Path, text: str) -> None:
         recording.segment(CLIENT, SERVER, b"\x01" + text.encode("utf-16-le", "surrogatepass"), TIME + 10**9)
 
 
-@pytest.mark.parametrize("size", [(80, 24), (200, 50)], ids=["narrow", "wide"])
-def test_traffic(text: str, size: tuple[int, int], tmp_path: Path) -> None:
+def test_traffic(text: str, tmp_path: Path) -> None:
     path = tmp_path / "hostile.pcapng"
     capture(path, text)
     feed = Feed(path=str(path))
@@ -95,10 +92,9 @@ def test_traffic(text: str, size: tuple[int, int], tmp_path: Path) -> None:
         await read(pilot, feed)
         here = traffic_screen(pilot)
         app.settings.captures.insert(0, text)
-        for number in range(1, here.frames.count + 1):
+        for number in (3, 8, 9, 10, 11):
             here.go_to_frame(number)
             await look(pilot)
-        here.go_to_frame(7)
         for keys in (
             ("enter", "a", "end"),
             ("tab", "end", "home", "escape"),
@@ -108,8 +104,8 @@ def test_traffic(text: str, size: tuple[int, int], tmp_path: Path) -> None:
             await pilot.press(*keys)
             await look(pilot)
         for key in "12345":
-            await pilot.press(key, "home", "space", "end", "right", "right", "left")
-            await look(pilot)
+            await pilot.press(key, "home", "space", "end", "right")
+            await picture(pilot)
         await pilot.press("1", "slash")
         app.post_message(Paste(text))
         await look(pilot)
@@ -128,14 +124,14 @@ def test_traffic(text: str, size: tuple[int, int], tmp_path: Path) -> None:
         await pilot.pause()
         here._open(text)
         app.tell(text, "error")
-        await look(pilot)
+        await picture(pilot)
         await pilot.press("s")
         app.screen.query_one("#prompt-input", Input).value = str(tmp_path / "notes.pcapng")
         await pilot.press("enter")
         await until(pilot, lambda: any("Saved" in note.message for note in app._notifications))
 
     try:
-        drive(app, act, size)
+        drive(app, act, (132, 40))
     finally:
         feed.close()
 
@@ -177,7 +173,7 @@ def test_proxy(text: str) -> None:
         place.post_message(Said(text, False))
         for key in "1234":
             await pilot.press(key)
-            await look(pilot)
+            await picture(pilot)
         await pilot.press("3", "e")
         proposed = place.query_one("#change", Input).value
         assert proposed.isprintable()
@@ -219,13 +215,12 @@ def test_tester(text: str, tmp_path: Path) -> None:
             await pilot.press("enter")
             await answered(pilot, "#execute ResultView", printable(text)[:20])
             await look(pilot)
-            for name in ("sent", "received", "history", "watch", "saved"):
+            for name in ("received", "saved", "history"):
                 here.query_one("#view", Choice).chosen = name
                 await look(pilot)
-            here.query_one("#view", Choice).chosen = "history"
             here.query_one(HistoryLines).focus()
             await pilot.press("end")
-            await look(pilot)
+            await picture(pilot)
             await focus(pilot, "#robot-forms .command")
             app.post_message(Paste(text))
             await look(pilot)

@@ -29,7 +29,7 @@ def _way(key: str, times: tuple[int, int, int, int]) -> str:
 
 def _counts(figures: Figures) -> Iterator[str]:
     is_tcp = figures.bytes_up or figures.bytes_down
-    if figures.came_up or figures.came_down or not is_tcp:  # in 80 columns there is no room for what is not used
+    if figures.came_up or figures.came_down or not is_tcp:  # there is no room for what is not used
         up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
         yield say("proxy.datagrams", up=up, down=down)
     if is_tcp:
