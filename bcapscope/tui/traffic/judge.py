@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.slave import SlaveWatcher
 from bcapscope.analysis.statistics import Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.render.escape import printable
@@ -23,8 +22,7 @@ class Judge:
     """Sees all calls and tells at any time what is to be thought of them."""
 
     def __init__(self) -> None:
-        self._diagnosis = Diagnosis()
-        self._watcher = SlaveWatcher()
+        self._diagnosis = Diagnosis(heed=self._heed)
         self._summary = Summary()
         self._stays: list[str] = []
         self.look = self._diagnosis.take_observation
@@ -34,16 +32,11 @@ class Judge:
         self._diagnosis.take(settled)
         if isinstance(settled, Exchange):
             self._summary.take(settled)
-            for stay in self._watcher.take(settled):
-                self._tell(self._stays, stay)
 
-    def verdict(self) -> Verdict:
-        """Tell; more may be seen afterwards."""
-        diagnosis, watcher = copy.deepcopy((self._diagnosis, self._watcher))
-        findings = diagnosis.finish()
-        stays = list(self._stays)
-        for stay in watcher.finish():
-            self._tell(stays, stay)
+    def verdict(self, ended: int) -> Verdict:
+        """Tell, if traffic ends at `ended`, in nanoseconds since 1970; more may be seen afterwards."""
+        end = copy.deepcopy(self)
+        findings = end._diagnosis.finish(ended)
         statistics = self._summary.statistics()
         causes = tuple(
             Cause(
@@ -58,9 +51,8 @@ class Judge:
             for each in findings
         )
         lines = [] if statistics is None else list(statistics_lines(statistics, INK))
-        return Verdict(causes, diagnosis.seen, stays, lines)
+        return Verdict(causes, end._diagnosis.seen, end._stays, lines)
 
-    @staticmethod
-    def _tell(lines: list[str], stay: Stay) -> None:
-        if len(lines) < MOST_LINES:
-            lines.extend((*stay_lines(stay, INK), ""))
+    def _heed(self, stay: Stay) -> None:
+        if len(self._stays) < MOST_LINES:
+            self._stays.extend((*stay_lines(stay, INK), ""))

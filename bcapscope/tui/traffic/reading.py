@@ -92,11 +92,11 @@ class Reading:
             trouble = printable(str(error))
         except OSError as error:
             trouble = printable(f"{error.strerror or error}")
-        self._the_judge()
-        for settled in self._tracker.close():
+        judge, tracker, end = self._the_judge(), self._tracker, self._observer.ended
+        for settled in (*tracker.expire(end), *tracker.close()):
             self._settle(settled)
         self._flush()
-        send(self._reports, self._the_judge().verdict())
+        send(self._reports, judge.verdict(end))
         send(self._reports, self._progress(True, trouble))
 
     def _read(self) -> None:
@@ -174,7 +174,7 @@ class Reading:
         self._flushed = now
         seen = self._journal.count + self._calls.count
         if now - self._judged >= JUDGE and seen != self._judged_at:
-            send(self._reports, self._the_judge().verdict())
+            send(self._reports, self._the_judge().verdict(self._observer.ended))
             self._judged, self._judged_at = time.monotonic(), seen
 
     def _flush(self) -> None:

@@ -19,12 +19,14 @@ from bcapscope.capture.file import open_capture
 from bcapscope.capture.journal import Journal
 from bcapscope.render.verdict import verdict as verdict_line
 from bcapscope.traffic.fields import RecordKind
+from bcapscope.tui.ink import plain
 from bcapscope.tui.traffic import reading as readings
 from bcapscope.tui.traffic.reading import Reading
 from bcapscope.tui.traffic.report import Ask, Job, Matches, Progress, Saving, Verdict, receive, send
 from bcapscope.tui.traffic.saving import save
 from bcapscope.tui.traffic.searching import Searching
 from tests.cli.run import CAPTURES, run
+from tests.cli.test_pairing import captured, in_slave_mode
 
 LIMIT = 20.0
 
@@ -65,6 +67,21 @@ def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) 
     severities = [cause.severity for cause in verdict.findings]
     assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
     assert verdict.stays
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+@pytest.mark.parametrize("goes_on_for", [500, 2_000, 11_000])
+def test_packets_of_other_protocols_tell_the_screen_too_how_long_a_capture_goes_on(
+    tmp_path: Path, goes_on_for: float
+) -> None:
+    path = tmp_path / "capture.pcap"
+    path.write_bytes(captured(in_slave_mode(), goes_on_for))
+    verdict = read(tmp_path, path)[-2]
+    assert isinstance(verdict, Verdict)
+    severities = [cause.severity for cause in verdict.findings]
+    assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
+    stays = [plain(line) for line in verdict.stays]
+    assert stays == run("slave", path).lines[: len(stays)]
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
