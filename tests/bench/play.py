@@ -125,7 +125,7 @@ class Round(NamedTuple):
 
 
 def line(name: str, rounds: list[Round]) -> str:
-    """Write medians of the rounds and the greatest of all, µs, and what was stolen, ms, as a line of the table."""
+    """Write a line of the table: medians of the rounds and the greatest of all, µs; what was stolen, ms."""
     fields = ("p50", "p99", "p999", "most")
     middles = [median(getattr(each.spread, field) for each in rounds) for field in fields]
     most = max(each.spread.most for each in rounds)

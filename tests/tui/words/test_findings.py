@@ -22,7 +22,7 @@ from tests.cli.run import CAPTURES
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[A-Z]\w+|slv\w+)\b")
-"""What a translation neither loses nor changes: result codes, modes, times, and names that the vendor gave."""
+"""What a translation neither loses nor changes: result codes, modes, times, and names of the vendor."""
 
 
 @pytest.fixture(autouse=True)
