@@ -7,6 +7,7 @@ packets takes the interpreter from the first, and costs milliseconds. The one he
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from io import RawIOBase
@@ -23,11 +24,14 @@ from bcapscope.render.escape import printable
 MOST_WAITING = 16 << 20
 """Bytes that wait for the disk, what they cost besides included, before packets are left out and counted."""
 
-_COST = 256
+_COST = 512
 """Bytes of memory that a packet takes besides its own."""
 
 _TICK = 0.02
 """Seconds between looks at what there is to write."""
+
+_TURN = 1_000_000
+"""ns in which packets are made, before the server looks whether somebody has a request."""
 
 _ENDS_WITHIN = 5.0
 """Seconds that what is left may take at the end."""
@@ -95,7 +99,7 @@ class Recorder:
         self._most = most
         self._basket = _Basket()
         self._recording = Recording(self._basket)
-        self._steps: list[_Step] = []
+        self._steps: deque[tuple[int, _Step]] = deque()
         self._batch: list[bytes] = []
         self._held = self._written = 0
         self._missing = self._lost = 0
@@ -142,19 +146,31 @@ class Recorder:
         else:
             self._add(0, forget)
 
-    def idle(self) -> None:
-        """Make packets of what was taken, and let the thread write them; called when all are answered."""
-        if not self._steps:
-            return
-        steps, self._steps, self._held = self._steps, [], 0
-        for step in steps:
+    def idle(self) -> bool:
+        """Make packets of what was taken, and let the thread write them; called when all are answered.
+
+        Returns:
+            Whether there is more of it, and it should be called again soon.
+        """
+        return self._make(_TURN)
+
+    def _make(self, most: int) -> bool:
+        """Make packets for so many ns; return whether there is more to do."""
+        steps = self._steps
+        if not steps:
+            return False
+        until = time.monotonic_ns() + most
+        while steps and time.monotonic_ns() < until:
+            size, step = steps.popleft()
+            self._held -= size
             step(self._recording)
         if not self._news.is_set():
             self._news.set()
+        return bool(steps)
 
     def close(self) -> bool:
         """Write what is left, if the disk takes it soon; tell whether nothing is missing."""
-        self.idle()
+        self._make(round(_ENDS_WITHIN * 1e9))
         self._over.set()
         self._news.set()
         self._thread.join(_ENDS_WITHIN)
@@ -162,6 +178,7 @@ class Recorder:
             self._file.close()
         elif not self._failed:
             self._lost += sum(map(is_packet, (*self._batch, *self._basket.blocks)))
+        self._lost += len(self._steps)
         self._lost += self._missing
         if self._lost:
             self._tell(f"{self._name} lacks {counted(self._lost, 'packet')}: it was not written fast enough")
@@ -174,8 +191,8 @@ class Recorder:
         # Once packets are missing, half of the room must be free: rather one long gap than many short ones.
         if waiting + size + _COST <= (self._most // 2 if self._missing else self._most):
             return True
-        if not self._missing:
-            self._tell(f"{self._name} is not written fast enough: what passes now is missing in it")
+        if not self._missing and not self._lost:
+            self._tell(f"{self._name} is not written fast enough: packets are missing in it from now on")
         self._missing += 1
         return False
 
@@ -191,7 +208,7 @@ class Recorder:
         return f"{counted(missing, 'packet')} before this one could not be written in time"
 
     def _add(self, size: int, step: _Step) -> None:
-        self._steps.append(step)
+        self._steps.append((size + _COST, step))
         self._held += size + _COST
 
     def _run(self) -> None:

@@ -106,10 +106,9 @@ class Serving:
         if not complete:
             sys.exit(Exit.UNWRITABLE)
 
-    def _idle(self) -> None:
+    def _idle(self) -> bool:
         self.log.idle()
-        if self._recorder is not None:
-            self._recorder.idle()
+        return self._recorder is not None and self._recorder.idle()
 
 
 class Log:

@@ -327,16 +327,17 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
     return sock
 
 
-def serve(server: Server, idle: Callable[[], None], also: Callable[[int], None], watch: list[int]) -> None:
+def serve(server: Server, idle: Callable[[], bool], also: Callable[[int], None], watch: list[int]) -> None:
     """Serve until interrupted.
 
     Args:
         server: that listens.
-        idle: called after each step.
+        idle: called after each step; returns whether it has more to do.
         also: called with each of `watch` that can be read.
         watch: file descriptors; `also` may change it.
     """
+    is_busy = False
     while True:
-        for ready in server.step(also=watch):
+        for ready in server.step(0 if is_busy else LONGEST_WAIT, watch):
             also(ready)
-        idle()
+        is_busy = idle()
