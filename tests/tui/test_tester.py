@@ -20,11 +20,13 @@ from bcapscope.tui.tester.ask import ArmDialog
 from bcapscope.tui.tester.choice import Choice
 from bcapscope.tui.tester.connection import ConnectionPanel
 from bcapscope.tui.tester.history import HistoryLines
+from bcapscope.tui.tester.tabs import TABS
 from bcapscope.tui.tester.watchlist import WatchList
 from tests.client.peer import Answer
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (
+    COMMAND,
     RESULT,
     answered,
     connected,
@@ -296,10 +298,10 @@ def test_japanese(tmp_path: Path) -> None:
         await connected(pilot)
         text = sight(pilot)
         assert "接続" in text
-        assert "ロボットは動きません" in text
+        assert "シミュレータ" in text
         assert "スレーブモードでないときの slvMove" in await executed(pilot, "slvMove", "1,2,3,4,5,6")
         await execute(pilot, "slvChangeMode", "two")
-        assert "整数 -2147483648 から" in await answered(pilot, RESULT, "「two」は VT_I4 ではありません")
+        assert "整数 -32768 から" in await answered(pilot, RESULT, "「two」は VT_I2 ではありません")
         await finish(pilot)
 
     drive(make_tester(tmp_path, japanese=True), act)
@@ -310,9 +312,37 @@ def test_all_digits_by_one_key(tmp_path: Path) -> None:
         await connected(pilot)
         assert "12.42261, 60.36072" in await executed(pilot, "CurJnt")
         await pilot.press("f10")
-        assert "12.422607421875, 60.3607177734375" in result(pilot, RESULT)
+        assert "12.422607, 60.360718" in result(pilot, RESULT)
         await pilot.press("f10")
         assert "12.42261, 60.36072" in result(pilot, RESULT)
+        await finish(pilot)
+
+    drive(make_tester(tmp_path), act)
+
+
+def test_tabs_and_views_are_a_key_or_a_command_away(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        for at, tab in enumerate(TABS, 1):
+            await pilot.press(f"alt+{at}")
+            await until(pilot, lambda tab=tab: here.query_one(f"#{tab}").has_focus_within)  # type: ignore[misc]  # bound now
+        await pilot.press("ctrl+p", *"view: hist")
+        await until(pilot, lambda: "View: History" in sight(pilot))
+        await pilot.press("enter")
+        await until(pilot, lambda: here.query_one("#history").has_focus_within)
+        await finish(pilot)
+
+    drive(make_tester(tmp_path, "127.0.0.1", 9), act)
+
+
+def test_a_name_that_was_begun_is_completed_first(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await connected(pilot)
+        await execute(pilot, "slvgetm")
+        assert screen(pilot).query_one(COMMAND, Input).value == "slvGetMode"
+        assert result(pilot, RESULT).startswith("tells the slave mode")
+        await pilot.press("enter")
+        await answered(pilot, RESULT, "0")
         await finish(pilot)
 
     drive(make_tester(tmp_path), act)

@@ -49,8 +49,8 @@ class LastStay:
         self.point: tuple[float, ...] = ()
 
     def take(self, record: Record) -> None:
-        """Learn from a call, whoever made it."""
-        if len(record.arguments) < 3:
+        """Learn from a call, whoever made it; where it was refused, the robot neither changed nor was there."""
+        if record.ending is not Ending.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]
         if command == "slvchangemode" and (mode := mode_value(parameter)):

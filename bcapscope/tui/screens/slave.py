@@ -13,7 +13,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.widgets import Button, Checkbox, ContentSwitcher, Input, Select, Static
+from textual.widgets import Button, ContentSwitcher, Input, Select, Static
 
 from bcapscope.player.messages import Pacing, Topic
 from bcapscope.protocol.slavemode import mode_pose_type
@@ -33,6 +33,7 @@ from bcapscope.tui.tester.ask import ChoiceDialog
 from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.files import FilePicker
 from bcapscope.tui.tester.slavelive import SlaveLive
+from bcapscope.tui.tester.tick import Tick
 from bcapscope.tui.words import say, told
 
 _NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
@@ -98,10 +99,10 @@ class SlaveScreen(Place):
                 yield Input("1", id="rounds", classes="number")
                 yield Caption("tester.index")
                 yield Input("1", id="index", classes="number")
-                yield Checkbox(say("tester.resample"), compact=True, id="again")
             with Horizontal(classes="row"):
                 yield Caption("tester.limits")
                 yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
+                yield Tick(say("tester.resample"), id="again")
             with Horizontal(classes="row"):
                 yield Button(say("tester.start"), compact=True, variant="success", id="start", disabled=True)
                 yield Button(say("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
@@ -121,7 +122,7 @@ class SlaveScreen(Place):
 
     @on(Input.Changed)
     @on(Select.Changed)
-    @on(Checkbox.Changed)
+    @on(Tick.Changed)
     def _changed(self) -> None:
         self._look()
 
@@ -167,7 +168,7 @@ class SlaveScreen(Place):
                 speed=float(self._typed("speed")),
                 rounds=int(self._typed("rounds")),
                 index=int(self._typed("index")),
-                again=self.query_one("#again", Checkbox).value,
+                again=self.query_one("#again", Tick).value,
                 limits=tuple(self._typed("limits").replace(",", " ").split()),
             )
         except ValueError:
@@ -276,8 +277,7 @@ class SlaveScreen(Place):
         if run.preflight is not None and not run.preflight.is_fit:
             width = self.query_one("#before").size.width - 2
             self._report(list(PreflightRenderer(INK, width, told).lines(run.preflight)))
-        record = say("tester.recorded", path=printable(run.plan.record or ""))
-        self._state(f"{INK.name}{told(next(ended_lines(run.ended)))}  {record}")
+        self._state(f"{INK.name}{told(next(ended_lines(run.ended)))}")
 
     def _busy(self, playing: bool) -> None:
         self.query_one("#start", Button).disabled = playing or self._ready is None

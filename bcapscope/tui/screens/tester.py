@@ -6,7 +6,7 @@ The widgets say what they want; here it is done, at the desk, and what comes bac
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -17,6 +17,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
+from textual.widget import Widget
 from textual.widgets import Button
 
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
@@ -53,12 +54,12 @@ from bcapscope.tui.tester.messages import (
 )
 from bcapscope.tui.tester.notice import Notice
 from bcapscope.tui.tester.opener import Opener
-from bcapscope.tui.tester.packets import PacketPane
+from bcapscope.tui.tester.packets import VIEWS, PacketPane
 from bcapscope.tui.tester.recovery import RecoveryDialog
 from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.tester.savedlist import SavedList
 from bcapscope.tui.tester.status import facts_of, status_text
-from bcapscope.tui.tester.tabs import FormTabs
+from bcapscope.tui.tester.tabs import TABS, FormTabs
 from bcapscope.tui.tester.watchlist import WatchList
 from bcapscope.tui.words import say
 
@@ -110,6 +111,7 @@ class Tester(Place):
         Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
         Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
         Binding("f10", "digits", "tester.digits", id="digits", show=False, tooltip="tester.digits.tip"),
+        *(Binding(f"alt+{at}", f"tab('{tab}')", "", show=False) for at, tab in enumerate(TABS, 1)),
         Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
         Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
     ]
@@ -144,6 +146,18 @@ class Tester(Place):
                     yield CommandForm(_EXECUTE_CONTROLLER, id="controller-execute")
                 yield FormTabs(FUNCTIONS[_EXECUTE_CONTROLLER])
             yield PacketPane(start.requests, id="right")
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Yield the tabs and the views, which else are some keys away."""
+        for at, tab in enumerate(TABS, 1):
+            tip = say("tester.tab.tip", key=f"Alt-{at}")
+            yield say("tester.tab", name=say(f"tester.tab.{tab}")), tip, f"tab('{tab}')"
+        for view in VIEWS:
+            yield (
+                say("tester.view", name=say(f"tester.view.{view}")),
+                say("tester.view.tip"),
+                f"view('{view}')",
+            )
 
     def on_mount(self) -> None:
         """Begin: HALT is at hand, and without a host the built-in simulator starts."""
@@ -367,6 +381,16 @@ class Tester(Place):
         stay = self._last_stay
         self.app.push_screen(RecoveryDialog(self.desk, self._arm, stay.position, stay.mode))
 
+    def action_tab(self, name: str) -> None:
+        """Show a tab, and go to its first field."""
+        self.query_one(FormTabs).turn_to(name)
+        self.call_after_refresh(self._go_to, self.query_one("#panels"))
+
+    def action_view(self, name: str) -> None:
+        """Show one of the views of packets and calls, and go there."""
+        self.query_one(PacketPane).turn_to(name)
+        self.call_after_refresh(self._go_to, self.query_one(f"#{name}"))
+
     def action_digits(self) -> None:
         """Show all digits of all results, or five behind the point where one shows all."""
         views = self.query(ResultView)
@@ -404,8 +428,14 @@ class Tester(Place):
         parts = [self.query_one(name) for name in ("#controller-box", "#execute-box", "#panels", "#right")]
         here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1)
         for step in range(1, len(parts) + 1):
-            part = parts[(here + step) % len(parts)]
-            found = [each for each in part.query("Input, HexView, Lines, Button") if each.focusable]
-            if found:
-                found[0].focus()
+            if self._go_to(parts[(here + step) % len(parts)]):
                 return
+
+    def _go_to(self, part: Widget) -> bool:
+        """Focus what can be done first in a part of the screen; return whether there is anything."""
+        among = (part, *part.query("Input, HexView, Lines, Button"))
+        shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
+        found = next((each for each in shown if each.focusable), None)
+        if found is not None:
+            found.focus()
+        return found is not None

@@ -77,9 +77,20 @@ class CommandForm(Vertical):
         wanted = "" if vt in (VT.EMPTY, VT.NULL) else expected(vt)
         self.query_one(ResultView).hint(found.text if found else wanted)
 
+    @on(Input.Submitted, ".command")
+    def _finish(self, message: Input.Submitted) -> None:
+        """Complete a name that was begun; execute one that is known, or that nothing known begins with."""
+        begun = message.value.strip().casefold()
+        names = [each.name for each in commands(self.function.id) if each.name.casefold().startswith(begun)]
+        if begun and names and begun not in map(str.casefold, names):
+            message.stop()
+            message.input.value = names[0]
+            message.input.cursor_position = len(names[0])
+        else:
+            self._execute(message)
+
     @on(Button.Pressed)
     @on(TypedValue.Submitted)
-    @on(Input.Submitted, ".command")
     def _execute(self, message: Button.Pressed | TypedValue.Submitted | Input.Submitted) -> None:
         message.stop()
         result, name = self.query_one(ResultView), self.query_one(".command", Input).value.strip()

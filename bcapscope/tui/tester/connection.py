@@ -6,7 +6,7 @@ from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.suggester import SuggestFromList
-from textual.widgets import Button, Checkbox, Input, Static
+from textual.widgets import Button, Input, Static
 
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import scope_of
@@ -15,6 +15,7 @@ from bcapscope.tui.desk.option import read_option
 from bcapscope.tui.ink import INK, inked
 from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.messages import ConnectWanted, DisconnectWanted
+from bcapscope.tui.tester.tick import Tick
 from bcapscope.tui.words import say
 
 PORT = 5007
@@ -37,7 +38,7 @@ class ConnectionPanel(Vertical):
             yield Caption("tester.ip")
             known = SuggestFromList(scope_of(self).settings.hosts, case_sensitive=False)
             yield Input(host, suggester=known, id="host")
-            yield Checkbox("UDP", value=not tcp, compact=True, id="udp")
+            yield Tick("UDP", not tcp, id="udp")
             yield Input(str(port), id="port", type="integer", max_length=5)
             yield Caption("tester.option")
             yield Input(option, placeholder="Timeout=300", id="option")
@@ -60,7 +61,7 @@ class ConnectionPanel(Vertical):
         """Return what the fields ask for, or what is wrong with them."""
         host = self.query_one("#host", Input).value.strip()
         port = self.query_one("#port", Input).value.strip()
-        tcp = not self.query_one("#udp", Checkbox).value
+        tcp = not self.query_one("#udp", Tick).value
         option = self.query_one("#option", Input).value
         if not host:
             return say("tester.host.missing")

@@ -7,7 +7,7 @@ from pathlib import Path
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
-from textual.widgets import Button, Checkbox, Static
+from textual.widgets import Button, Static
 
 from bcapscope.protocol.commands import call_name
 from bcapscope.render.escape import printable
@@ -21,10 +21,13 @@ from bcapscope.tui.tester.choice import Choice
 from bcapscope.tui.tester.history import HistoryLines, HistoryPanel
 from bcapscope.tui.tester.packetbox import PacketBox
 from bcapscope.tui.tester.savedlist import SavedList
+from bcapscope.tui.tester.tick import Tick
 from bcapscope.tui.tester.watchlist import WatchList
 from bcapscope.tui.words import say, told
 
-_VIEWS = ("sent", "received", "history", "watch", "saved")
+VIEWS = ("sent", "received", "history", "watch", "saved")
+"""Names of the views, in their order."""
+
 _MOST_TRIES = 8
 
 
@@ -42,8 +45,8 @@ class PacketPane(Vertical):
     def compose(self) -> ComposeResult:
         """Put the packets above the lists."""
         with Horizontal(classes="row", id="views"):
-            yield Choice([(view, f"tester.view.{view}") for view in _VIEWS], id="view")
-            yield Checkbox(say("tester.overwrite"), value=True, compact=True, id="overwrite")
+            yield Choice([(view, f"tester.view.{view}") for view in VIEWS], id="view")
+            yield Tick(say("tester.overwrite"), True, id="overwrite")
             yield Button(say("tester.clear"), compact=True, id="clear")
         yield PacketBox("tester.senddata", id="sent")
         yield PacketBox("tester.receivedata", id="received")
@@ -60,7 +63,7 @@ class PacketPane(Vertical):
         """Take a call that has ended: into the history, and its packets into sight if the user wanted it."""
         self.query_one(HistoryPanel).add(record)
         if record.who is Who.USER:
-            self.show(record, self.query_one("#overwrite", Checkbox).value)
+            self.show(record, self.query_one("#overwrite", Tick).value)
 
     def show(self, record: Record, overwrite: bool = True) -> None:
         """Show the packets of a call, and under them its tries."""
@@ -73,6 +76,7 @@ class PacketPane(Vertical):
     def turn_to(self, view: str) -> None:
         """Show one of the views."""
         self.query_one("#view", Choice).chosen = view
+        self._turn_to(view)
 
     def _tries(self, record: Record) -> None:
         """Say what became of each try, where there is more to say than that the first was answered."""
@@ -95,7 +99,7 @@ class PacketPane(Vertical):
         tries.set_class(not lines, "-empty")
 
     def _turn_to(self, view: str) -> None:
-        for each in _VIEWS:
+        for each in VIEWS:
             self.query_one(f"#{each}").set_class(each == view, "-on")
         self.set_class(view in ("sent", "received"), "-packets")
 

@@ -7,13 +7,14 @@ from collections.abc import Iterable
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
-from textual.widgets import Button, Checkbox, Input
+from textual.widgets import Button, Input
 
 from bcapscope.protocol.frame import Frame, Problem, parse_datagram
 from bcapscope.protocol.functions import function_name
 from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.messages import RawWanted
 from bcapscope.tui.tester.result import ResultView
+from bcapscope.tui.tester.tick import Tick
 from bcapscope.tui.words import say, told
 
 LONGEST = 65_507
@@ -31,7 +32,7 @@ class RawForm(Vertical):
             yield Caption("tester.bytes")
             yield Input(placeholder=_EXAMPLE, classes="value")
         with Horizontal(classes="row"):
-            yield Checkbox(say("tester.raw.length"), value=True, compact=True)
+            yield Tick(say("tester.raw.length"), True)
             yield Button(say("tester.send"), compact=True, variant="primary", classes="execute")
         yield ResultView()
 
@@ -49,12 +50,12 @@ class RawForm(Vertical):
             return say("tester.raw.hex")
         if not 0 < len(raw) <= LONGEST:
             return say("tester.raw.size", most=LONGEST)
-        right = self.query_one(Checkbox).value and len(raw) >= 16
+        right = self.query_one(Tick).value and len(raw) >= 16
         return raw[:1] + len(raw).to_bytes(4, "little") + raw[5:] if right else raw
 
     @on(Input.Changed)
-    @on(Checkbox.Changed)
-    def _look(self, message: Input.Changed | Checkbox.Changed) -> None:
+    @on(Tick.Changed)
+    def _look(self, message: Input.Changed | Tick.Changed) -> None:
         message.stop()
         raw, result = self.raw, self.query_one(ResultView)
         if isinstance(raw, str):

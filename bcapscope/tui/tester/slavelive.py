@@ -12,12 +12,13 @@ from textual.widgets import Static
 
 from bcapscope.protocol.poses import AXES
 from bcapscope.render.columns import wrapped
+from bcapscope.render.escape import printable
 from bcapscope.render.playing import ended_lines, trouble_lines
 from bcapscope.render.slaverun import axis_charts, cycle_lines, figure_lines, progress_bar
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.slaverun import SlaveRun
 from bcapscope.tui.ink import INK, inked
-from bcapscope.tui.words import told
+from bcapscope.tui.words import say, told
 
 _ROWS = 6
 """Rows that one chart has at least."""
@@ -87,7 +88,10 @@ class SlaveLive(Container, can_focus=True):
         width = self.query_one("#figures").size.width
         if run.ended is not None:
             yield from _folded(ended_lines(run.ended), INK.name, width)
-        if progress is not None:
+            yield from _folded(
+                [say("tester.recorded", path=printable(run.plan.record or ""))], INK.dim, width
+            )
+        elif progress is not None:
             yield progress_bar(progress, max(1, width - 2), INK)
             yield from figure_lines(progress, run.slack, INK, told)
         for trouble in run.troubles[-3:]:

@@ -23,7 +23,8 @@ from bcapscope.tui.tester.robot import RobotPanel
 from bcapscope.tui.tester.task import TaskPanel
 from bcapscope.tui.tester.variable import VariablePanel
 
-_TABS = ("robot", "variable", "task", "function", "raw")
+TABS = ("robot", "variable", "task", "function", "raw")
+"""Names of the tabs, in their order."""
 
 
 class FormTabs(Vertical):
@@ -36,8 +37,8 @@ class FormTabs(Vertical):
 
     def compose(self) -> ComposeResult:
         """Put the choice above what is chosen."""
-        yield Choice([(tab, f"tester.tab.{tab}") for tab in _TABS], id="tabs")
-        with ContentSwitcher(initial=_TABS[0], id="panels"):
+        yield Choice([(tab, f"tester.tab.{tab}") for tab in TABS], id="tabs")
+        with ContentSwitcher(initial=TABS[0], id="panels"):
             yield RobotPanel(id="robot")
             yield VariablePanel(ObjectClass.CONTROLLER, "@MODE", id="variable")
             yield TaskPanel(id="task")
@@ -58,6 +59,7 @@ class FormTabs(Vertical):
     def turn_to(self, tab: str) -> None:
         """Show one of the tabs."""
         self.query_one("#tabs", Choice).chosen = tab
+        self.query_one("#panels", ContentSwitcher).current = tab
 
     async def fill(self, function: Function, values: tuple[Variant, ...]) -> FunctionForm:
         """Show the form of a function with arguments, the handle not among them; return it."""

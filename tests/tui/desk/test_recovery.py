@@ -9,9 +9,9 @@ from bcapscope.tui.desk.recovery import LastStay
 ROBOT_EXECUTE = 64
 
 
-def call(command: str, *values: Variant) -> Record:
+def call(command: str, *values: Variant, ending: Ending = Ending.ANSWERED) -> Record:
     arguments = (Variant(VT.I4, 1), Variant(VT.BSTR, command), *values)
-    return Record(1, Who.USER, 0, ROBOT_EXECUTE, arguments, Ending.ANSWERED, None, 0, (), ())
+    return Record(1, Who.USER, 0, ROBOT_EXECUTE, arguments, ending, None, 0, (), ())
 
 
 def joints(*values: float) -> Variant:
@@ -24,6 +24,7 @@ def test_the_mode_and_its_first_set_point_are_kept() -> None:
     stay.take(call("slvGetMode"))
     stay.take(call("slvChangeMode", Variant(VT.I2, 0x102)))
     assert (stay.mode, stay.position) == (0x102, "")
+    stay.take(call("slvMove", joints(9, 9, 9), ending=Ending.REFUSED))
     stay.take(call("SLVMOVE", joints(1, 2, 3)))
     stay.take(call("slvMove", joints(4, 5, 6)))
     assert stay.position == "@E J(1.00000,2.00000,3.00000)"
