@@ -15,7 +15,7 @@ from textual.widgets import Input
 from bcapscope.tui.app import Scope, Spot
 from bcapscope.tui.words import Language
 
-LIMIT = 30.0
+LIMIT = 60.0
 """Seconds after which a test of the screen has failed."""
 
 Act = Callable[[Pilot[None]], Awaitable[None]]
