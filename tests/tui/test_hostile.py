@@ -21,8 +21,9 @@ from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import Scope, Spot
 from bcapscope.tui.harmless import Harmless
 from bcapscope.tui.proxy.editing import edited, proposal
+from bcapscope.tui.proxy.news import Said, Stands
 from bcapscope.tui.proxy.standing import Client, Figures, Held, Rule, Standing
-from bcapscope.tui.screens.proxy import ProxyScreen, Said, Stands
+from bcapscope.tui.screens.proxy import ProxyScreen
 from bcapscope.tui.screens.traffic import TrafficScreen
 from bcapscope.tui.tester.choice import Choice
 from bcapscope.tui.tester.history import HistoryLines

@@ -12,7 +12,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.events import Resize
-from textual.message import Message
 from textual.widgets import ContentSwitcher, Static
 
 from bcapscope.errors import BcapError
@@ -27,6 +26,7 @@ from bcapscope.tui.ink import INK, inked
 from bcapscope.tui.proxy.asking import Asker
 from bcapscope.tui.proxy.editing import edited, proposal
 from bcapscope.tui.proxy.lists import ClientList, HeldList, RuleList, Told
+from bcapscope.tui.proxy.news import Obeyed, Said, Stands
 from bcapscope.tui.proxy.standing import Held, Standing
 from bcapscope.tui.proxy.summary import intercepts, summary
 from bcapscope.tui.screens.prompt import Prompt
@@ -46,45 +46,20 @@ _OF_RULES = frozenset({"switch", "remove"})
 _OF_HELD = frozenset({"forward", "drop", "edit", "bytes"})
 
 
-class Stands(Message):
-    """The proxy has told how it stands, or why it does not answer."""
-
-    def __init__(self, standing: Standing | None, trouble: str = "") -> None:
-        super().__init__()
-        self.standing, self.trouble = standing, trouble
-
-
-class Obeyed(Message):
-    """The proxy has done what it was told, or said why not.
-
-    A message and no call, since the thread that asked must not wait for a screen that is being closed.
-
-    Attributes:
-        then: what is to be done in the screen's thread.
-    """
-
-    def __init__(self, then: Callable[[], None]) -> None:
-        super().__init__()
-        self.then = then
-
-
-class Said(Message):
-    """The proxy said something, or ended; then `text` are its last words."""
-
-    def __init__(self, text: str, is_end: bool) -> None:
-        super().__init__()
-        self.text, self.is_end = text, is_end
-
-
 class ProxyScreen(Views):
     """Shows a proxy and tells it what to do."""
 
     NAME = "proxy"
     ABOUT = "proxy.about"
     AUTO_FOCUS = "#clients"
-    VIEWS = ("clients", "rules", "held", "told")
+    VIEWS: ClassVar[Mapping[str, str]] = {
+        "clients": "proxy.clients",
+        "rules": "proxy.rules",
+        "held": "proxy.held",
+        "told": "proxy.told",
+    }
     BINDINGS: ClassVar[list[BindingType]] = [
-        *view_keys(NAME, VIEWS),
+        *view_keys(VIEWS, "proxy.view.tip"),
         Binding("space", "switch", "proxy.switch", id="proxy.switch", tooltip="proxy.switch.tip"),
         Binding("a", "add", "proxy.add", id="proxy.add", tooltip="proxy.add.tip"),
         Binding("d", "remove", "proxy.remove", id="proxy.remove", tooltip="proxy.remove.tip"),

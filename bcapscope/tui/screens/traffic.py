@@ -40,7 +40,7 @@ class TrafficScreen(TrafficViews):
     """Goes from a frame to all that belongs to it, marks and saves what matters, and opens other captures."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        *view_keys("traffic", TrafficViews.VIEWS),
+        *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
         Binding(
             "slash",
             "filter",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 from rich.text import Text
 from textual import on
@@ -64,7 +66,13 @@ class TrafficViews(Views):
     NAME = "traffic"
     ABOUT = "traffic.about"
     AUTO_FOCUS = "#frames"
-    VIEWS = ("frames", "calls", "findings", "slave", "statistics")
+    VIEWS: ClassVar[Mapping[str, str]] = {
+        "frames": "traffic.frames",
+        "calls": "traffic.calls",
+        "findings": "traffic.findings",
+        "slave": "traffic.slave",
+        "statistics": "traffic.statistics",
+    }
 
     def __init__(self, feed: Feed, title: str) -> None:
         """Take what is read, and its name for people."""

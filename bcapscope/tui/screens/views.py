@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from textual import on
@@ -14,12 +14,10 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.viewbar import ViewBar
 
 
-def view_keys(name: str, views: Sequence[str]) -> Iterator[Binding]:
-    """Give each view of a screen its number as a key."""
-    for number, view in enumerate(views, 1):
-        yield Binding(
-            f"{number}", f"view('{view}')", f"{name}.{view}", show=False, tooltip=f"{name}.view.tip"
-        )
+def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
+    """Give each view of a screen its number as a key; `tip` is the key of what is said of that."""
+    for number, (view, name) in enumerate(views.items(), 1):
+        yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
 
 
 class Views(Place):
@@ -29,19 +27,20 @@ class Views(Place):
     `VIEWS`, whose id is the view.
 
     Attributes:
-        VIEWS: their names for the program, the first of them seen first.
+        VIEWS: names of the views for the program, each with the key of its name for people, the first of them
+            seen first.
         view: the one that is seen.
     """
 
-    VIEWS: ClassVar[tuple[str, ...]]
+    VIEWS: ClassVar[Mapping[str, str]]
 
     def __init__(self) -> None:
         super().__init__()
-        self.view = self.VIEWS[0]
+        self.view = next(iter(self.VIEWS))
 
     def bar(self) -> ViewBar:
         """Make the bar that names the views."""
-        return ViewBar([(view, f"{self.NAME}.{view}") for view in self.VIEWS], id="views")
+        return ViewBar(tuple(self.VIEWS.items()), id="views")
 
     @property
     def seen(self) -> Lines:
