@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.frame import Frame, encode, parse_datagram
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.variant import EMPTY, VT, Variant
@@ -17,6 +17,7 @@ from bcapscope.simulator.values import bstr, i2, i4, r4, r8, row
 from tests.simulator.desk import MS, Desk, Operator, Person, ints, joints
 from tests.strategies import variants
 
+START = encode(1, 0, 1, [bstr("")])
 E_HANDLE, E_INVALIDARG, E_NOTIMPL = 0x80070006, 0x80070057, 0x80004001
 E_TOO_MUCH_DATA = 0x80000909
 
@@ -475,3 +476,21 @@ def test_any_bytes_are_taken(chunks: list[bytes]) -> None:
         simulator.segment("a", chunk, number * MS)
         simulator.datagram("b", chunk, number * MS)
         simulator.datagram("b", b"\x01" + (len(chunk) + 5).to_bytes(4, "little") + chunk, number * MS)
+
+
+def _framed(inner: bytes) -> bytes:
+    return b"\x01" + (len(inner) + 6).to_bytes(4, "little") + inner + b"\x04"
+
+
+@given(
+    st.binary(max_size=40)
+    | st.binary(min_size=8, max_size=30).map(_framed)
+    | st.binary(max_size=4).map(lambda more: START + more)
+    | st.integers(0, len(START)).map(lambda stop: START[:stop])
+)
+def test_a_datagram_is_looked_at_or_dropped_as_its_frames_say(data: bytes) -> None:
+    simulator = Simulator(PROFILES["rc8"])
+    simulator.datagram("a", data, 0)
+    items = parse_datagram(data)
+    sound = len(items) == 1 and isinstance(items[0], Frame) and not items[0].problems
+    assert simulator.dropped == (not sound)
