@@ -82,6 +82,7 @@ class Reading:
         self._packets = str(folder / LIVE_FILE) if job.interface else job.path
         self._flushed = self._judged = time.monotonic()
         self._judged_at = 0
+        self._latest = self._since = 0
 
     def run(self) -> None:
         """Read to the end, or until nothing more is wanted."""
@@ -161,9 +162,16 @@ class Reading:
             self._ended.set()
         if self._journal.count:
             self._the_judge()
-        for settled in self._tracker.expire(time.time_ns()):
+        for settled in self._tracker.expire(self._now()):
             self._settle(settled)
         self._pause()
+
+    def _now(self) -> int:
+        """Tell the time by the clock that the packets have: another machine's maybe, or that of long ago."""
+        latest, now = self._observer.ended, time.monotonic_ns()
+        if latest != self._latest:
+            self._latest, self._since = latest, now
+        return latest + now - self._since
 
     def _pause(self) -> None:
         now = time.monotonic()

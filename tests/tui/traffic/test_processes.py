@@ -18,15 +18,19 @@ from bcapscope.capture.callbook import Callbook
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.journal import Journal
 from bcapscope.render.verdict import verdict as verdict_line
+from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.fields import RecordKind
+from bcapscope.traffic.verdict import Outcome
 from bcapscope.tui.ink import plain
 from bcapscope.tui.traffic import reading as readings
 from bcapscope.tui.traffic.reading import Reading
 from bcapscope.tui.traffic.report import Ask, Job, Matches, Progress, Saving, Verdict, receive, send
 from bcapscope.tui.traffic.saving import save
 from bcapscope.tui.traffic.searching import Searching
+from tests.analysis.scenes import HOME, ROBOT
 from tests.cli.run import CAPTURES, run
 from tests.cli.test_pairing import captured, in_slave_mode
+from tests.samples.calls import r8s, text
 
 LIMIT = 20.0
 
@@ -122,6 +126,36 @@ def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch
     assert isinstance(found[-1], Progress)
     assert found[-1].ended
     assert len({verdict.seen for verdict in found if isinstance(verdict, Verdict)}) >= 2
+
+
+class _OverSoon(threading.Event):
+    """Is set as soon as somebody waits for it."""
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.set()
+        return super().wait(timeout)
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_path: Path) -> None:
+    story = in_slave_mode()
+    story.talkers[0].ask(200, "Robot_Execute", ROBOT, text("slvMove"), r8s(*HOME))
+    path, reports = tmp_path / "capture.pcap", BytesIO()
+    path.write_bytes(captured(story, 100))
+    job = Job(str(tmp_path), str(path), follow=True)
+    Reading(job, reports, _OverSoon(), threading.Event()).run()
+    verdict = told(reports)[-2]
+    assert isinstance(verdict, Verdict)
+    severities = [cause.severity for cause in verdict.findings]
+    assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
+    journal = Journal(tmp_path)
+    calls = Callbook(tmp_path, journal)
+    journal.refresh()
+    last = calls.row(calls.refresh() - 1).settled
+    assert isinstance(last, Exchange)
+    assert last.outcome is Outcome.CAPTURE_ENDED
+    calls.close()
+    journal.close()
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
