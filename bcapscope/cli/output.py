@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable
 from itertools import islice
-from typing import TypeGuard, cast
+from typing import TextIO, TypeGuard, cast
 
 import click
 
@@ -56,7 +56,11 @@ class Output:
 
 def forget_stdout() -> None:
     """Give up what standard output did not take, which would else be tried again at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    _forget(sys.stdout)
+
+
+def _forget(stream: TextIO) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _joined(lines: list[str | bytes]) -> bytes:
@@ -70,8 +74,11 @@ def _are_bytes(lines: list[str | bytes]) -> TypeGuard[list[bytes]]:
 
 
 def narrate(text: str) -> None:
-    """Tell the user something that is not data."""
-    click.echo(text, err=True)
+    """Tell the user something that is not data; nobody hears it where the terminal was closed."""
+    try:
+        click.echo(text, err=True)
+    except OSError:
+        _forget(sys.stderr)
 
 
 def palette(color: str) -> Palette:
