@@ -134,7 +134,7 @@ def _lines(held: Mapping[str, Any]) -> list[str]:
     waited = round(held["waited_s"] * 1e9)
     left = [f"goes on unchanged in {held['left_s']:.1f} s"]
     if held["more"]:
-        left.append(f"with {held['more']} more of its call")
+        left.append(f"{held['more']} more tries of it came")
     return [
         renderer.line(Observation(held["number"], waited, waited, flow, item, 0), question, tuple(left))
         for item in parse_datagram(bytes.fromhex(held["hex"]))

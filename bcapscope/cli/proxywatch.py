@@ -35,7 +35,7 @@ from bcapscope.render.findings import FindingsRenderer
 from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.handles import Handles
 from bcapscope.traffic.lane import RETRY_WITHIN_NS
-from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.tracker import Tracker
 
 TICK = 0.025
@@ -139,6 +139,7 @@ class Watcher:
         self._vigil = Vigil()
         self._delays = Delays()
         self._advice = ""
+        self._bade_farewell = False
         self._calls = self._retries = 0
         self._next_status = self._shown = 0
         self._counts_then: tuple[int, ...] = ()
@@ -206,7 +207,7 @@ class Watcher:
         self._handles.forget(conversation)
         self._diagnosis.forget(conversation)
         self._view.forget(conversation)
-        if left:
+        if left and not (self._bade_farewell and conversation.transport is Transport.UDP):  # that is told
             self._screen.tell(f"{conversation.client} is gone ({why}) while {left}")
 
     def _settled(self, settled: Iterable[Settled]) -> list[str | bytes]:
@@ -263,6 +264,7 @@ class Watcher:
         """Return how the relay can end the sessions that are open: JSON, client and frames in hex."""
         # What was answered is over, though a late retry of it might still come.
         self._screen.show(self._settled(self._tracker.expire(time.time_ns() + RETRY_WITHIN_NS)))
+        self._bade_farewell = True
         numbers = self._witness.numbers
         goodbyes = []
         for farewell in self._farewells.of_all():

@@ -55,13 +55,15 @@ class Chain:
         scribe = None
         if record is not None:
             scribe = Scribe(RingReader(memory, ahead=True), ProxyRecorder(record, None, self.screen.tell))
-        self._watcher = Watcher(RingReader(memory), wishes, self.screen, scribe)
+        self._reader = RingReader(memory)
+        self._watcher = Watcher(self._reader, wishes, self.screen, scribe)
         self.now = time.time_ns()
 
     def look(self) -> None:
         """Let it take all that there is."""
-        for _ in range(4):
+        while self._reader.waiting:
             self._watcher.look()
+        self._watcher.look()
 
     def say(self, client: int, up: bool, raw: bytes) -> None:
         self.now += MS
