@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, cast
 
@@ -86,19 +87,20 @@ class Reading:
 
     def run(self) -> None:
         """Read to the end, or until nothing more is wanted."""
-        trouble = ""
-        try:
-            self._read()
-        except CaptureError as error:
-            trouble = printable(str(error))
-        except OSError as error:
-            trouble = printable(f"{error.strerror or error}")
-        judge, tracker, end = self._the_judge(), self._tracker, self._observer.ended
-        for settled in (*tracker.expire(end), *tracker.close()):
-            self._settle(settled)
-        self._flush()
-        send(self._reports, judge.verdict(end))
-        send(self._reports, self._progress(True, trouble))
+        with closing(self._journal), closing(self._calls):
+            trouble = ""
+            try:
+                self._read()
+            except CaptureError as error:
+                trouble = printable(str(error))
+            except OSError as error:
+                trouble = printable(f"{error.strerror or error}")
+            judge, tracker, end = self._the_judge(), self._tracker, self._observer.ended
+            for settled in (*tracker.expire(end), *tracker.close()):
+                self._settle(settled)
+            self._flush()
+            send(self._reports, judge.verdict(end))
+            send(self._reports, self._progress(True, trouble))
 
     def _read(self) -> None:
         about, comments = Questions().about, self._observer.comments

@@ -57,7 +57,6 @@ def lines(folder: Path) -> tuple[int, int]:
         calls.close()
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")  # the process ends with its job
 @pytest.mark.parametrize("name", ["exchanges.pcap", "slave-mode-lost.pcapng"])
 def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) -> None:
     path = CAPTURES / name
@@ -73,7 +72,6 @@ def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) 
     assert verdict.stays
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.mark.parametrize("goes_on_for", [500, 2_000, 11_000])
 def test_packets_of_other_protocols_tell_the_screen_too_how_long_a_capture_goes_on(
     tmp_path: Path, goes_on_for: float
@@ -88,7 +86,6 @@ def test_packets_of_other_protocols_tell_the_screen_too_how_long_a_capture_goes_
     assert stays == run("slave", path).lines[: len(stays)]
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes((CAPTURES / "slave-session.pcapng").read_bytes()[:-10])
@@ -100,7 +97,6 @@ def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
     assert lines(tmp_path / "a")[0] == 517
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(readings, "JUDGE", 0.0)
     monkeypatch.setattr(readings, "FLUSH", 0.0)
@@ -136,7 +132,6 @@ class _OverSoon(threading.Event):
         return super().wait(timeout)
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_path: Path) -> None:
     story = in_slave_mode()
     story.talkers[0].ask(200, "Robot_Execute", ROBOT, text("slvMove"), r8s(*HOME))
@@ -158,7 +153,6 @@ def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_p
     journal.close()
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_nothing_more_is_read_when_nothing_more_is_wanted(tmp_path: Path) -> None:
     unwanted, reports = threading.Event(), BytesIO()
     unwanted.set()
@@ -167,7 +161,6 @@ def test_nothing_more_is_read_when_nothing_more_is_wanted(tmp_path: Path) -> Non
     assert lines(tmp_path)[0] == readings._BATCH + 1
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_what_is_there_when_its_source_ends_is_read_to_the_end(tmp_path: Path) -> None:
     ended, reports = threading.Event(), BytesIO()
     ended.set()
@@ -222,7 +215,7 @@ def search(journal: Path) -> Iterator[_Search]:
     made.ask(0, "frame", "")
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # the process ends with its job
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(
     ("kind", "there", "command", "expression"),
