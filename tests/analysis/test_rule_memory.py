@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.analysis.client import Clients
+from bcapscope.analysis.client import MOST_DEPARTED, Clients
+from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules import objects
 from bcapscope.analysis.rules.objects import Objects
 from bcapscope.analysis.rules.rule import Incident
@@ -59,3 +60,37 @@ def test_stays_of_clients_that_are_forgotten_are_not_kept() -> None:
     watcher = Session(lambda incident: None, Clients(lambda client: None))
     watcher.stay(stay)
     assert not watcher._silent
+
+
+def test_of_clients_that_are_gone_the_latest_few_are_remembered() -> None:
+    gone: list[str] = []
+    clients = Clients(lambda client: gone.append(str(client.conversation.client)))
+    plan = Plan()
+    for port in range(1, MOST_DEPARTED + 4):
+        plan.driver(port).execute(port * 10.0, "CurJnt")
+    for call in plan.track():
+        assert isinstance(call, Exchange)
+        clients.of(call)
+        clients.depart(call.conversation)
+    assert len(list(clients)) == MOST_DEPARTED
+    assert gone == ["10.0.0.2:1", "10.0.0.2:2", "10.0.0.2:3"]
+
+
+def test_a_diagnosis_lets_go_of_a_client_that_is_gone_and_tells_what_it_left_on() -> None:
+    plan = Plan()
+    silent, other = plan.driver(), plan.driver(50002)
+    silent.change(0, ENTER)
+    silent.moves([8.0, 16.0])
+    other.execute(60_000, "CurJnt")
+    diagnosis = Diagnosis()
+    *calls, last = plan.track()
+    for call in calls:
+        diagnosis.take(call)
+    assert isinstance(last, Exchange)
+    for call in calls:
+        assert isinstance(call, Exchange)
+        diagnosis.forget(call.conversation)
+    diagnosis.take(last)
+    diagnosis.forget(last.conversation)
+    found = diagnosis.finish(last.request.time)
+    assert "quit-in-slave-mode" in [finding.rule for finding in found]

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bcapscope.analysis.course import BATCH
-from bcapscope.analysis.slave import MOST_STAYS
+from bcapscope.analysis.slave import MOST_STAYS, SlaveWatcher
 from bcapscope.analysis.stay import ExitReason, Stay
 from bcapscope.protocol.slavemode import Generation, ModeKind, PoseType
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Transport
 from tests.analysis.driving import (
     BUFFER_FULL,
@@ -518,3 +519,20 @@ def test_a_call_that_failed_long_before_the_last_set_point_was_taken_did_not_end
     other.execute(100, "HandMoveA", code=NOT_ALLOWED)
     driver.move(488, code=NOT_IN_SLAVE_MODE)
     assert only(plan).exit.reason is ExitReason.FOUND_OFF
+
+
+def test_stays_of_a_client_that_is_gone_are_given_out_at_once() -> None:
+    plan = Plan()
+    silent, other = plan.driver(), plan.driver(50002)
+    silent.change(0, ENTER)
+    silent.moves([8.0, 16.0])
+    other.change(20, ENTER)
+    other.moves([28.0, 36.0])
+    watcher = SlaveWatcher()
+    calls = [call for call in plan.track() if isinstance(call, Exchange)]
+    assert [stay for call in calls for stay in watcher.take(call)] == []
+    (stay,) = watcher.forget(calls[0].conversation)
+    assert (stay.conversation, stay.exit.reason) == (calls[0].conversation, ExitReason.SILENT)
+    assert watcher.forget(calls[0].conversation) == ()
+    (rest,) = watcher.finish()
+    assert rest.conversation is not stay.conversation

@@ -62,3 +62,21 @@ def test_what_is_long_ago_is_forgotten() -> None:
     for port in range(MOST_CONVERSATIONS):
         number(attempts, talk(client=Endpoint("10.0.0.9", port)), 1)
     assert answered(attempts, flows, 2 * MOST_SERIALS) is None
+
+
+def test_tries_of_one_call_and_their_answers_are_known_by_it() -> None:
+    attempts, flows = Attempts(), talk()
+    first, again, other = (Frame(request(*each)) for each in ((5,), (6, "slvMove", 5), (7, "CurJnt")))
+    assert attempts.asked_before(flows.up, first) is None
+    call = attempts.follow(flows.up, first)
+    assert call is not None
+    assert attempts.asked_before(flows.up, first) is call.call
+    retry, another = attempts.follow(flows.up, again), attempts.follow(flows.up, other)
+    assert retry is not None
+    assert another is not None
+    assert retry.call is call.call
+    assert another.call is not call.call
+    heard = attempts.follow(flows.down, Frame(reply(6)))
+    assert heard == retry
+    attempts.forget(flows.up.conversation)
+    assert attempts.follow(flows.down, Frame(reply(6))) is None

@@ -430,3 +430,19 @@ def test_a_stream_keeps_its_order_under_delays(
         now += later
         found += sent(machine.take(flows.up, data, now).outputs)
     assert found + [data for _, data in run_dry(machine, now)] == [data for _, _, data in steps]
+
+
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+def test_what_is_held_of_one_direction_can_be_taken_back_in_its_order(transport: Transport) -> None:
+    machine, flows = (
+        shaper("delay=20ms if serial == 1", "delay=10ms", "reorder if serial == 4"),
+        talk(transport),
+    )
+    for serial in (1, 2, 4):
+        machine.take(flows.up, request(serial), 0)
+    machine.take(flows.down, reply(1), 0)
+    held = machine.abandon(flows.up)
+    assert sorted(held) == sorted(map(request, (1, 2, 4)))
+    assert machine.abandon(flows.up) == []
+    assert not machine.holds(flows.up)
+    assert [data for _, data in run_dry(machine, 0)] == [reply(1)]

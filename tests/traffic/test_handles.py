@@ -286,3 +286,16 @@ def test_clients_are_bounded_and_the_silent_one_is_told_first() -> None:
     assert [left(session) for session in sessions] == [
         [f"{port}"] for port in range(1, MOST_CONVERSATIONS + 3)
     ]
+
+
+def test_a_client_that_is_gone_is_forgotten_with_its_objects() -> None:
+    script = Script()
+    person = Person(script, 1)
+    person.call(CONNECT, text("one"), gives=1)
+    (call,) = calls_of(script.track())
+    for most, ended in ((0, []), (1, [Ending.OPEN])):
+        handles = Handles(most_over=most)
+        handles.follow(call)
+        handles.forget(call.conversation)
+        assert [session.ending for session in handles.sessions()] == ended
+        handles.forget(call.conversation)

@@ -146,3 +146,10 @@ def test_the_most_silent_conversation_is_forgotten_first() -> None:
     ask(questions, clients[-1], execute("slvMove"))
     assert answer(questions, clients[0], reply) == SLV_MOVE
     assert answer(questions, clients[1], reply) is None
+
+
+def test_a_conversation_that_is_over_is_forgotten() -> None:
+    questions, client, reply = Questions(), conversation(), Frame(encode(5, 0, 0, []))
+    ask(questions, client, execute("slvMove", serial=5))
+    questions.forget(client)
+    assert answer(questions, client, reply) is None

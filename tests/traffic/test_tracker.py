@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.protocol.frame import Malformed, Problem
-from bcapscope.traffic.exchange import Settled
+from bcapscope.traffic.exchange import Settled, Stray
 from bcapscope.traffic.lane import (
     COPIES_WITHIN_NS,
     EXECUTION_NS,
@@ -130,3 +130,20 @@ def test_time_starts_anywhere() -> None:
     client.ask(-START / MS, 1, 1, MOVE)
     client.reply(-START / MS, 1)
     assert summaries(script.track()) == ["1: >1 <2 answered, answered"]
+
+
+def test_the_open_calls_of_a_client_that_is_gone_are_given_out_and_it_is_forgotten() -> None:
+    script = Script()
+    client, other = script.client(), script.client(50002)
+    tracker = Tracker()
+    first, second = client.ask(0, 1, 1, MOVE), other.ask(1, 1, 1, MOVE)
+    tracker.observe(first)
+    tracker.observe(second)
+    gone = first.flow.conversation
+    assert [call.call for call in calls_of(tracker.forget(gone))] == [1]
+    assert [call.call for call in tracker.open] == [2]
+    assert list(tracker.forget(gone)) == []
+    late = client.reply(2, 1)
+    (stray,) = tracker.observe(late)
+    assert isinstance(stray, Stray)
+    assert stray.call is None
