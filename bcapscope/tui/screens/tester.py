@@ -111,7 +111,8 @@ class Tester(Place):
         Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
         Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
         Binding("f10", "digits", "tester.digits", id="digits", show=False, tooltip="tester.digits.tip"),
-        *(Binding(f"alt+{at}", f"tab('{tab}')", "", show=False) for at, tab in enumerate(TABS, 1)),
+        Binding("ctrl+n", "next_tab", "tester.tab.next", id="tab", show=False, tooltip="tester.tab.next.tip"),
+        Binding("ctrl+y", "next_view", "tester.view.next", id="view", show=False, tooltip="tester.view.tip"),
         Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
         Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
     ]
@@ -149,9 +150,8 @@ class Tester(Place):
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         """Yield the tabs and the views, which else are some keys away."""
-        for at, tab in enumerate(TABS, 1):
-            tip = say("tester.tab.tip", key=f"Alt-{at}")
-            yield say("tester.tab", name=say(f"tester.tab.{tab}")), tip, f"tab('{tab}')"
+        for tab in TABS:
+            yield say("tester.tab", name=say(f"tester.tab.{tab}")), say("tester.tab.tip"), f"tab('{tab}')"
         for view in VIEWS:
             yield (
                 say("tester.view", name=say(f"tester.view.{view}")),
@@ -380,6 +380,16 @@ class Tester(Place):
         """Open the way out of an error."""
         stay = self._last_stay
         self.app.push_screen(RecoveryDialog(self.desk, self._arm, stay.position, stay.mode))
+
+    def action_next_tab(self) -> None:
+        """Show the next tab."""
+        here = self.query_one(FormTabs).chosen
+        self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
+
+    def action_next_view(self) -> None:
+        """Show the next view."""
+        here = self.query_one(PacketPane).chosen
+        self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
 
     def action_tab(self, name: str) -> None:
         """Show a tab, and go to its first field."""

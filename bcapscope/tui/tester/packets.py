@@ -73,6 +73,11 @@ class PacketPane(Vertical):
         self.query_one("#received", PacketBox).add(record.received, question, overwrite, show_first=False)
         self._tries(record)
 
+    @property
+    def chosen(self) -> str:
+        """The view that is shown."""
+        return self.query_one("#view", Choice).chosen
+
     def turn_to(self, view: str) -> None:
         """Show one of the views."""
         self.query_one("#view", Choice).chosen = view

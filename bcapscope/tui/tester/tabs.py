@@ -56,6 +56,11 @@ class FormTabs(Vertical):
         for panel in self.query(VariablePanel):
             panel.opened(owner, name)
 
+    @property
+    def chosen(self) -> str:
+        """The tab that is shown."""
+        return self.query_one("#tabs", Choice).chosen
+
     def turn_to(self, tab: str) -> None:
         """Show one of the tabs."""
         self.query_one("#tabs", Choice).chosen = tab

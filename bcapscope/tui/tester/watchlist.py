@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from rich.cells import cell_len, set_cell_size
 from textual.binding import Binding, BindingType
+from textual.events import Resize
 from textual.message import Message
 
 from bcapscope.render.escape import printable
@@ -15,7 +16,16 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say
 
-_NAME, _NUMBER, _COURSE = 28, 12, 30
+
+class Widths(NamedTuple):
+    """Columns that each part of a row takes."""
+
+    name: int
+    number: int
+    course: int
+
+
+WIDE, NARROW = Widths(28, 12, 30), Widths(14, 11, 15)
 
 
 class WatchList(Lines):
@@ -63,16 +73,26 @@ class WatchList(Lines):
         """Write a row."""
         watched, at = self._rows[index]
         if watched is None:
-            return _titles()
+            return _titles(self._widths)
         index_text = f" [{at}]" if len(watched.series) > 1 else ""
-        name = set_cell_size(printable(watched.label) if at == 0 else "", _NAME - len(index_text))
+        name = set_cell_size(printable(watched.label) if at == 0 else "", self._widths.name - len(index_text))
         head = f"{INK.name}{name}{index_text}{INK.reset}"
         if watched.trouble:
             return f"{head} {INK.bad}{printable(watched.trouble)}{INK.reset}"
         if not watched.series:
             value = "" if watched.value is None else result_text(watched.value)
             return f"{head} {INK.number}{value}{INK.reset}"
-        return f"{head} {_numbers(watched.series[at])}"
+        return f"{head} {_numbers(watched.series[at], self._widths)}"
+
+    @property
+    def _widths(self) -> Widths:
+        fits = self.size.width >= WIDE.name + 4 * (WIDE.number + 1) + WIDE.course
+        return WIDE if fits else NARROW
+
+    def on_resize(self, event: Resize) -> None:
+        """Write the rows for the new width."""
+        super().on_resize(event)
+        self.repaint()
 
     def action_remove(self) -> None:
         """Watch the variable no more."""
@@ -85,14 +105,14 @@ class WatchList(Lines):
         self.post_message(self.Reset())
 
 
-def _titles() -> str:
+def _titles(widths: Widths) -> str:
     titles = [say(f"tester.watch.{key}") for key in ("value", "rate", "least", "most")]
-    numbers = "".join(f"{' ' * (_NUMBER - cell_len(title))}{title} " for title in titles)
-    name = set_cell_size(say("tester.watch.name"), _NAME)
+    numbers = "".join(f"{' ' * (widths.number - cell_len(title))}{title} " for title in titles)
+    name = set_cell_size(say("tester.watch.name"), widths.name)
     return f"{INK.dim}{name} {numbers} {say('tester.watch.course')}{INK.reset}"
 
 
-def _numbers(series: Series) -> str:
+def _numbers(series: Series, widths: Widths) -> str:
     values = (series.last, series.rate, series.least, series.most)
-    texts = "".join(f"{'' if value is None else f'{value:.5f}':>{_NUMBER}} " for value in values)
-    return f"{INK.number}{texts}{INK.reset} {INK.good}{series.course(_COURSE)}{INK.reset}"
+    texts = "".join(f"{'' if value is None else f'{value:.5f}':>{widths.number}} " for value in values)
+    return f"{INK.number}{texts}{INK.reset} {INK.good}{series.course(widths.course)}{INK.reset}"

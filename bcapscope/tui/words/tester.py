@@ -21,7 +21,12 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.box.variable": ("Variable", "変数"),
     "tester.box.task": ("Task", "タスク"),
     "tester.tab": ("Tab: {name}", "タブ: {name}"),
-    "tester.tab.tip": ("Go to this tab ({key})", "このタブへ移動 ({key})"),
+    "tester.tab.tip": ("Go to this tab", "このタブへ移動"),
+    "tester.tab.next": ("Next tab", "次のタブ"),
+    "tester.tab.next.tip": (
+        "Robot, variable, task, function, raw",
+        "ロボット・変数・タスク・関数・生パケットを巡回",
+    ),
     "tester.tab.robot": ("Robot", "ロボット"),
     "tester.tab.variable": ("Variable", "変数"),
     "tester.tab.task": ("Task", "タスク"),
@@ -108,6 +113,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.digits.tip": ("All digits, or five behind the point", "全桁表示 / 小数点以下 5 桁"),
     # packets
     "tester.view": ("View: {name}", "表示: {name}"),
+    "tester.view.next": ("Next view", "次の表示"),
     "tester.view.tip": (
         "Show packets, calls, watched variables or saved requests",
         "パケット・履歴・監視・保存済みの表示",
