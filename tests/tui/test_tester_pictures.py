@@ -1,0 +1,198 @@
+"""Pictures of the Tester's screens in both themes; ``pytest --golden-write`` makes them anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Button, Input
+
+from bcapscope.tui.app import Scope
+from bcapscope.tui.desk import recorder
+from bcapscope.tui.desk.record import Record
+from bcapscope.tui.screens.slave import SlaveScreen
+from bcapscope.tui.tester.choice import Choice
+from bcapscope.tui.tester.tick import Tick
+from tests.cli.run import CAPTURES
+from tests.tui.pilot import drive, picture, until
+from tests.tui.test_pictures import PICTURES
+from tests.tui.tester import (
+    answered,
+    connected,
+    executed,
+    finish,
+    focus,
+    go,
+    make_tester,
+    screen,
+    sight,
+    write,
+)
+
+SIZE, LARGE = (80, 24), (160, 44)
+NEW_YEAR, SECOND = 1_767_225_600_000_000_000, 1_000_000_000
+LIMIT = 280.0
+"""Seconds for a session that is photographed; a busy machine draws slowly."""
+POINT = "12.42261, 60.36108, 17.63232, 35.81433, 20.42798, 23.94879"
+
+
+@pytest.fixture
+def _same_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let each call take as long as all others, and begin a second after the one before."""
+
+    def tamed(**told: Any) -> Record:
+        return Record(**{**told, "took": 1_234_000, "began": NEW_YEAR + told["number"] * SECOND})
+
+    monkeypatch.setattr(recorder, "Record", tamed)
+
+
+class Album:
+    """Takes pictures of one run in all themes, and compares them with those that are kept."""
+
+    def __init__(self, app: Scope, write: bool) -> None:
+        self._app, self._write = app, write
+        self._others: list[str] = []
+
+    async def take(self, pilot: Pilot[None], name: str, *themes: str) -> None:
+        """Take a picture of what is shown, in each of the themes."""
+        for theme in themes:
+            self._app.theme = theme
+            self._app.clear_notifications()
+            await pilot.pause()
+            await pilot.pause()
+            self._compare(f"{name}-{theme}", picture(self._app))
+        self._app.theme = "dark"
+
+    def _compare(self, name: str, taken: bytes) -> None:
+        path = PICTURES / f"{name}.svg"
+        if self._write:
+            path.write_bytes(taken)
+        if not path.exists() or path.read_bytes() != taken:
+            self._others.append(name)
+
+    def check(self) -> None:
+        """Tell all that are not as they were."""
+        assert self._others == [], "look at the pictures that --golden-write makes"
+
+
+async def begin(pilot: Pilot[None]) -> None:
+    """Connect, add the robot of the pages, and start RobSlave; over TCP, where no serials go into retries."""
+    screen(pilot).query_one("#udp", Tick).value = False
+    here = await connected(pilot)
+    here.query_one("#port", Input).value = "5007"
+    await go(pilot, "#add-robot .name", "shift+tab")
+    await write(pilot, "Gundam")
+    await pilot.press("enter")
+    await until(pilot, lambda: here.desk.status.robot and here.desk.status.robot.label == "Gundam")
+    await pilot.press("ctrl+b")
+    await until(pilot, lambda: any(each.label == "RobSlave" for each in here.desk.status.open))
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.usefixtures("_same_times")
+def test_the_window_of_the_pages(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    app = make_tester(tmp_path)
+    album = Album(app, request.config.getoption("--golden-write"))
+
+    async def act(pilot: Pilot[None]) -> None:
+        await begin(pilot)
+        await executed(pilot, "slvChangeMode", "2")
+        await executed(pilot, "slvMove", POINT)
+        await focus(pilot, "#sent HexView")
+        await pilot.press("end", *["left"] * 20)
+        await album.take(pilot, "tester", "dark", "light")
+        await finish(pilot)
+
+    drive(app, act, LARGE, LIMIT)
+    album.check()
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.usefixtures("_same_times")
+def test_each_of_its_parts(
+    tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    app = make_tester(tmp_path)
+    album = Album(app, request.config.getoption("--golden-write"))
+
+    async def act(pilot: Pilot[None]) -> None:
+        await begin(pilot)
+        await executed(pilot, "slvChangeMode", "2")
+        await executed(pilot, "slvMove", POINT)
+        await album.take(pilot, "tester-robot", "dark", "light")
+        monkeypatch.chdir(CAPTURES)  # so that the path of the file is the same everywhere
+        for part in (variable, task, function, history, recovery, slave_mode):
+            await part(pilot, album)
+        await finish(pilot)
+
+    drive(app, act, SIZE, LIMIT)
+    album.check()
+
+
+async def variable(pilot: Pilot[None], album: Album) -> None:
+    here = screen(pilot)
+    await executed(pilot, "slvChangeMode", "0")
+    here.query_one("#tabs", Choice).chosen = "variable"
+    await focus(pilot, "#variable .name")
+    await write(pilot, "I5")
+    await pilot.press("enter")
+    await until(pilot, lambda: here.desk.status.open[-1].label == "I5")
+    await go(pilot, "#variable .value")
+    await write(pilot, "42")
+    await pilot.press("enter")
+    await answered(pilot, "#variable ResultView", "(EMPTY)")
+    await pilot.press("tab", "enter")
+    await answered(pilot, "#variable ResultView", "42")
+    await album.take(pilot, "tester-variable", "dark", "light")
+
+
+async def task(pilot: Pilot[None], album: Album) -> None:
+    screen(pilot).query_one("#tabs", Choice).chosen = "task"
+    await focus(pilot, "#task #state")
+    await pilot.press("enter")
+    await answered(pilot, "#task-result", "3")
+    await album.take(pilot, "tester-task", "dark", "light")
+
+
+async def function(pilot: Pilot[None], album: Album) -> None:
+    screen(pilot).query_one("#tabs", Choice).chosen = "function"
+    await focus(pilot, "#choose-function")
+    await pilot.press("enter")
+    await pilot.press(*"robot_move", "enter")
+    await until(pilot, lambda: screen(pilot).query("#function #field2"))
+    await until(pilot, lambda: pilot.app.focused is screen(pilot).query_one("#function #field0"))
+    await album.take(pilot, "tester-function", "dark", "light")
+
+
+async def history(pilot: Pilot[None], album: Album) -> None:
+    screen(pilot).query_one("#view", Choice).chosen = "history"
+    await focus(pilot, "HistoryLines")
+    await album.take(pilot, "tester-history", "dark", "light")
+
+
+async def recovery(pilot: Pilot[None], album: Album) -> None:
+    here = screen(pilot)
+    here.query_one("#tabs", Choice).chosen = "robot"
+    await executed(pilot, "slvChangeMode", "2")
+    await executed(pilot, "slvMove", POINT)
+    for _ in range(2):  # the error is the answer to the next set point
+        await executed(pilot, "slvMove", f"90{POINT[8:]}")
+    await until(pilot, lambda: here.desk.status.slave_mode == 0)
+    await pilot.press("f7")
+    await until(pilot, lambda: "0x8420405" in sight(pilot))
+    here.query_one("#left").scroll_home(animate=False)
+    await album.take(pilot, "tester-recovery", "dark", "light")
+    await pilot.press("escape")
+
+
+async def slave_mode(pilot: Pilot[None], album: Album) -> None:
+    await pilot.press("f9")
+    await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
+    await until(pilot, lambda: isinstance(pilot.app.focused, Input))
+    await write(pilot, "swing-joints.csv")
+    start = pilot.app.screen.query_one("#start", Button)
+    await until(pilot, lambda: not start.disabled)
+    await album.take(pilot, "slave-mode-preflight", "dark", "light")
+    await pilot.press("escape")
