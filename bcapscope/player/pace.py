@@ -53,9 +53,9 @@ FASTEST = 0.98
 """Share of the period that a controller may ask for on average: clocks differ by far less than 2%."""
 
 _START = 5_000_000
-_PREPARING = 300_000
-"""ns kept free before a deadline, for making the next packet; more where there is more time. The first steps
-after a sleep take ten times as long as those that follow each other, with caches that others have filled."""
+_PREPARING, _PREPARING_MOST, _PREPARING_SHARE = 300_000, 1_000_000, 0.4
+"""ns kept free before a deadline for making the next packet, least and most, and the share of the period. The
+first steps after a sleep take ten times as long as those that follow, with caches that others have filled."""
 
 _PATIENCE = 8_000_000
 _ROBOT_EXECUTE = 64
@@ -119,7 +119,7 @@ class Pacer:
         self._course = course
         self._idle = idle
         self._silence = SILENCE if exchanger.link.datagrams else move.pace.timeout
-        self._preparing = max(_PREPARING, move.period // 8)
+        self._preparing = max(_PREPARING, min(round(_PREPARING_SHARE * move.period), _PREPARING_MOST))
         self._throttle = _Throttle(round(FASTEST * move.period), move.mode.slots + 1)
         self._last = 0
         self._word = 0  # when the newest of the set points was sent that are known to be answered
