@@ -6,7 +6,7 @@ The widgets say what they want; here it is done, at the desk, and what comes bac
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -17,7 +17,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
-from textual.widget import Widget
 from textual.widgets import Button
 
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
@@ -35,7 +34,7 @@ from bcapscope.tui.desk.playing import Stage
 from bcapscope.tui.desk.record import Record, cause
 from bcapscope.tui.desk.recovery import LastStay
 from bcapscope.tui.desk.watching import Watcher
-from bcapscope.tui.screens.place import Place
+from bcapscope.tui.screens.parted import Parted
 from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.settings import remembered
 from bcapscope.tui.tester.ask import ArmDialog
@@ -54,12 +53,12 @@ from bcapscope.tui.tester.messages import (
 )
 from bcapscope.tui.tester.notice import Notice
 from bcapscope.tui.tester.opener import Opener
-from bcapscope.tui.tester.packets import VIEWS, PacketPane
+from bcapscope.tui.tester.packets import PacketPane
 from bcapscope.tui.tester.recovery import RecoveryDialog
 from bcapscope.tui.tester.result import ResultView
 from bcapscope.tui.tester.savedlist import SavedList
 from bcapscope.tui.tester.status import facts_of, status_text
-from bcapscope.tui.tester.tabs import TABS, FormTabs
+from bcapscope.tui.tester.tabs import FormTabs
 from bcapscope.tui.tester.watchlist import WatchList
 from bcapscope.tui.words import say
 
@@ -98,7 +97,7 @@ class DeskNews(Message):
         self.news = news
 
 
-class Tester(Place):
+class Tester(Parted):
     """Connects to a controller, makes calls, shows what went over the wire."""
 
     NAME = "tester.name.screen"
@@ -147,17 +146,6 @@ class Tester(Place):
                     yield CommandForm(_EXECUTE_CONTROLLER, id="controller-execute")
                 yield FormTabs(FUNCTIONS[_EXECUTE_CONTROLLER])
             yield PacketPane(start.requests, id="right")
-
-    def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield the tabs and the views, which else are some keys away."""
-        for tab in TABS:
-            yield say("tester.tab", name=say(f"tester.tab.{tab}")), say("tester.tab.tip"), f"tab('{tab}')"
-        for view in VIEWS:
-            yield (
-                say("tester.view", name=say(f"tester.view.{view}")),
-                say("tester.view.tip"),
-                f"view('{view}')",
-            )
 
     def on_mount(self) -> None:
         """Begin: HALT is at hand, and without a host the built-in simulator starts."""
@@ -381,26 +369,6 @@ class Tester(Place):
         stay = self._last_stay
         self.app.push_screen(RecoveryDialog(self.desk, self._arm, stay.position, stay.mode))
 
-    def action_next_tab(self) -> None:
-        """Show the next tab."""
-        here = self.query_one(FormTabs).chosen
-        self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
-
-    def action_next_view(self) -> None:
-        """Show the next view."""
-        here = self.query_one(PacketPane).chosen
-        self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
-
-    def action_tab(self, name: str) -> None:
-        """Show a tab, and go to its first field."""
-        self.query_one(FormTabs).turn_to(name)
-        self.call_after_refresh(self._go_to, self.query_one("#panels"))
-
-    def action_view(self, name: str) -> None:
-        """Show one of the views of packets and calls, and go there."""
-        self.query_one(PacketPane).turn_to(name)
-        self.call_after_refresh(self._go_to, self.query_one(f"#{name}"))
-
     def action_digits(self) -> None:
         """Show all digits of all results, or five behind the point where one shows all."""
         views = self.query(ResultView)
@@ -432,20 +400,3 @@ class Tester(Place):
         self.desk.arming.arm(self.desk.now())
         self._show_status()
         return True
-
-    def action_next_part(self) -> None:
-        """Go to the next part: connection, forms, packets."""
-        parts = [self.query_one(name) for name in ("#controller-box", "#execute-box", "#panels", "#right")]
-        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1)
-        for step in range(1, len(parts) + 1):
-            if self._go_to(parts[(here + step) % len(parts)]):
-                return
-
-    def _go_to(self, part: Widget) -> bool:
-        """Focus what can be done first in a part of the screen; return whether there is anything."""
-        among = (part, *part.query("Input, HexView, Lines, Button"))
-        shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
-        found = next((each for each in shown if each.focusable), None)
-        if found is not None:
-            found.focus()
-        return found is not None

@@ -1,0 +1,66 @@
+"""Going from part to part of the Tester by keys: connection, forms in tabs, packets and calls in views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from textual.widget import Widget
+
+from bcapscope.tui.screens.place import Place
+from bcapscope.tui.tester.packets import VIEWS, PacketPane
+from bcapscope.tui.tester.tabs import TABS, FormTabs
+from bcapscope.tui.words import say
+
+_PARTS = ("#controller-box", "#execute-box", "#panels", "#right")
+
+
+class Parted(Place):
+    """A screen of parts, among them `FormTabs` and a `PacketPane`; which keys go there, a subclass says."""
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Yield the tabs and the views, which else are some keys away."""
+        for tab in TABS:
+            yield say("tester.tab", name=say(f"tester.tab.{tab}")), say("tester.tab.tip"), f"tab('{tab}')"
+        for view in VIEWS:
+            yield (
+                say("tester.view", name=say(f"tester.view.{view}")),
+                say("tester.view.tip"),
+                f"view('{view}')",
+            )
+
+    def action_next_part(self) -> None:
+        """Go to the next part: connection, forms, packets."""
+        parts = [self.query_one(name) for name in _PARTS]
+        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1)
+        for step in range(1, len(parts) + 1):
+            if self._go_to(parts[(here + step) % len(parts)]):
+                return
+
+    def action_next_tab(self) -> None:
+        """Show the next tab."""
+        here = self.query_one(FormTabs).chosen
+        self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
+
+    def action_next_view(self) -> None:
+        """Show the next view."""
+        here = self.query_one(PacketPane).chosen
+        self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
+
+    def action_tab(self, name: str) -> None:
+        """Show a tab, and go to its first field."""
+        self.query_one(FormTabs).turn_to(name)
+        self.call_after_refresh(self._go_to, self.query_one("#panels"))
+
+    def action_view(self, name: str) -> None:
+        """Show one of the views of packets and calls, and go there."""
+        self.query_one(PacketPane).turn_to(name)
+        self.call_after_refresh(self._go_to, self.query_one(f"#{name}"))
+
+    def _go_to(self, part: Widget) -> bool:
+        """Focus what can be done first in a part of the screen; return whether there is anything."""
+        among = (part, *part.query("Input, HexView, Lines, Button"))
+        shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
+        found = next((each for each in shown if each.focusable), None)
+        if found is not None:
+            found.focus()
+        return found is not None
