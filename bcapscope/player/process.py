@@ -148,9 +148,13 @@ class Player:
         self._tell(encode_message(Command(Order.STOP)))
 
     def halt(self) -> None:
-        """Stop the robot at once, then leave in order. By a signal, which no full pipe holds up."""
-        with suppress(ProcessLookupError):
-            self._process.send_signal(signal.SIGUSR1)
+        """Stop the robot at once, then leave in order. By a signal, which no full pipe holds up.
+
+        The process that follows a player that was killed does nothing else anyway.
+        """
+        if not self._crash:
+            with suppress(ProcessLookupError):
+                self._process.send_signal(signal.SIGUSR1)
 
     def answer(self, choice: str) -> None:
         """Answer the question that was asked last."""

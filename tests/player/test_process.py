@@ -255,6 +255,7 @@ def test_what_a_player_had_begun_that_is_killed_is_ended_by_another(sim: Sim, tc
         os.kill(first, signal.SIGKILL)
         trouble = until(player, Trouble)
         assert player.pid != first
+        player.halt()
         until_ended(player)
     assert trouble.text == "the player ended with signal 9: what it had begun is being ended"
     assert player.ended is not None
