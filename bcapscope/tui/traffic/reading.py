@@ -41,8 +41,8 @@ from bcapscope.tui.traffic.report import Job, Progress, receive, send, step_back
 if TYPE_CHECKING:
     from bcapscope.tui.traffic.judge import Judge
 
-FLUSH = 0.05
-"""Seconds between two moments at which the screen is told of new frames."""
+FLUSH = 0.1
+"""Seconds between two moments at which the screen is told of new frames: what it draws then delays keys."""
 
 JUDGE = 1.5
 """Seconds between two moments at which it is told what to think of them."""
