@@ -49,6 +49,9 @@ _NICENESS = 10
 _AT_ONCE = 128
 """Records."""
 
+_CATCHES_UP_WITHIN = 10.0
+"""Seconds that what is left may take at the end to be decoded; all of it is recorded."""
+
 
 def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
     """Watch a relay until it ends.
@@ -110,7 +113,7 @@ class Scribe:
         self._recorder = recorder
 
     def write(self) -> None:
-        """Record all that there is."""
+        """Record what there was at the last look."""
         while records := self.reader.take(_AT_ONCE):
             self._recorder.take(records)
 
@@ -159,7 +162,8 @@ class Watcher:
                     self._advice = self._advice if asked else said.decode()
             except (EOFError, OSError):
                 break
-        while self._reader.waiting:
+        until = time.monotonic() + _CATCHES_UP_WITHIN
+        while self._reader.waiting and time.monotonic() < until:
             self.look()
         self._finish()
 
@@ -194,11 +198,14 @@ class Watcher:
                 lines += self._settled(settled)
         self._screen.show(lines)
         self._delays.add(records)
+        self._tell(records)
+        for conversation, why in self._witness.gone():
+            self._part_from(conversation, printable(why))
+
+    def _tell(self, records: Iterable[Record]) -> None:
         for record in records:
             if record.kind is Kind.TOLD:
                 self._screen.tell(printable(record.data.decode("utf-8", "replace")))
-        for conversation, why in self._witness.gone():
-            self._part_from(conversation, printable(why))
 
     def _part_from(self, conversation: Conversation, why: str) -> None:
         """Settle the calls of a client that has gone, tell what it left behind, and forget it."""
@@ -273,8 +280,18 @@ class Watcher:
                 goodbyes.append((number, farewell.state, [each.hex() for each in farewell.requests]))
         return json.dumps(goodbyes).encode()
 
+    def _skip(self) -> None:
+        """Pass over what there is no time for, but for what the relay tells."""
+        if self._reader.waiting:
+            self._screen.tell("what passed last was not looked at, as it takes too long; a recording has it")
+        while self._reader.waiting:
+            self._tell(self._reader.take())
+
     def _finish(self) -> None:
         """Settle what is open and sum up."""
+        while self._scribe is not None and self._scribe.reader.waiting:
+            self._scribe.write()
+        self._skip()
         self._screen.show(self._settled(self._tracker.close()))
         findings = self._diagnosis.finish()
         tell, counts = self._screen.tell, tuple(self._reader.counts)

@@ -7,10 +7,14 @@ import json
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import cast
 
 import pytest
 
+from bcapscope.capture.file import open_capture
+from bcapscope.cli import proxywatch
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxywatch import Scribe, Watcher
 from bcapscope.cli.proxywishes import Form, Look, Wishes
@@ -52,9 +56,10 @@ class Chain:
         self.ring = RingWriter(memory)
         self.screen = Silent()
         wishes = Wishes(record, None, Look(shown, form), "never")
-        scribe = None
+        scribe = self._recorder = None
         if record is not None:
-            scribe = Scribe(RingReader(memory, ahead=True), ProxyRecorder(record, None, self.screen.tell))
+            self._recorder = ProxyRecorder(record, None, self.screen.tell)
+            scribe = Scribe(RingReader(memory, ahead=True), self._recorder)
         self._reader = RingReader(memory)
         self._watcher = Watcher(self._reader, wishes, self.screen, scribe)
         self.now = time.time_ns()
@@ -64,6 +69,12 @@ class Chain:
         while self._reader.waiting:
             self._watcher.look()
         self._watcher.look()
+
+    def end(self) -> None:
+        """Let it find that the relay has ended."""
+        self._watcher.run(cast(Connection, Ended()))
+        if self._recorder is not None:
+            self._recorder.close()
 
     def say(self, client: int, up: bool, raw: bytes) -> None:
         self.now += MS
@@ -129,6 +140,28 @@ def test_clients_that_have_gone_are_forgotten_with_all_that_they_hold(
     assert grown == {}
     assert sum(many.values()) < 30_000, many.most_common(9)
     assert chain.screen.lines >= 800 * 9
+
+
+class Ended:
+    """The relay's end of the link, when the relay has ended."""
+
+    def poll(self, seconds: float) -> bool:
+        raise EOFError
+
+
+def test_what_there_is_no_time_for_at_the_end_is_recorded_and_what_is_told_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(proxywatch, "_CATCHES_UP_WITHIN", 0.0)
+    chain = Chain(tmp_path / "all.pcapng", RecordKind.FRAME)
+    for client in range(1, 21):
+        chain.session(client, "udp")
+    chain.ring.must(Kind.TOLD, 0, b"fault loss: struck 7 times", chain.now)
+    chain.end()
+    assert "fault loss: struck 7 times" in chain.screen.told
+    assert any("what passed last was not looked at" in text for text in chain.screen.told)
+    with open_capture(str(tmp_path / "all.pcapng")) as capture:
+        assert sum(1 for _ in capture) == 20 * (2 * 18 + 2)
 
 
 def test_a_client_that_vanishes_in_slave_mode_is_told() -> None:
