@@ -139,6 +139,8 @@ class Rules:
         Answers go on, and requests that stop the robot or let go of something; all other requests do not.
         """
         work, lost = Work(), Counter[str]()
+        work.actions = [action for action in self._outbox if action.client == client]
+        self._outbox = [action for action in self._outbox if action.client != client]
         for direction, way in self._ways[client].items():
             held = self.shaper.abandon(way.flow)
             held += (each.data for each in self.intercept.abandon(way.flow))

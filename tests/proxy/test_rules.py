@@ -147,6 +147,14 @@ def test_what_is_intercepted_ends_likewise() -> None:
     assert made.intercept.held == []
 
 
+def test_what_was_sent_on_just_before_the_end_goes_out() -> None:
+    made = rules(intercept=holding("true"))
+    made.receive(1, UP, request(1), 0)
+    made.send_on(1, 1)
+    assert sent(made.let_go(1, 1)) == request(1)
+    assert made.take(1) == []
+
+
 def test_the_guard_sees_what_goes_on_at_the_end() -> None:
     made = rules("delay=60s", guard=Guard(read_only=True))
     made.receive(1, UP, request(1), 0)
