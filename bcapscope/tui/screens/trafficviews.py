@@ -120,7 +120,7 @@ class TrafficViews(Views):
         if path and not self.feed.job.follow:
             settings = scope_of(self).settings
             settings.captures = remembered(str(Path(path).absolute()), settings.captures)
-            scope_of(self).keep()
+            self.call_after_refresh(scope_of(self).keep)  # what is read is shown first
         self.feed.attach(partial(self._hear, self.feed))
         self.show_state()
 
