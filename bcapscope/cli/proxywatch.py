@@ -152,10 +152,10 @@ class Watcher:
         asked = False
         while True:
             is_busy = self.look()
-            if asked and not self._reader.waiting:
-                relay.send_bytes(self._goodbyes())
-                asked = False
             try:
+                if asked and not self._reader.waiting:
+                    relay.send_bytes(self._goodbyes())
+                    asked = False
                 if relay.poll(0 if is_busy else TICK):
                     said = relay.recv_bytes()
                     asked = said == FAREWELL
