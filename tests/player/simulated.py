@@ -11,7 +11,7 @@ from bcapscope.client.target import Target
 from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import run
 from bcapscope.player.journal import Journal
-from bcapscope.player.messages import Ended, Message, Order, Plan, Point, Question, Topic
+from bcapscope.player.messages import Ended, Message, Order, Pacing, Plan, Point, Question, Topic
 from bcapscope.player.visit import NO, YES, Visit
 from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
@@ -189,3 +189,18 @@ def named(frame: Frame) -> str:
 def wave(points: int = 120, height: float = 8.0) -> list[Point]:
     """Make a way of J1 there and back, at rest at both ends, from HOME."""
     return [(height * (1 - cos(2 * pi * number / (points - 1))), *HOME[1:6]) for number in range(points)]
+
+
+def plan(mode: int | Pacing, **more: object) -> Plan:
+    """Make a plan for the usual way."""
+    return Plan(**{"target": TARGET, "mode": mode, "points": wave(), **more})  # type: ignore[arg-type]
+
+
+def fall_silent(stage: Stage, count: int) -> None:
+    """Let nothing arrive any more once so many packets with set points were sent."""
+
+    def look(_: int) -> None:
+        if stage.channel.points > count:
+            stage.channel.silent_from = 0
+
+    stage.desk.at_poll = look

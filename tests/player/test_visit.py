@@ -8,15 +8,11 @@ from itertools import pairwise
 import pytest
 
 from bcapscope.player.messages import (
-    Aftermath,
-    Debt,
     Ended,
     Order,
     Outcome,
-    Owed,
     Pacing,
     Peer,
-    Plan,
     Progress,
     State,
     Topic,
@@ -26,12 +22,7 @@ from bcapscope.player.visit import AGAIN, CLEAR, YES
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.slavemode import Generation, PoseType, mode_pose_type
 from bcapscope.simulator.machine import Start
-from tests.player.simulated import HOME, MS, TARGET, SimulatedChannel, Stage, named, wave
-
-
-def plan(mode: int | Pacing, **more: object) -> Plan:
-    """Make a plan for the usual way."""
-    return Plan(**{"target": TARGET, "mode": mode, "points": wave(), **more})  # type: ignore[arg-type]
+from tests.player.simulated import HOME, MS, Stage, fall_silent, named, plan, wave
 
 
 def set_points(stage: Stage) -> list[tuple[int, Frame]]:
@@ -51,21 +42,6 @@ def speeds(stage: Stage) -> list[float]:
     """Return the steps of J1 between set points."""
     ways = [first_axis(frame) for _, frame in set_points(stage) if frame.reserved == 0]
     return [b - a for a, b in pairwise(ways)]
-
-
-def fall_silent(stage: Stage, count: int) -> None:
-    """Let nothing arrive any more once so many packets with set points were sent."""
-
-    def look(_: int) -> None:
-        if stage.channel.points > count:
-            stage.channel.silent_from = 0
-
-    stage.desk.at_poll = look
-
-
-def order_at(stage: Stage, look: int, order: Order) -> None:
-    """Give an order at the n-th look for one."""
-    stage.desk.at_poll = lambda count: order if count == look else None
 
 
 def order_after(stage: Stage, count: int, order: Order) -> None:
@@ -437,108 +413,6 @@ def answered_and_next(stage: Stage) -> list[tuple[int, int]]:
         for (_, serial), (next_time, _) in pairwise(firsts[8:])
         if last_tries[serial] in heard
     ]
-
-
-@pytest.mark.parametrize("order", list(Order))
-def test_an_order_ends_what_is_waited_for(order: Order) -> None:
-    stage = Stage(start=Start(motor_time=10_000 * MS))
-    stage.desk.at_poll = lambda _: order if "Motor" in stage.said else None
-    ended = stage.play(plan(0x202))
-    assert ended.outcome is (Outcome.STOPPED if order is Order.STOP else Outcome.HALTED)
-    assert 10_000 * MS < stage.channel.now() < 12_000 * MS
-    assert stage.said[-5:] == ["Motor", "GiveArm", "Robot_Release", "Controller_Disconnect", "Service_Stop"]
-    assert not stage.simulator.machine.motor_is_on(120_000 * MS)
-
-
-@pytest.mark.parametrize("order", list(Order))
-@pytest.mark.parametrize("profile", ["rc7", "rc8"])
-def test_an_order_at_any_moment_leaves_everything_as_it_was(profile: str, order: Order) -> None:
-    """The order comes at the n-th look for one, until the motion is over before it."""
-    moment, outcome = 1, Outcome.STOPPED
-    while outcome is not Outcome.DONE:
-        stage = Stage(profile, Start(joints=(5.0, *HOME[1:]), motor_time=120 * MS))
-        order_at(stage, moment, order)
-        stage.channel.delay = 2 * MS
-        ended = stage.play(plan(0x102, points=wave(20, 0.5), may_approach=True, log="anything"))
-        machine, outcome = stage.simulator.machine, ended.outcome
-        assert outcome in (Outcome.DONE, Outcome.STOPPED, Outcome.HALTED), ended
-        assert ended.left
-        assert (machine.slave.mode, machine.owner, machine.open) == (None, None, {}), moment
-        assert not machine.motor_is_on(stage.channel.now())
-        assert set(machine.tasks.values()) == {2}
-        assert not machine.alarms.active
-        logged = len(machine.log.records)
-        stage.simulator.advance(stage.channel.now() + 100 * MS)
-        assert len(machine.log.records) == logged
-        assert machine.arm.stands(stage.channel.now() + 100 * MS)
-        moment += 1 + moment // 10
-    assert moment > 40
-
-
-def test_an_order_ends_what_nobody_will_answer() -> None:
-    stage = Stage()
-
-    def look(_: int) -> Order | None:
-        if "Motor" not in stage.said:
-            return None
-        stage.channel.silent_from = 0
-        return Order.STOP
-
-    stage.desk.at_poll = look
-    stage.channel.delay = 20 * MS
-    ended = stage.play(plan(0x202))
-    assert (ended.outcome, ended.left) == (Outcome.STOPPED, False)
-    assert stage.channel.now() < 40_000 * MS
-
-
-def test_robslave_is_stopped_if_an_order_comes_while_it_starts() -> None:
-    stage = Stage("rc7")
-    stage.desk.at_poll = lambda _: Order.STOP if "Task_Start" in stage.said else None
-    assert stage.play(plan(0x002)).outcome is Outcome.STOPPED
-    assert "Task_Stop" in stage.said
-    assert set(stage.simulator.machine.tasks.values()) == {2}
-
-
-def test_what_is_owed_is_told_before_it_is_begun() -> None:
-    stage = Stage()
-    stage.play(plan(0x202, log="anything"))
-    owed = [message for message in stage.desk.told if isinstance(message, Owed)]
-    debts = [Debt.ARM, Debt.MOTOR, Debt.LOG, Debt.SLAVE_MODE]
-    growing = [tuple(debts[:count]) for count in range(5)]
-    assert [each.debts for each in owed] == [*growing, *reversed(growing[:-1])]
-    assert {each.port for each in owed} == {50000}
-    assert owed[-1].generation == Generation.RC8
-
-
-@pytest.mark.parametrize("profile", ["rc7", "rc8"])
-def test_another_player_ends_what_one_has_left(profile: str) -> None:
-    stage = Stage(profile)
-    fall_silent(stage, 99)
-    stage.play(plan(0x102))
-    machine = stage.simulator.machine
-    assert machine.slave.mode is not None
-    owed = [message for message in stage.desk.told if isinstance(message, Owed)][-1]
-    last = max(frame.serial for _, frame in stage.channel.sent)
-    aftermath = Aftermath(owed.debts, owed.generation, owed.port, last + 1000)
-    after = Stage(profile)
-    after.channel = SimulatedChannel(stage.simulator, began=stage.channel.now())
-    ended = after.play(plan(0x102, points=(), aftermath=aftermath))
-    assert (ended.outcome, ended.left) == (Outcome.DONE, True)
-    assert machine.slave.mode is None
-    assert not machine.motor_is_on(after.channel.now())
-    assert (machine.owner, machine.open) == (None, {})
-    assert set(machine.tasks.values()) == {2}
-    assert not machine.alarms.active
-    assert not [message for message in after.desk.told if isinstance(message, Trouble)]
-
-
-def test_what_the_controller_shows_after_a_player_was_killed_is_told() -> None:
-    stage = Stage(start=Start(errors=(0x84201482,)))
-    ended = stage.play(plan(0x202, points=(), aftermath=Aftermath((Debt.SLAVE_MODE,), Generation.RC8, 1, 9)))
-    assert ended.outcome is Outcome.DONE
-    (trouble,) = [message for message in stage.desk.told if isinstance(message, Trouble)]
-    assert [code for code, _ in trouble.errors] == [0x84201482]
-    assert "ClearError" not in stage.said
 
 
 def test_a_reply_that_is_longer_than_all_tries_is_waited_for() -> None:
