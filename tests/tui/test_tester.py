@@ -207,7 +207,7 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
         field.value = "01 00 00 00 00 34 12 00 00 13 00 00 00 00 00 04"
         await answered(pilot, "#raw ResultView", "Controller_GetAttribute, serial 4660")
         await pilot.press("enter")
-        await answered(pilot, "#raw ResultView", "given up")
+        await answered(pilot, "#raw ResultView", "E_")
         await until(pilot, lambda: "34 12" in sight(pilot))
         await finish(pilot)
 

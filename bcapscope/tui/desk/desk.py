@@ -225,7 +225,7 @@ class Desk:
             self._check_armed()
         WHO.set(Who.USER)
         await self._guarded(caller.send_raw(raw, session.paces.others.timeout / 1e9))
-        self._recorder.give_up(time.time_ns())
+        self._recorder.settle()
         return self.last
 
     @property

@@ -10,6 +10,7 @@ from contextvars import ContextVar
 
 from bcapscope.errors import Attempt
 from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.hresult import is_failure
 from bcapscope.protocol.requester import Answered, Event, Executing, Late, Refused, TimedOut
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.desk.record import Ending, Record, Who
@@ -70,6 +71,20 @@ class Recorder:
             return None
         self._end(call, Ending.GIVEN_UP, None, (), max(0, now - call.began))
         return self.last
+
+    def settle(self) -> None:
+        """End a call that was sent as raw bytes: its reply is the frame that came last, if any came."""
+        call = self._call
+        if call is None:
+            return
+        came = [seen.item for seen in call.packets if seen.flow.direction is Direction.RESPONSE]
+        reply = next((item for item in reversed(came) if isinstance(item, Frame)), None)
+        attempts = (Attempt(0, 0, 0),)
+        if reply is None:
+            self._end(call, Ending.UNANSWERED, None, attempts, call.lasted)
+        else:
+            ending = Ending.REFUSED if is_failure(reply.code) else Ending.ANSWERED
+            self._end(call, ending, reply, attempts, call.lasted)
 
     def _end(
         self, call: _Call, ending: Ending, reply: Frame | None, attempts: tuple[Attempt, ...], took: int

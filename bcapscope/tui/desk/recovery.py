@@ -49,7 +49,7 @@ class LastStay:
         self.point: tuple[float, ...] = ()
 
     def take(self, record: Record) -> None:
-        """Learn from a call, whoever made it; where it was refused, the robot neither changed nor was there."""
+        """Learn from a call, whoever made it; one that was refused tells nothing of the robot."""
         if record.ending is not Ending.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]

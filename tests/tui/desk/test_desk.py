@@ -274,10 +274,12 @@ def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: BuiltIn) -> Non
         raw = bytes.fromhex("01100000003412000013000000000004")
         record = asyncio.run(made.do(made.send_raw(raw)))
         assert record.sent[0].item.raw == raw
-        assert record.ending is Ending.GIVEN_UP
+        assert record.ending is Ending.REFUSED
+        assert record.reply is not None
         assert record.received[0].item.raw[5:7] == b"\x34\x12"
         odd = asyncio.run(made.do(made.send_raw(b"\x01\x02\x03")))
         assert (odd.sent[0].item.raw, odd.received) == (b"\x01\x02\x03", ())
+        assert odd.ending is Ending.UNANSWERED
         assert robot_call(made, "slvGetMode").ending is Ending.ANSWERED
 
 
