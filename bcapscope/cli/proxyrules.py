@@ -231,10 +231,11 @@ def _target(text: str) -> Target:
 
 
 def _rule_file(path: str) -> tuple[AnyFault, ...]:
-    from bcapscope.faults.document import DocumentError, RuleFile, read_document
+    from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, RuleFile, read_document
 
     try:
-        text = Path(path).read_text("utf-8")
+        with Path(path).open(encoding="utf-8") as file:
+            text = file.read(LONGEST_DOCUMENT + 1)
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
     try:

@@ -246,6 +246,12 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         (("--hold", "5"), 2, "'5' is no duration"),
         (("--script", "none.py"), 2, "does not exist"),
         (("--rules", "none.yaml"), 2, "none.yaml cannot be read: No such file or directory"),
+        pytest.param(
+            ("--rules", "/dev/zero"),
+            2,
+            "/dev/zero: longer than",
+            marks=pytest.mark.skipif(sys.platform == "win32", reason="no file there that never ends"),
+        ),
         (("--control", "0.0.0.0:5"), 4, "0.0.0.0 is not loopback"),
     ],
 )
