@@ -79,6 +79,7 @@ class TrafficViews(Views):
         super().__init__()
         self.clock = Clock.RELATIVE
         self._generation = 0
+        self._head = ""
         self._take(feed, title)
 
     def _take(self, feed: Feed, title: str) -> None:
@@ -223,7 +224,10 @@ class TrafficViews(Views):
         self.frames.look(self.clock, several)
         self.calls.look(self.clock, several, first)
         head = {"frames": self.frames.head, "calls": self.calls.head}.get(self.view)
-        self.query_one("#head", Static).update(Text(head() if head is not None else ""), layout=False)
+        text = "" if head is None else head()
+        if text != self._head:
+            self._head = text
+            self.query_one("#head", Static).update(Text(text), layout=False)
 
     def show_state(self) -> None:
         """Show how much there is, and how reading and searching go."""

@@ -23,6 +23,10 @@ _KEPT = 500
 
 _SIDEWAYS = 8
 
+_SEEN = 64
+"""Which part of a list must be added before its scroll bar is told: less is not seen, and to draw the bar is
+to draw all beside it."""
+
 
 class Lines(ScrollView, can_focus=True):
     """A list with a cursor; what it shows is what `count` and `line` say.
@@ -119,7 +123,9 @@ class Lines(ScrollView, can_focus=True):
         if size != self.virtual_size:
             self.set_reactive(Lines.virtual_size, size)
             bar = self.vertical_scrollbar
-            bar.window_virtual_size, bar.window_size = size.height, self.size.height
+            told = bar.window_virtual_size
+            if bar.window_size != self.size.height or not told <= size.height <= told + told // _SEEN:
+                bar.window_virtual_size, bar.window_size = size.height, self.size.height
 
     @property
     def follows(self) -> bool:
