@@ -87,7 +87,9 @@ def resizes(terminal: Terminal, columns: int, rows: int, count: int) -> list[flo
 
 def search(terminal: Terminal) -> dict[str, float]:
     """Search all frames for what none of them has, and return the most memory that took, MB by process."""
-    terminal.press(b"/length > 16777215\r")
+    terminal.press(b"/")
+    terminal.rest(0.5)
+    terminal.press(b"length > 16777215\r")
     terminal.until("%")
     most: dict[str, float] = {}
     while b"%" in terminal.seen():  # how far it has come is drawn again and again

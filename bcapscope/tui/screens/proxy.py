@@ -313,7 +313,7 @@ class ProxyScreen(Views):
     def action_add(self) -> None:
         """Go to the line where a fault is typed."""
         self.action_view("rules")
-        self.query_one("#fault").focus()
+        self.set_focus(self.query_one("#fault"))
 
     @on(CheckedLine.Entered, "#fault-line")
     def _fault_entered(self, message: CheckedLine.Entered) -> None:
@@ -322,7 +322,7 @@ class ProxyScreen(Views):
 
     def _added(self, answer: Answer) -> None:
         self.query_one("#fault-line", CheckedLine).propose("")
-        self.seen.focus()
+        self.set_focus(self.seen)
 
     # messages that wait
 
@@ -353,7 +353,7 @@ class ProxyScreen(Views):
 
     def _decided(self, text: str, answer: Answer) -> None:
         self.query_one(Told).add(text)
-        self.seen.focus()
+        self.set_focus(self.seen)
 
     def action_edit(self) -> None:
         """Propose a change of the argument that the cursor of the tree is on."""
@@ -373,7 +373,7 @@ class ProxyScreen(Views):
 
     def _propose(self, text: str) -> None:
         self._change.propose(text)  # what is proposed changes nothing yet
-        self._change.field.focus()
+        self.set_focus(self._change.field)
 
     def _changed(self, text: str) -> bytes | None:
         """Return what becomes of the message by what was typed; None where there is no message any more."""

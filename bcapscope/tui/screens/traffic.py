@@ -100,7 +100,7 @@ class TrafficScreen(TrafficViews):
 
     def action_filter(self) -> None:
         """Go to the filter."""
-        self.query_one("#filter").focus()
+        self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
         """Go from the filter to the list; from the list, end the filter."""
@@ -190,7 +190,7 @@ class TrafficScreen(TrafficViews):
                 self.frames.repaint()
                 self.go_to_frame(self._proofs[0])
         elif message.lines is self.frames:
-            self.query_one("#fields").focus()
+            self.set_focus(self.query_one("#fields"))
         elif message.lines is self.calls:
             number = self.number
             if number is not None:

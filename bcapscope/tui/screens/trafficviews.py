@@ -328,7 +328,7 @@ class TrafficViews(Views):
     @on(CheckedLine.Entered)
     def _entered(self) -> None:
         """Go from the filter to what it lets pass."""
-        self.seen.focus()
+        self.set_focus(self.seen)
 
     def _filter(self, expression: str) -> None:
         if self.view in KINDS and expression != self.expressions[self.view]:

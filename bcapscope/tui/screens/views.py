@@ -58,7 +58,7 @@ class Views(Place):
         self.view = view
         self.query_one(ContentSwitcher).current = view
         self.show_view()
-        self.seen.focus()
+        self.set_focus(self.seen)
         self.refresh_bindings()
         self.show_state()
 
@@ -72,4 +72,4 @@ class Views(Place):
 
     def action_back(self) -> None:
         """Go to the list."""
-        self.seen.focus()
+        self.set_focus(self.seen)
