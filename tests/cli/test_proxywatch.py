@@ -111,7 +111,7 @@ def held() -> Counter[str]:
     return Counter(
         f"{type(each).__module__}.{type(each).__name__}"
         for each in gc.get_objects()
-        if type(each).__module__.startswith("bcapscope.") and type(each) not in (Layout, Variant, Argument)
+        if str(type(each).__module__).startswith("bcapscope.") and type(each) not in (Layout, Variant, Argument)
     )
 
 

@@ -39,9 +39,16 @@ class Running:
 
     def __init__(self, relay: Relay, address: Endpoint, reader: RingReader) -> None:
         self.relay = relay
+        self._thread = threading.Thread(target=relay.run)
+        self._thread.start()
         self.address = address
         self.records: list[Record] = []
         self._reader = reader
+
+    def stop(self) -> None:
+        """Pass nothing on any more."""
+        self.relay.stop()
+        self._thread.join(PATIENCE)
 
     def look(self) -> list[Record]:
         """Take what was told."""
@@ -77,13 +84,11 @@ def running(
     (listener,) = parse_listeners(["127.0.0.1:0"], [f"127.0.0.1:{to}"], transport, allow)
     address, ports = open_ports(relay, listener, forget_after)
     relay.listen(ports)
-    thread = threading.Thread(target=relay.run)
-    thread.start()
+    it = Running(relay, address, RingReader(memory))
     try:
-        yield Running(relay, address, RingReader(memory))
+        yield it
     finally:
-        relay.stop()
-        thread.join(PATIENCE)
+        it.stop()
         relay.close()
 
 

@@ -155,7 +155,7 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
         with datagrams(to=proxy.address) as client:
             client.send(b"hello")
             _, way = server.recvfrom(100)
-        proxy.relay.stop()
+        proxy.stop()
         session = next(iter(proxy.relay.sessions.values()))
         assert isinstance(session, udp.UdpSession)
         requests = [bytes(5) + bytes([number, 0]) + bytes(9) for number in (1, 2, 3)]

@@ -108,7 +108,7 @@ class Desk:
 
     def close(self) -> None:
         """Let go of everything, `CLOSING` seconds at most, and end the thread. From any other thread."""
-        done = asyncio.run_coroutine_threadsafe(self.disconnect(), self._loop)
+        done = asyncio.run_coroutine_threadsafe(self._wind_up(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSING)
         self._loop.call_soon_threadsafe(self._loop.stop)
@@ -116,6 +116,13 @@ class Desk:
         if not self._thread.is_alive():
             self._loop.close()
         self.audit.close()
+
+    async def _wind_up(self) -> None:
+        """Let go of everything, and wait for whoever is letting go already."""
+        await self.disconnect()
+        others = asyncio.all_tasks() - {asyncio.current_task()}
+        if others:
+            await asyncio.wait(others)
 
     def now(self) -> int:
         """Return ns of a clock that does not go back."""
