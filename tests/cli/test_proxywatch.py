@@ -108,10 +108,11 @@ def calls(client: int) -> Iterator[tuple[int, tuple[Variant, ...], tuple[Variant
 def held() -> Counter[str]:
     """Count the objects of ours that are there; of forms of frames as many are kept as `layout` says."""
     gc.collect()
+    found = (type(each) for each in gc.get_objects())
     return Counter(
-        f"{type(each).__module__}.{type(each).__name__}"
-        for each in gc.get_objects()
-        if str(type(each).__module__).startswith("bcapscope.") and type(each) not in (Layout, Variant, Argument)
+        f"{kind.__module__}.{kind.__name__}"
+        for kind in found
+        if str(kind.__module__).startswith("bcapscope.") and kind not in (Layout, Variant, Argument)
     )
 
 
