@@ -18,7 +18,7 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.cli.recorder import Recorder, open_capture
 from bcapscope.cli.screen import Screen
-from bcapscope.cli.signals import end_in_order
+from bcapscope.cli.signals import awaited_ends, end_in_order
 from bcapscope.render.service import report_line
 from bcapscope.simulator.conversation import Report
 from bcapscope.simulator.server import Answerer, ListenError, Server, serve
@@ -95,7 +95,16 @@ class Serving:
         # What was loaded so far stays: looking through it for garbage again and again costs milliseconds.
         gc.collect()
         gc.freeze()
-        serve(server, self._idle, take, watched or [])
+        watched = [] if watched is None else watched
+        with awaited_ends() as end:
+
+            def take_or_end(descriptor: int) -> None:
+                if descriptor == end:
+                    raise KeyboardInterrupt
+                take(descriptor)
+
+            watched.append(end)
+            serve(server, self._idle, take_or_end, watched)
 
     def end(self, summary: str) -> None:
         """Write what is left, and the summary; exit if the capture lacks something."""

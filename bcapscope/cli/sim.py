@@ -182,7 +182,7 @@ class _Keys:
         """Read what was typed and do it."""
         data = os.read(descriptor, 1024)
         if not data:
-            self.watched.clear()
+            self.watched.remove(descriptor)
             if self._attended:
                 _quit()
         *lines, self._rest = (self._rest + data)[-1024:].split(b"\n")
