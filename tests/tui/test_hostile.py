@@ -34,13 +34,11 @@ from tests.tui.showing import read
 from tests.tui.showing import screen as traffic_screen
 from tests.tui.tester import answered, connected, finish, focus, make_tester, write
 
-TEXTS = {
-    "markup": "[/foo][red]x[@click=app.quit]",
-    "escape": "\x1b[2J\x1b]52;c;eA==\x07\x9b31m\x00\r\n",
-    "bidi": "\u202egnp\u2066\u200f\u2028",
-    "long": "[bold]" + "x" * 10_000 + "[/foo]",
-    "surrogate": "a\ud800b\udfff",
-}
+MARKUP = "[/foo][red]x[@click=app.quit]"
+ESCAPES = "\x1b[2J\x1b]52;c;eA==\x07\x9b31m\x00\r\n"
+BIDI = "\u202egnp\u2066\u200f\u2028"
+SURROGATES = "a\ud800b\udfff"
+TEXTS = {"short": MARKUP + ESCAPES + BIDI + SURROGATES, "long": "[bold]" + "x" * 10_000 + "[/foo]"}
 CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
 TIME = 1_700_000_000_000_000_000
 EXECUTE, INVALID = 64, 0x80070057
