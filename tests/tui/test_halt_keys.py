@@ -61,26 +61,25 @@ async def list_of_types(pilot: Pilot[None]) -> None:
     assert pilot.app.screen.query_one("#execute .type", Select).expanded
 
 
-@pytest.mark.parametrize(
-    ("opened", "what"),
-    [
-        (keys(), Window),
-        (list_of_types, Window),
-        (keys("f1"), HelpScreen),
-        (keys("ctrl+p"), CommandPalette),
-        (keys("f7"), RecoveryDialog),
-        (keys("f9"), SlaveScreen),
-        (keys("f9", "ctrl+o"), FilePicker),
-        (keys("f9", "ctrl+p"), CommandPalette),
-        (catalogue, CommandPicker),
-        (functions, FunctionPicker),
-        (put(lambda: ArmDialog([])), ArmDialog),  # type: ignore[arg-type, return-value]  # it answers
-        (put(lambda: ChoiceDialog([], ("no", "yes"))), ChoiceDialog),  # type: ignore[arg-type, return-value]
-        (put(lambda: NameDialog("", "")), NameDialog),  # type: ignore[arg-type, return-value]
-    ],
-    ids=lambda each: each.__name__ if isinstance(each, type) else "",
+PLACES: tuple[tuple[Open, type[object]], ...] = (
+    (keys(), Window),
+    (list_of_types, Window),
+    (keys("f1"), HelpScreen),
+    (keys("ctrl+p"), CommandPalette),
+    (keys("f7"), RecoveryDialog),
+    (keys("f9"), SlaveScreen),
+    (keys("f9", "ctrl+o"), FilePicker),
+    (keys("f9", "ctrl+p"), CommandPalette),
+    (catalogue, CommandPicker),
+    (functions, FunctionPicker),
+    (put(lambda: ArmDialog([])), ArmDialog),  # type: ignore[arg-type, return-value]  # it answers
+    (put(lambda: ChoiceDialog([], ("no", "yes"))), ChoiceDialog),  # type: ignore[arg-type, return-value]
+    (put(lambda: NameDialog("", "")), NameDialog),  # type: ignore[arg-type, return-value]
 )
-def test_each_key_halts_whatever_is_open(tmp_path: Path, opened: Open, what: type[object]) -> None:
+
+
+@pytest.mark.timeout(240)
+def test_each_key_halts_whatever_is_open(tmp_path: Path) -> None:
     halted: list[str] = []
 
     def halt() -> bool:
@@ -89,15 +88,20 @@ def test_each_key_halts_whatever_is_open(tmp_path: Path, opened: Open, what: typ
 
     async def act(pilot: Pilot[None]) -> None:
         app.at_halt(halt)
-        await opened(pilot)
-        await until(pilot, lambda: isinstance(app.screen, what))
-        for number, key in enumerate(HALT_KEYS, 1):
-            await pilot.press(key)
-            assert len(halted) == number
-        assert isinstance(app.screen, what)
+        below = len(app.screen_stack)
+        for opened, what in PLACES:
+            halted.clear()
+            await opened(pilot)
+            await until(pilot, lambda what=what: isinstance(app.screen, what))  # type: ignore[misc]  # bound now
+            for number, key in enumerate(HALT_KEYS, 1):
+                await pilot.press(key)
+                assert len(halted) == number, (what, key)
+            assert isinstance(app.screen, what)
+            while len(app.screen_stack) > below:
+                await app.pop_screen()
 
     app = make_tester(tmp_path, "127.0.0.1", 9)
-    drive(app, act)
+    drive(app, act, limit=200.0)
 
 
 def test_the_driver_halts_before_the_event_loop_knows() -> None:
