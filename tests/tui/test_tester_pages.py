@@ -205,8 +205,10 @@ def commands(record: Path) -> Iterator[tuple[str, object]]:
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("size", [(80, 24), (160, 48)], ids=["80x24", "160x48"])
-def test_the_pages(tmp_path: Path, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("size", "pacing"), [((80, 24), Pacing.SYNC), ((160, 48), Pacing.ASYNC)], ids=["80x24", "160x48"]
+)
+def test_the_pages(tmp_path: Path, size: tuple[int, int], pacing: Pacing) -> None:
     async def act(pilot: Pilot[None]) -> None:
         await connected(pilot)
         await add_gundam(pilot)
@@ -231,9 +233,7 @@ def test_the_pages(tmp_path: Path, size: tuple[int, int]) -> None:
 
         await change_mode(pilot, "I4", 0)
         await read_position(pilot)
-        log = control_log(tmp_path)
-        for pacing in (Pacing.ASYNC, Pacing.SYNC):
-            await play(pilot, log, pacing)
+        await play(pilot, control_log(tmp_path), pacing)
         await finish(pilot)
 
     drive(make_tester(tmp_path), act, size, LIMIT)
