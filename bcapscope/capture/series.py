@@ -65,6 +65,9 @@ def parse_bounds(text: str) -> Bounds:
 class Series(io.RawIOBase):
     """The files of a recording; what is written is in them after `flush`, in one piece.
 
+    A file of a ring is begun for packets that there are, so that none is empty and the oldest is not removed
+    for nothing: call `turn` before packets are written.
+
     Attributes:
         recording: writes packets to them.
     """
@@ -88,6 +91,7 @@ class Series(io.RawIOBase):
         self._count = 0
         self._open()
         self.recording = Recording(self)
+        self._begin()
 
     def writable(self) -> bool:
         """Say so."""
@@ -99,7 +103,7 @@ class Series(io.RawIOBase):
         return len(data)
 
     def flush(self) -> None:
-        """Put what was written into the file, and go on with the next one where it is time to.
+        """Put what was written into the file.
 
         Raises:
             OSError: there is no room, or the like; the file ends with what was in it before.
@@ -115,13 +119,26 @@ class Series(io.RawIOBase):
             with suppress(OSError):
                 self._file.truncate(self._size)
             raise
+        if self._size <= self._head:
+            self._began = time.monotonic()
         self._size += len(data)
+
+    def turn(self) -> None:
+        """Go on with the next file where it is time to; what was not flushed is lost.
+
+        Raises:
+            OSError: it cannot be written.
+        """
         bounds = self._bounds
-        if bounds is not None and (
-            (bounds.size and self._size >= bounds.size)
-            or (bounds.seconds and time.monotonic() - self._began >= bounds.seconds)
-        ):
-            self._turn(bounds)
+        if bounds is None or not self._is_full(bounds):
+            return
+        self._file.close()
+        while len(self._files) >= bounds.files:
+            with suppress(OSError):  # somebody else has moved it
+                self._files.popleft().unlink()
+        self._open()
+        self.recording.go_on(self)
+        self._begin()
 
     def close(self) -> None:
         """Close the file; what was not flushed is lost."""
@@ -134,16 +151,14 @@ class Series(io.RawIOBase):
         """The files that there are, the oldest first."""
         return tuple(self._files)
 
-    def _turn(self, bounds: Bounds) -> None:
-        """Go on with another file."""
-        self._file.close()
-        while len(self._files) >= bounds.files:
-            with suppress(OSError):  # somebody else has moved it
-                self._files.popleft().unlink()
-        self._open()
-        self.recording.go_on(self)
+    def _is_full(self, bounds: Bounds) -> bool:
+        if self._size <= self._head:
+            return False
+        too_large = bounds.size and self._size >= bounds.size
+        return bool(too_large or (bounds.seconds and time.monotonic() - self._began >= bounds.seconds))
 
     def _open(self) -> None:
+        self._pending.clear()
         self._count += 1
         path = self._path
         if self._bounds is not None:
@@ -151,5 +166,9 @@ class Series(io.RawIOBase):
             path = path.with_name(name)
         self._file = path.open("xb", buffering=0)
         self._files.append(path)
-        self._size = 0
-        self._began = time.monotonic()
+        self._size = self._head = 0
+
+    def _begin(self) -> None:
+        """Write what stands before all packets, so that the file can be read from its first moment."""
+        self.flush()
+        self._head = self._size

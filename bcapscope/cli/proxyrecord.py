@@ -66,6 +66,8 @@ class ProxyRecorder:
                 self._end(record, steps)
         steps.sort(key=_time)
         try:
+            if steps:
+                series.turn()
             for time, write in steps:
                 write(time)
             series.flush()

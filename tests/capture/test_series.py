@@ -68,6 +68,7 @@ def test_a_file_that_is_there_is_kept(tmp_path: Path) -> None:
 def test_the_oldest_of_a_ring_are_removed_and_each_can_be_read_alone(tmp_path: Path) -> None:
     series = Series(tmp_path / "a.pcapng", Bounds(3, size=20_000))
     for number in range(100):
+        series.turn()
         series.recording.datagram(CLIENT, SERVER, number.to_bytes(2) * 500, number)
         series.flush()
     series.close()
@@ -82,13 +83,25 @@ def test_a_ring_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     now = [0.0]
     monkeypatch.setattr("bcapscope.capture.series.time.monotonic", lambda: now[0])
     series = Series(tmp_path / "a.pcapng", Bounds(5, seconds=60))
+    now[0] += 10_000  # it begins with its first packet
     for number in range(10):
         now[0] += 25
+        series.turn()
         series.recording.datagram(CLIENT, SERVER, b"x", number)
         series.flush()
         series.flush()  # of nothing, makes no file
     series.close()
     assert [len(packets(path)) for path in series.paths] == [3, 3, 3, 1]
+
+
+def test_no_file_of_a_ring_is_empty(tmp_path: Path) -> None:
+    series = Series(tmp_path / "a.pcapng", Bounds(3, size=10_000))
+    for number in range(2):
+        series.turn()
+        series.recording.datagram(CLIENT, SERVER, bytes(10_000), number)
+        series.flush()
+    series.close()
+    assert [len(packets(path)) for path in series.paths] == [1, 1]
 
 
 def test_where_there_is_no_room_the_file_ends_with_a_whole_block(tmp_path: Path) -> None:
