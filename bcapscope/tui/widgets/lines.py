@@ -109,7 +109,7 @@ class Lines(ScrollView, can_focus=True):
         self._measure()
         if self.follows and self.cursor >= before - 1:
             self.cursor = count - 1
-        elif before < self.scroll_offset.y + self.size.height:
+        if before < self.scroll_offset.y + self.size.height:
             self.refresh()
         if before == 0:
             self._tell_moved()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from textual.pilot import Pilot
 
 from bcapscope.tui.widgets.lines import Lines
-from tests.tui.pilot import shown
+from tests.tui.pilot import shown, until
 from tests.tui.widgets.stage import on_stage, scope
 
 
@@ -102,7 +102,8 @@ def test_only_live_lists_are_followed_and_only_from_the_last_line() -> None:
             for there in (1, 10, 100):
                 lines.there = there
                 lines.grown()
-                await pilot.pause()
+                drawn = {0, min(there, 10) // 2, min(there, 10) - 1}
+                await until(pilot, lambda drawn=drawn: drawn <= set(lines.asked))  # type: ignore[misc]
                 assert lines.cursor == (there - 1 if live else 0)
             await pilot.press("home")
             lines.there = 200
