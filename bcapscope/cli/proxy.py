@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 
 import click
@@ -18,6 +20,7 @@ from bcapscope.cli.proxyrules import RuleWishes, rule_options
 from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
+from bcapscope.cli.signals import awaited_ends
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.sockets import ListenError, NoWay
 from bcapscope.proxy.spec import Listener, SpecError, parse_listeners
@@ -133,36 +136,33 @@ def command(
     if record is not None and ring is None:
         check_free(record, False)
     policy = rules.make()
-    proxy, control = Proxy(Wishes(record, ring, look, color), policy), None
-    listening: list[str] = []
-    state = {"recording": _name(record, ring), "listening": listening}
-    try:
+    wishes = Wishes(record, ring, look, color)
+    with awaited_ends() as ends, closing(Proxy(wishes, ends, policy)) as proxy, ExitStack() as opened:
         for line in rules.words():
             narrate(line)
-        control = None if policy is None else rules.plug_in(policy, proxy.relay, state)
-        addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
+        listening: list[str] = []
+        try:
+            state = {"recording": _name(record, ring), "listening": listening}
+            control = None if policy is None else rules.plug_in(policy, proxy.relay, state)
+            if control is not None:
+                opened.callback(control.close)
+            addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
+        except (ListenError, ControlError) as error:
+            narrate(str(error))
+            sys.exit(Exit.UNREADABLE)
+        except NoWay as error:
+            narrate(str(error))
+            sys.exit(Exit.UNANSWERED)
         proxy.start_watching()
-
-        greetings = [_greeting(*pair) for pair in zip(listeners, addresses, strict=True)]
-        listening += [f"{address} > {each.to}" for each, address in zip(listeners, addresses, strict=True)]
-
-        def greet() -> None:
-            narrate("\n".join(greetings))
-            if attended:
-                announce(listening, control.address if control else "")
-                proxy.attend()
-
-        proxy.run(greet)
-    except (ListenError, ControlError) as error:
-        narrate(str(error))
-        sys.exit(Exit.UNREADABLE)
-    except NoWay as error:
-        narrate(str(error))
-        sys.exit(Exit.UNANSWERED)
-    finally:
-        if control is not None:
-            control.close()
-        proxy.close()
+        pairs = list(zip(listeners, addresses, strict=True))
+        listening += [f"{address} > {each.to}" for each, address in pairs]
+        greetings = [_greeting(*pair) for pair in pairs]
+        if attended:
+            proxy.run(
+                partial(_greet_starter, proxy, greetings, listening, control.address if control else "")
+            )
+        else:
+            proxy.run(partial(_greet, proxy, greetings))
 
 
 command.add_command(ctl)
@@ -171,6 +171,19 @@ command.add_command(ctl)
 def _name(record: Path | None, ring: Bounds | None) -> str | None:
     """Name the recording, if it is one file."""
     return None if record is None or ring is not None else str(record.resolve())
+
+
+def _greet(proxy: Proxy, greetings: list[str]) -> None:
+    """Greet by way of the watcher, whose the bottom of the terminal is by now."""
+    for greeting in greetings:
+        proxy.relay.tell(greeting)
+
+
+def _greet_starter(proxy: Proxy, greetings: list[str], listening: list[str], control: str) -> None:
+    """Greet who has started the proxy, and attend to it."""
+    narrate("\n".join(greetings))
+    announce(listening, control)
+    proxy.attend()
 
 
 def _greeting(listener: Listener, address: Endpoint) -> str:

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -13,11 +14,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
-from types import FrameType
 
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.output import narrate
 from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes, watch
+from bcapscope.cli.screen import ERASE
+from bcapscope.cli.signals import kept_from_ends
 from bcapscope.player.realtime import undisturbed
 from bcapscope.proxy.hook import Policy
 from bcapscope.proxy.ports import open_ports
@@ -31,6 +33,7 @@ from bcapscope.traffic.observation import Endpoint
 RING_SIZE = 32 << 20
 """Bytes: twenty seconds of four robots with a set point each millisecond, if nobody watched at all."""
 
+_GLANCE = 0.05
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
@@ -49,13 +52,19 @@ class Proxy:
         relay: for whoever has more to plug in before it runs.
     """
 
-    def __init__(self, wishes: Wishes, policy: Policy | None = None) -> None:
+    def __init__(self, wishes: Wishes, ends: socket.socket, policy: Policy | None = None) -> None:
         """Make a relay that listens nowhere yet.
+
+        Args:
+            wishes: of the watcher.
+            ends: from which the signals come that end programs; see `awaited_ends`.
+            policy: the rules; None without.
 
         Raises:
             FileRefused: there is no room for the memory that it shares with the watcher.
         """
         self._wishes = wishes
+        self._ends = ends
         self._memory = _share(HEADER + RING_SIZE)
         assert self._memory.buf is not None
         self._ring = RingWriter(self._memory.buf[: HEADER + RING_SIZE])
@@ -89,13 +98,18 @@ class Proxy:
 
         Raises:
             FileRefused: the recording cannot be written.
+            KeyboardInterrupt: it is to end already.
         """
         arguments = self._memory.name, self._other_end, self._wishes
         self._watcher = self._context.Process(target=watch, args=arguments, name="watch")
-        self._watcher.start()
+        with kept_from_ends():
+            self._watcher.start()
         self._other_end.close()
+        until = time.monotonic() + _BEGINS_WITHIN
+        while not self._link.poll(_GLANCE) and time.monotonic() < until:
+            self._end_early()
         try:
-            answer = self._link.recv_bytes() if self._link.poll(_BEGINS_WITHIN) else b"no answer"
+            answer = self._link.recv_bytes() if self._link.poll() else b"no answer"
         except (EOFError, OSError):
             answer = b"the process that writes it has ended"
         if answer != READY:
@@ -114,11 +128,12 @@ class Proxy:
 
         Args:
             greet: called when clients are taken.
+
+        Raises:
+            KeyboardInterrupt: it is to end already.
         """
-        for name in ("SIGINT", "SIGTERM"):
-            signal.signal(getattr(signal, name), self._end)
-        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-            signal.signal(signal.SIGHUP, self._hang_up)
+        self._end_early()
+        self.relay.watch(self._ends.fileno(), self._signalled)
         # Beside busy programs one round trip in ten waited 4 ms without the priority, which costs some 0.1 ms
         # on an idle virtual machine: Linux then wakes the relay where it ran last, not where its waker runs.
         with undisturbed() as grade:
@@ -141,6 +156,8 @@ class Proxy:
         self.relay.close()
         self._link.close()
         if self._watcher is not None:
+            if not self._watched:  # it has not begun, or has ended
+                self._watcher.kill()
             self._watcher.join(_ENDS_WITHIN)
             if self._watcher.is_alive():
                 narrate("watching has not ended in time; the last part of the recording may be missing")
@@ -150,15 +167,25 @@ class Proxy:
         self._memory.close()
         self._memory.unlink()
 
-    def _end(self, number: int, frame: FrameType | None) -> None:
-        """End in order, and at once when asked again; a signal handler."""
+    def _end_early(self) -> None:
+        """Give up before it began, if that is asked for."""
+        with suppress(BlockingIOError):
+            self._ends.recv(1)
+            raise KeyboardInterrupt
+
+    def _signalled(self, _: int) -> None:
+        """End; when the terminal is closed, go on without it until no client is left."""
+        for number in self._ends.recv(16):
+            if number == getattr(signal, "SIGHUP", None):
+                self._hung_up = True
+            else:
+                self._end()
+
+    def _end(self) -> None:
+        """End in order, and at once when asked again."""
         if self._ending or not self._say(FAREWELL):
             self.relay.stop()
         self._ending = time.monotonic()
-
-    def _hang_up(self, number: int, frame: FrameType | None) -> None:
-        """Go on without a terminal until no client is left; a signal handler."""
-        self._hung_up = True
 
     def _listen_to_starter(self, _: int) -> None:
         if not os.read(_STDIN, 1024):
@@ -174,7 +201,7 @@ class Proxy:
         if self._hung_up and not self._ending:
             now = time.time_ns()
             if all(now - session.heard > _SILENT for session in self.relay.sessions.values()):
-                self._end(0, None)
+                self._end()
 
     def _hear(self) -> None:
         """Take what the watcher says: how the open sessions can be ended, or nothing any more."""
@@ -218,7 +245,7 @@ def _aside(text: str) -> None:
 
     def write() -> None:
         with suppress(OSError):
-            os.write(2, f"{text}\n".encode())
+            os.write(2, f"{ERASE if os.isatty(2) else ''}{text}\n".encode())
 
     threading.Thread(target=write, name="aside", daemon=True).start()
 

@@ -25,7 +25,8 @@ _LAST_WORDS_WITHIN = 0.5
 _AT_ONCE = 4096
 """Bytes: a pipe takes so many as a whole or not at all (PIPE_BUF of Linux)."""
 
-_ERASE = "\r\x1b[K"
+ERASE = "\r\x1b[K"
+"""Takes the line at the bottom away."""
 
 
 class Screen:
@@ -152,7 +153,7 @@ class Screen:
 
     def _erase(self) -> None:
         if self._shown:
-            self._put_error(_ERASE)
+            self._put_error(ERASE)
             self._shown = False
 
     def _put_error(self, text: str) -> None:

@@ -99,11 +99,11 @@ class Serving:
         with awaited_ends() as end:
 
             def take_or_end(descriptor: int) -> None:
-                if descriptor == end:
+                if descriptor == end.fileno():
                     raise KeyboardInterrupt
                 take(descriptor)
 
-            watched.append(end)
+            watched.append(end.fileno())
             serve(server, self._idle, take_or_end, watched)
 
     def end(self, summary: str) -> None:

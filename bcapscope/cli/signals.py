@@ -23,16 +23,17 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 
 @contextmanager
-def awaited_ends() -> Iterator[int]:
+def awaited_ends() -> Iterator[socket.socket]:
     """Let Ctrl-C and signals that end programs come only where they are waited for, in this block.
 
     Else they would end it between any two steps, such as between writing lines and forgetting them.
 
     Yields:
-        A file descriptor that can be read once there was such a signal.
+        A socket that does not wait, from which the number of each such signal can be read, a byte.
     """
     here, there = socket.socketpair()
     with here, there:
+        here.setblocking(False)
         there.setblocking(False)
         before = {number: signal.getsignal(number) for number in (signal.SIGINT, *_ENDS)}
         wakened = signal.set_wakeup_fd(there.fileno(), warn_on_full_buffer=False)
@@ -40,11 +41,28 @@ def awaited_ends() -> Iterator[int]:
             if handler is not signal.SIG_IGN:
                 signal.signal(number, _note)
         try:
-            yield here.fileno()
+            yield here
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
             signal.set_wakeup_fd(wakened)
+
+
+@contextmanager
+def kept_from_ends() -> Iterator[None]:
+    """Start processes in this block that Ctrl-C does not reach while they load what they need.
+
+    A terminal sends it to all that it runs, and who is just being loaded would end with a traceback. They
+    are never reached by signals that end programs; here those of this block come after it.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # nor does such a process inherit anything on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, *_ENDS))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _note(number: int, frame: FrameType | None) -> None:

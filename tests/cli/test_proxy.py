@@ -19,6 +19,7 @@ import pytest
 
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.observer import Observer
+from bcapscope.cli.exits import Exit
 from bcapscope.errors import CaptureError
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import SMALLEST_FRAME, Frame, encode
@@ -272,6 +273,25 @@ def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int,
         process.end(signal.SIGHUP)
 
 
+@pytest.mark.skipif(not Path("/proc").exists(), reason="processes are found by /proc")
+def test_ctrl_c_while_it_starts_ends_it_without_a_word() -> None:
+    """The terminal sends it to all processes, also to the one that watches, which is just being loaded."""
+    argv = [sys.executable, "-m", "bcapscope", "proxy", *HERE, "-q"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(argv, stdout=pipe, stderr=pipe, start_new_session=True) as process:
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            with suppress(AssertionError):
+                watcher_of(process.pid)
+                break
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE)
+    if process.returncode:  # else it was ready by then, and sums up
+        assert (process.returncode, out, err) == (Exit.INTERRUPTED, b"", b"")
+    assert b"Traceback" not in err
+    assert b"leaked" not in err
+
+
 def test_a_ring_of_files(controller: tuple[int, Path], tmp_path: Path) -> None:
     to, _ = controller
     with proxy(to, "-q", *recording(tmp_path / "r.pcapng"), "--ring", "3x30kB") as process:
@@ -345,6 +365,22 @@ def test_a_terminal_that_nobody_reads_and_a_watcher_that_is_stopped_or_killed_ho
             process.kill()
             os.close(master)
             os.close(slave)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no terminals here")
+def test_the_greeting_has_a_line_of_its_own_on_a_terminal() -> None:
+    master, slave = os.openpty()
+    argv = [sys.executable, "-m", "bcapscope", "proxy", *HERE, "-q"]
+    with subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=slave, stderr=slave) as process:
+        try:
+            os.close(slave)
+            shown = b""
+            while not (b"reaches it" in shown and b"0 calls" in shown):
+                shown += os.read(master, 4096)
+        finally:
+            process.kill()
+            os.close(master)
+    assert re.search(rb"(?:^|\n|\x1b\[K)127\.0\.0\.1:\d+ UDP and TCP >", shown), shown
 
 
 HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
