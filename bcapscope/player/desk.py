@@ -76,10 +76,14 @@ class Desk:
         return decode_plan(b"".join(parts))
 
     def listen_to_signals(self) -> None:
-        """Take SIGINT, SIGTERM and SIGHUP as orders to stop, each further one and SIGUSR1 to halt."""
+        """Take SIGINT, SIGTERM and SIGHUP as orders to stop, each further one and SIGUSR1 to halt.
+
+        A SIGUSR1 that came before counts now, if whoever started us let it wait.
+        """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._signalled)
         signal.signal(signal.SIGUSR1, self._signalled)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGUSR1,))
 
     def poll(self) -> Order | None:
         """Look whether there is an order; never waits."""

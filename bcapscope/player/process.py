@@ -14,7 +14,8 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
@@ -71,14 +72,15 @@ class Player:
         self._start(plan)
 
     def _start(self, plan: Plan) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "bcapscope.player"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            bufsize=0,  # orders may be given by a signal handler, in the middle of another order
-            start_new_session=True,  # Ctrl-C in the terminal is for whoever started it, who then stops it
-        )
+        with _kept_back(signal.SIGUSR1):  # until the player knows what it means
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "bcapscope.player"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,  # orders may be given by a signal handler, in the middle of another order
+                start_new_session=True,  # Ctrl-C in the terminal is for whoever started it, who then stops it
+            )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._commands = self._process.stdin
@@ -194,15 +196,16 @@ class Player:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         crash = f"the player ended with {how}" + (f": {words[-1]}" if words else "")
         crashed = self._process
+        is_owing = self._is_owing
         try:
-            if self._is_owing and not self._crash:
+            if is_owing and not self._crash:
                 self._crash = crash
                 self._start(self._tidying())
                 _let_go(crashed)
                 return Trouble(f"{crash}: what it had begun is being ended")
         except OSError as error:
             crash = f"{error.strerror or error}".lower()
-        self._ended = self._after(Ended(Outcome.FAILED, crash, left=False))
+        self._ended = self._after(Ended(Outcome.FAILED, crash, left=not is_owing))
         return self._ended
 
     @property
@@ -229,6 +232,16 @@ class Player:
         if ended.outcome is not Outcome.DONE or not ended.left:
             told = f": what it had begun could not be ended ({ended.reason or 'no answer'})"
         return structs.replace(ended, outcome=Outcome.FAILED, reason=self._crash + told)
+
+
+@contextmanager
+def _kept_back(number: signal.Signals) -> Iterator[None]:
+    """Let a signal wait that comes to a process started in this block, until that process wants it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (number,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _let_go(process: subprocess.Popen[bytes]) -> None:

@@ -147,6 +147,15 @@ def test_a_halt_ends_it_at_once(sim: Sim) -> None:
     assert player.ended.outcome is Outcome.HALTED
 
 
+def test_a_halt_counts_that_comes_while_the_player_is_being_loaded(sim: Sim) -> None:
+    with Player(plan(sim)) as player:
+        player.halt()
+        until_ended(player)
+    assert player.ended is not None
+    assert (player.ended.outcome, player.ended.reason) == (Outcome.HALTED, "halt was asked for")
+    assert player.ended.left
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signals_stop_it_too(sim: Sim, number: signal.Signals) -> None:
     with Player(plan(sim)) as player:
@@ -245,6 +254,7 @@ def test_a_player_that_is_killed_is_told(sim: Sim) -> None:
         until_ended(player)
     assert player.ended is not None
     assert player.ended.reason == "the player ended with signal 9"
+    assert player.ended.left
 
 
 @pytest.mark.parametrize("tcp", [False, True])
@@ -276,9 +286,16 @@ def test_a_player_that_is_killed_beside_its_controller_is_told_too(sim: Sim) -> 
 
 
 def test_a_player_that_hangs_is_killed_when_it_is_to_end(sim: Sim, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bcapscope.player.process._LEAVES", 5.0)
+    monkeypatch.setattr("bcapscope.player.process._LEAVES", 0.5)
     player = Player(plan(sim))
     playing(player)
+    start = player._start
+
+    def start_patiently(after: Plan) -> None:
+        monkeypatch.setattr("bcapscope.player.process._LEAVES", PATIENCE)
+        start(after)
+
+    monkeypatch.setattr(player, "_start", start_patiently)
     os.kill(player.pid, signal.SIGSTOP)
     ended = player.close()
     assert "signal 9" in ended.reason
