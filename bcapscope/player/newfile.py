@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import BinaryIO
 
 
@@ -29,4 +29,4 @@ def new_file(path: str | None) -> Iterator[BinaryIO | None]:
         with suppress(OSError):  # who wrote has flushed, and knows
             file.close()
         if is_empty:
-            os.unlink(path)
+            Path(path).unlink(missing_ok=True)

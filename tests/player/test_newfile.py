@@ -30,3 +30,10 @@ def test_a_file_is_never_written_over(tmp_path: Path) -> None:
 def test_no_path_is_no_file() -> None:
     with new_file(None) as file:
         assert file is None
+
+
+def test_a_file_that_somebody_else_removes_is_gone_already(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    with new_file(str(path)):
+        path.unlink()
+    assert not path.exists()
