@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bcapscope.client.halt import halt
 from bcapscope.client.paces import PACES
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session
@@ -50,17 +51,13 @@ from bcapscope.player.station import Station, distance
 from bcapscope.player.trajectory import Source, Trajectory
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.functions import ObjectClass
-from bcapscope.protocol.hresult import E_BUSY
-from bcapscope.protocol.requester import Pace, Refused
+from bcapscope.protocol.requester import Pace
 from bcapscope.protocol.slavemode import Generation, PoseType, SlaveMode, slave_mode
 from bcapscope.protocol.variant import VT, Variant
 
 _ROBOT_EXECUTE = 64
-_ROBOT_HALT = 70
 _CONTROL_PERIOD = 8_000_000
 _CAPACITY = 1_000_000  # set points whose lateness is kept: two hours at 8 ms
-_HALT_PACE = Pace(8_000_000, 60)
-_HALT_TRIES, _HALT_AGAIN = 8, 2_000_000
 
 _MODES = {
     (Pacing.SYNC, Generation.RC7): 0x000,
@@ -267,24 +264,17 @@ class Visit:
             raise EndedEarly(Outcome.STOPPED, self._desk.reason)
 
     async def _halt(self) -> None:
-        """Stop the arm at once; slave mode is left afterwards, on the way out.
-
-        A controller that is busy with a set point says so, or says nothing until it is done with it.
-        """
+        """Stop the arm at once; slave mode is left afterwards, on the way out."""
         self._leaving = True
-        usual = self._session.paces
-        self._session.paces = usual._replace(others=_HALT_PACE)
-        robot = Variant(VT.I4, self._station.robot.handle)
         try:
-            for _ in range(_HALT_TRIES):
-                settled = await self._session.exchange(_ROBOT_HALT, (robot, Variant(VT.BSTR, "")))
-                if not isinstance(settled, Refused) or settled.reply.code != E_BUSY:
-                    break
-                self._channel.wait(self._channel.now() + _HALT_AGAIN)
+            await halt(self._session, self._station.robot.handle, self._let_pass)
+        except BcapError:
+            pass  # all that is left is to leave slave mode, which comes next
         except OSError:
             self._debts.gone = True
-        finally:
-            self._session.paces = usual
+
+    async def _let_pass(self, length: int) -> None:
+        self._channel.wait(self._channel.now() + length)
 
     async def _clear(self, error: ControllerError) -> None:
         """Read what the controller shows, then offer to clear it; return if it is to be played again.

@@ -5,11 +5,11 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 
 from bcapscope.transport.memory import MemoryLink
-from tests.client.peer import Peer
+from tests.client.peer import Answer, Peer
 
 
 class _End(MemoryLink):
@@ -66,3 +66,8 @@ def udp_server(prepare: Callable[[Peer], None] = lambda peer: None) -> Iterator[
         finally:
             sock.sendto(b"", sock.getsockname())
             thread.join()
+
+
+def answering(**answers: Answer | None) -> AbstractContextManager[UdpServer]:
+    """Run a server that answers some functions otherwise, or with None not at all."""
+    return udp_server(lambda peer: peer.answers.update(answers))

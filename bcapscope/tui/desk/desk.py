@@ -45,7 +45,6 @@ LEAVING = Pace(300_000_000, 2)
 """Tries of the calls that let go of things: nobody waits long for a controller that is gone."""
 
 _LEVEL_THAT_ENDS_SLAVE_MODE = 3
-_HALT = 70
 
 
 class NotConnectedError(BcapError):
@@ -369,7 +368,7 @@ def _mode_after(record: Record) -> int | None:
     if record.ending is Ending.ANSWERED:
         if command == "slvchangemode" and len(record.arguments) > 2:
             return mode_value(record.arguments[2]) or 0
-        return 0 if record.function_id == _HALT else None
+        return None
     if record.ending is Ending.REFUSED and record.reply is not None:
         code = record.reply.code
         level = describe(code).level or 0

@@ -16,20 +16,21 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from bcapscope.client.caller import Observer
+from bcapscope.client.halt import halt
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, open_target
 from bcapscope.client.target import Target
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.protocol.functions import ObjectClass
-from bcapscope.protocol.requester import Pace
 from bcapscope.tui.desk.record import cause
-
-_MS = 1_000_000
-URGENT = Pace(50 * _MS, 20)
-"""Tries of HALT: often, and for a second."""
 
 HEARTBEAT = 2.0
 """Seconds between two calls that prove the line alive."""
+
+INSISTS = 3.0
+"""Seconds for which a line that is lost is opened again and again once HALT is pressed."""
+
+_AGAIN = 0.05
 
 CLOSING = 3.0
 """Seconds that `close` waits for the line to let go of what it has open."""
@@ -96,13 +97,19 @@ class HaltLine:
         self._quiet = False
         self._loop = asyncio.new_event_loop()
         self._pressed = asyncio.Event()
+        self._insists_until = 0.0
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="halt", daemon=True)
         self._thread.start()
 
     def press(self) -> None:
         """Halt the robot. From any thread, at any time; returns at once."""
-        self._wake(self._pressed.set)
+
+        def press() -> None:
+            self._insists_until = self._loop.time() + INSISTS
+            self._pressed.set()
+
+        self._wake(press)
 
     def rest(self, quiet: bool) -> None:
         """Send nothing but HALT while `quiet`: what other clients send may end slave mode."""
@@ -135,8 +142,21 @@ class HaltLine:
                 async with open_target(self._target, observer=self._observer) as session:
                     await self._serve(session)
             except (BcapError, OSError) as error:
-                self._tell(HaltNews(HaltState.LOST, cause(error)))
-            await self._wait(self._heartbeat)
+                await self._lose(cause(error))
+
+    async def _lose(self, reason: str) -> None:
+        """Wait before the line is opened again: not long while HALT waits for it.
+
+        Nobody wants a HALT minutes later, in the midst of another motion: it has failed then.
+        """
+        if self._pressed.is_set() and self._loop.time() < self._insists_until:
+            await asyncio.sleep(_AGAIN)
+            return
+        if self._pressed.is_set() and not self._closing:
+            self._pressed.clear()
+            self._tell(HaltNews(HaltState.FAILED, reason))
+        self._tell(HaltNews(HaltState.LOST, reason))
+        await self._wait(self._heartbeat)
 
     async def _serve(self, session: Session) -> None:
         """Open what HALT needs, then wait for it."""
@@ -160,19 +180,26 @@ class HaltLine:
                 await self._pressed.wait()
 
     async def _beat(self, session: Session, handle: int) -> None:
+        """Prove the line alive; HALT does not wait for the answer."""
         began = self._loop.time()
+        call = asyncio.ensure_future(session.invoke("Robot_GetAttribute", handle))
+        pressed = asyncio.ensure_future(self._pressed.wait())
+        await asyncio.wait((call, pressed), return_when=asyncio.FIRST_COMPLETED)
+        pressed.cancel()
+        if not call.done():
+            call.cancel()
+            await asyncio.wait((call,))
+            return
         with suppress(ControllerError):  # a refusal is an answer, too
-            await session.invoke("Robot_GetAttribute", handle)
+            call.result()
         took = round((self._loop.time() - began) * 1e9)
         self._tell(HaltNews(HaltState.READY, round_trip=took))
 
     async def _halt(self, session: Session, handle: int) -> None:
         self._tell(HaltNews(HaltState.HALTING))
-        usual = session.paces
-        session.paces = usual._replace(others=URGENT)
         began = self._loop.time()
         try:
-            await session.invoke("Robot_Halt", handle, "")
+            await halt(session, handle, _pause)
         except ControllerError as error:
             self._tell(HaltNews(HaltState.FAILED, cause(error)))
         except (BcapError, OSError) as error:
@@ -180,5 +207,7 @@ class HaltLine:
             raise
         else:
             self._tell(HaltNews(HaltState.HALTED, round_trip=round((self._loop.time() - began) * 1e9)))
-        finally:
-            session.paces = usual
+
+
+async def _pause(length: int) -> None:
+    await asyncio.sleep(length / 1e9)

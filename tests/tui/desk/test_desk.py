@@ -6,7 +6,7 @@ import asyncio
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -25,8 +25,7 @@ from bcapscope.tui.desk.halt import HaltNews, HaltState
 from bcapscope.tui.desk.news import Lost, News, Step, StepNews
 from bcapscope.tui.desk.option import AUTOMATIC
 from bcapscope.tui.desk.record import Ending, Record, Who
-from tests.client.peer import Answer
-from tests.client.server import UdpServer, udp_server
+from tests.client.server import answering, udp_server
 
 LIMIT = 10.0
 N = TypeVar("N")
@@ -156,6 +155,22 @@ def test_halt_ends_a_motion_while_its_call_is_under_way(tmp_path: Path, simulato
         assert HaltState.HALTED in [each.state for each in heard.all(HaltNews)]
 
 
+def test_after_halt_slave_mode_is_left_though_the_controller_may_have_left_it(
+    tmp_path: Path, simulator: BuiltIn
+) -> None:
+    with desk(tmp_path) as (made, heard):
+        assert join(made, simulator.port)
+        start_robslave(made)
+        robot_call(made, "slvChangeMode", Variant(VT.I4, 2))
+        made.halt()
+        heard.wait_for(lambda: made.status.slave_mode == 0)
+        last = heard.all(Record)[-1]
+        assert (last.ending, last.arguments[1:]) == (
+            Ending.ANSWERED,
+            (Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0)),
+        )
+
+
 def test_halt_goes_out_though_both_event_loops_are_stuck(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, heard):
         assert join(made, simulator.port)
@@ -187,10 +202,6 @@ def test_nothing_moves_unarmed_but_on_the_simulator(tmp_path: Path) -> None:
         assert not any("slvMove" in call for peer in server.peers.values() for call in peer.executed)
         made.arming.arm(made.now())
         assert robot_call(made, "slvMove", Variant(VT.I4, 1)).ending is Ending.ANSWERED
-
-
-def answering(**answers: Answer | None) -> AbstractContextManager[UdpServer]:
-    return udp_server(lambda peer: peer.answers.update(answers))
 
 
 def test_a_refused_step_says_why(tmp_path: Path) -> None:
