@@ -14,7 +14,7 @@ from bcapscope.render.verdict import verdict as summed_up
 from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic.report import NOTHING, Cause, Verdict
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import say, titled, told
 
 _STEP, _DEEPEST = 3, 4
 _WIDEST, _NARROWEST = 120, 30
@@ -90,24 +90,17 @@ class FindingPage(Lines):
         follows = (
             f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
         )
-        title = told(cause.rule)
+        title = titled(cause.rule)
         yield f"{INK.number}{number}{INK.reset} {shade}{told(cause.severity)}{INK.reset} {title}{follows}"
         frames = ", ".join(map(str, cause.frames[:_MOST_FRAMES])) + (
             " …" if len(cause.frames) > _MOST_FRAMES else ""
         )
         for text, color in (
-            (cause.sentence, INK.name),
+            (told(cause.sentence), INK.name),
             (say("traffic.finding.frames", frames=frames) if frames else "", INK.number),
-            (say("traffic.finding.advice", advice=_advice(cause)) if cause.advice else "", INK.good),
+            (say("traffic.finding.advice", advice=told(cause.advice)) if cause.advice else "", INK.good),
             (say("traffic.finding.source", source=cause.source) if cause.source else "", INK.dim),
             (cause.rule if title != cause.rule else "", INK.dim),
         ):
             if text:
                 yield from (f"  {color}{line}{INK.reset}" for line in wrapped(text, width))
-
-
-def _advice(cause: Cause) -> str:
-    """Return what to do; where codes are listed, theirs begins with a small letter and has no full stop."""
-    whole = told(cause.advice)
-    part = cause.advice[:1].lower() + cause.advice[1:].removesuffix(".")
-    return whole if whole != cause.advice or told(part) == part else told(part)

@@ -16,6 +16,8 @@ from types import MappingProxyType
 from bcapscope.tui.words import (
     commands,
     desk,
+    findings,
+    frames,
     preflight,
     proxy,
     reading,
@@ -34,7 +36,7 @@ CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """English and Japanese by key. Braces hold places for values, as in `str.format`."""
 
-_BOOKS = (commands, preflight, reading, reasons, results, rules)
+_BOOKS = (commands, findings, frames, preflight, reading, reasons, results, rules)
 
 PHRASES: Mapping[str, str] = MappingProxyType(
     {english: japanese for book in _BOOKS for english, japanese in book.PHRASES.items()}
@@ -82,6 +84,11 @@ def say(key: str, /, **values: object) -> str:
 def told(english: str) -> str:
     """Return a sentence of a room below in the language of the labels; as it is where that is not known."""
     return _japanese(english) if _Speaker.language is Language.JAPANESE else english
+
+
+def titled(rule: str) -> str:
+    """Return the title of a rule by its id, which is its name in English."""
+    return rules.TITLES.get(rule, rule) if _Speaker.language is Language.JAPANESE else rule
 
 
 @lru_cache(1)

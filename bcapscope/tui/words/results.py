@@ -2,7 +2,7 @@
 
 PHRASES: dict[str, str] = {
     # levels and parts of the controller
-    "level {#}": "レベル {0}",
+    "level {n}": "レベル {n}",
     "notice": "通知",
     "operation refused": "操作を拒否",
     "stopped, may go on": "停止、続行可能",
@@ -16,16 +16,16 @@ PHRASES: dict[str, str] = {
     "pendant and project": "ペンダント・プロジェクト",
     "the meaning is a guess": "意味は推定です",
     # what is read off the digits
-    "J{#}: {}": "J{0}: {1}",
-    "controller error of level {#} ({}); not in our table, read off the digits": "レベル {0} のコントローラエラー ({1})。表になく、コードの桁から判断",
-    "controller error of level {#} ({}), {}; not in our table, read off the digits": "レベル {0} のコントローラエラー ({1})、{2}。表になく、コードの桁から判断",
-    "controller error of level {#} ({}), {}, axis J{#}; not in our table, read off the digits": "レベル {0} のコントローラエラー ({1})、{2}、J{3} 軸。表になく、コードの桁から判断",
-    "axis J{#}": "J{0} 軸",
-    "perhaps RC7's {}, which is not in our table": "RC7 の {0} と思われますが、表にありません",
+    "J{n}: {text}": "J{n}: {text}",
+    "controller error of level {n} ({text}); not in our table, read off the digits": "レベル {n} のコントローラエラー ({text})。表になく、コードの桁から判断",
+    "controller error of level {n} ({text}), {text2}; not in our table, read off the digits": "レベル {n} のコントローラエラー ({text})、{text2}。表になく、コードの桁から判断",
+    "controller error of level {n} ({text}), {text2}, axis J{n2}; not in our table, read off the digits": "レベル {n} のコントローラエラー ({text})、{text2}、J{n2} 軸。表になく、コードの桁から判断",
+    "axis J{n}": "J{n} 軸",
+    "perhaps RC7's {text}, which is not in our table": "RC7 の {text} と思われますが、表にありません",
     "failure that is not known": "未知の失敗コード",
     "success that is not known": "未知の成功コード",
-    "Windows error {#}": "Windows エラー {0}",
-    "socket error {#} of the operating system": "OS のソケットエラー {0}",
+    "Windows error {n}": "Windows エラー {n}",
+    "socket error {n} of the operating system": "OS のソケットエラー {n}",
     "error of the CAO engine (provider, type, object, time-out or handle), as controller programs see it": "CAO エンジンのエラー (プロバイダ・型・オブジェクト・タイムアウト・ハンドル)。コントローラのプログラムから見たもの",
     "error of the CAO engine": "CAO エンジンのエラー",
     "error of a CAO provider": "CAO プロバイダのエラー",

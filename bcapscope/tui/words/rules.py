@@ -1,10 +1,9 @@
 """What is found in traffic, and what to do about it, as the rules of `analysis` have it.
 
-A title stands under the id of its rule, since sentences about what happened hold names and numbers; an advice
-under the English one.
+A title stands under the id of its rule, an advice under the English one.
 """
 
-PHRASES: dict[str, str] = {
+TITLES: dict[str, str] = {
     # errors
     "error-not-cleared": "エラー発生中のため呼び出しが拒否された (81501025 など)",
     "went-on-after-error": "エラーの後、ClearError を呼ばずに変更・動作の呼び出しを続けた",
@@ -94,7 +93,9 @@ PHRASES: dict[str, str] = {
     "capture-cut": "キャプチャがパケットの先頭部分しか保存していない",
     "server-guessed": "どちらがサーバかは推定である",
     "duplicate-frames": "同一のフレームが重複して観測された",
-    # what to do
+}
+
+PHRASES: dict[str, str] = {
     "Read the errors (GetCurErrorCount, GetCurErrorInfo), then ClearError, then go on with Motor, the first position and slvChangeMode.": "エラーを読み (GetCurErrorCount, GetCurErrorInfo)、ClearError の後に Motor、最初の位置、slvChangeMode の順で進めてください。",
     "Stop at the first error, then follow the sequence: ClearError, restart RobSlave (RC7), first position, slvChangeMode.": "最初のエラーで止め、ClearError、RobSlave の再起動 (RC7)、最初の位置、slvChangeMode の順に行ってください。",
     "Leave slave mode, read GetCurErrorCount and GetCurErrorInfo and keep them, and only then call ClearError; in slave mode itself error details are refused.": "スレーブモードを終了し、GetCurErrorCount と GetCurErrorInfo を読んで記録してから ClearError を呼んでください。スレーブモード中はエラーの詳細を読めません。",

@@ -17,7 +17,7 @@ from bcapscope.render.verdict import verdict
 from bcapscope.traffic.exchange import Role
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import FilterError, compile_filter
-from bcapscope.tui.words import Language, speak, told
+from bcapscope.tui.words import Language, speak, titled, told
 from tests.cli.run import CAPTURES
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
@@ -34,7 +34,7 @@ def _japanese() -> Iterator[None]:
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
 def test_every_rule_has_a_title_and_an_advice(rule: Rule) -> None:
-    title, advice = told(rule.id), told(rule.advice)
+    title, advice = titled(rule.id), told(rule.advice)
     assert JAPANESE.search(title)
     assert JAPANESE.search(advice)
     assert set(_CODES.findall(rule.advice)) == set(_CODES.findall(advice))

@@ -29,17 +29,20 @@ from bcapscope.render.playing import ended_lines
 from bcapscope.render.slaverun import figure_lines
 from bcapscope.tui import words
 from bcapscope.tui.words import PHRASES, Language, speak, told
-from bcapscope.tui.words.phrases import LONGEST, Phrasebook
+from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
 from tests.player.ways import PERIOD, swing, way
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 BOOK = Phrasebook(
     {
-        "a {} of {}": "{1} の {0}",
-        "a {#} of {}": "{1} の {0} 番",
-        "{J} moves": "{0} が動く",
+        "a {text} of {text2}": "{text2} の {text}",
+        "a {n} of {text}": "{text} の {n} 番",
+        "{axes} moves": "{axes} が動く",
         "cat": "猫",
-        "{}, {}": "{0}、{1}",
+        "{client} called {name}": "{client} が {name} を呼んだ",
+        "your client": "クライアント",
+        "{clause} ({times} in all)": "{clause} (計 {times})",
+        "twice": "2 回",
     }
 )
 
@@ -61,25 +64,31 @@ def is_japanese(text: str) -> bool:
         ("cat", "猫"),
         ("dog", "dog"),
         ("", ""),
-        ("a tail of cat", "猫 の tail"),
-        ("a 3 of cat", "猫 の 3 番"),
-        ("a -1.5e-07 of cat", "猫 の -1.5e-07 番"),
-        ("J1, J2 moves", "J1、J2 が動く"),
+        ("a tail of cat", "猫の tail"),
+        ("a 3 of cat", "猫の 3 番"),
+        ("a -1.5e-07 of cat", "猫の -1.5e-07 番"),
+        ("J1, J2 moves", "J1, J2 が動く"),
         ("nothing moves", "nothing moves"),
-        ("cat, a {0} of {x}", "猫、{x} の {0}"),
-        ("a tail\nor x of cat", "猫 の tail\nor x"),
+        ("cat, a {0} of {x}", "猫, {x} の {0}"),
+        ("a tail\nor x of cat", "猫の tail\nor x"),
+        ("Your client called cat.", "クライアントが cat を呼んだ。"),
+        ("Your client called cat; cat; a 3 of cat.", "クライアントが cat を呼んだ。猫。猫の 3 番。"),
+        ("Your client called x; y; cat (twice in all).", "クライアントが x; y を呼んだ。猫 (計 2 回)。"),
+        ("dog (twice in all)", "dog (twice in all)"),
+        ("cat; dog", "猫; dog"),
+        ("Dog.", "Dog."),
     ],
 )
 def test_phrases_and_what_stands_in_their_places(english: str, japanese: str) -> None:
     assert BOOK.japanese(english) == japanese
 
 
-@pytest.mark.parametrize("english", sorted(PHRASES))
-def test_japanese_has_the_places_of_the_english(english: str) -> None:
-    count = len(re.findall(r"\{[#J]?\}", english))
-    used = {int(number) for number in re.findall(r"\{(\d)\}", PHRASES[english])}
-    assert used <= set(range(count))
-    assert "{}" not in PHRASES[english]
+def test_japanese_has_the_places_of_the_english() -> None:
+    for english, japanese in PHRASES.items():
+        ours, theirs = (re.findall(r"\{(.*?)\}", text) for text in (japanese, english))
+        assert set(ours) <= set(theirs), english
+        assert len(theirs) == len(set(theirs)), english
+        assert {name.rstrip("0123456789") for name in theirs} <= set(KINDS), english
 
 
 def texts_of_results() -> Iterator[str]:
@@ -100,9 +109,8 @@ def texts_of_commands() -> Iterator[str]:
         yield from filter(re.compile("[a-z]{3}").search, (row.elements, row.returns))
 
 
-@pytest.mark.parametrize("text", sorted(set(texts_of_commands())))
-def test_everything_that_is_said_of_commands_is_there(text: str) -> None:
-    assert is_japanese(text)
+def test_everything_that_is_said_of_commands_is_there() -> None:
+    assert [text for text in set(texts_of_commands()) if not is_japanese(text)] == []
 
 
 def test_books_do_not_disagree() -> None:
@@ -112,9 +120,8 @@ def test_books_do_not_disagree() -> None:
         assert {english: PHRASES[english] for english in book} == book
 
 
-@pytest.mark.parametrize("text", sorted(set(texts_of_results())))
-def test_every_meaning_and_advice_of_a_result_is_there(text: str) -> None:
-    assert is_japanese(text)
+def test_every_meaning_and_advice_of_a_result_is_there() -> None:
+    assert [text for text in set(texts_of_results()) if not is_japanese(text)] == []
 
 
 @pytest.mark.parametrize("code", [0x84201482, 0x83500121, 0x8420405A, 0x82204021, 0x0000600B, 0x83291234])
@@ -141,9 +148,8 @@ def messages() -> Iterator[str]:
     yield from State
 
 
-@pytest.mark.parametrize("text", sorted(set(messages())))
-def test_what_else_the_tester_shows(text: str) -> None:
-    assert is_japanese(text)
+def test_what_else_the_tester_shows() -> None:
+    assert [text for text in messages() if not is_japanese(text)] == []
 
 
 @pytest.mark.parametrize("outcome", Outcome)
