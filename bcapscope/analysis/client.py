@@ -122,7 +122,8 @@ class Client:
         failure: the first error of the controller that was not cleared since.
         error_read: the client asked for error details since `failure`.
         type_read: the type of the robot was asked for.
-        unanswered: the latest call that was not answered, or only after a while.
+        unanswered: the latest call that was not answered, or only after a while; not one that was let go.
+        heard: a reply was seen that belongs to no call, and may belong to one of its calls that were let go.
         opened: what each handle was given for last.
         released: the calls that released handles lately, by class and handle.
         thing: what the handle of the call at hand stands for; None where that is not known.
@@ -148,7 +149,7 @@ class Client:
         self.mode_end: Exchange | None = None
         self.failure: Exchange | None = None
         self.error_read = False
-        self.type_read = False
+        self.type_read = self.heard = False
         self.unanswered: Exchange | None = None
         self.opened: dict[int, Opened] = {}
         self.released: dict[tuple[ObjectClass, int], Exchange] = {}
@@ -192,7 +193,8 @@ class Client:
         self.calls += 1
         self.last = call
         reply = call.reply
-        if reply is None or reply.time - call.request.time > A_WHILE:
+        slow = not call.let_go if reply is None else reply.time - call.request.time > A_WHILE
+        if slow:
             self.unanswered = call
         is_point = command_of(call.question) == "slvmove"
         if reply is None:

@@ -271,7 +271,7 @@ class _Figures:
         self._commands = Forms(Picker(_PARAMETER, self._pick_command))
         self._results = Forms(Picker(_RESULT, self._pick_result))
         self._before = np.full((2, len(self.axes)), np.nan)  # the last two poses commanded
-        self._sent = self._accepted = self._unanswered = self._open = self._full = 0
+        self._sent = self._accepted = self._unanswered = self._open = self._let_go = self._full = 0
         self._retries: Counter[int] = Counter()
         self._late = self._lost = 0
         self._refused: Counter[int] = Counter()
@@ -299,7 +299,8 @@ class _Figures:
             accepted=self._accepted,
             refused=dict(self._refused),
             unanswered=self._unanswered,
-            open=self._open,
+            open=self._open - self._let_go,
+            not_followed=self._let_go,
             buffer_full=self._full,
             after_end=after_end,
             retries=retries,
@@ -366,6 +367,7 @@ class _Figures:
     def _count_trouble(self, call: Exchange) -> None:
         self._late += len(call.late_replies)
         self._lost += len(call.lost_replies)
+        self._let_go += call.let_go
         if self.forbids_retries and len(self.forbidden_retries) < MOST_LISTED:
             self.forbidden_retries += [request.number for request in call.requests[call.origin_seen :]]
             del self.forbidden_retries[MOST_LISTED:]

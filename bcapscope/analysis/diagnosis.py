@@ -65,7 +65,7 @@ class Diagnosis:
         self._gone = [each.gone for each in overrides(watchers, "gone")]
         self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
         self._forgetters = [each.forget for each in overrides(watchers, "forget")]
-        self._calls = self._ended = 0
+        self._calls = self._not_followed = self._ended = 0
         self._seers: dict[tuple[Question, Kind], tuple[_See, ...]] = {}
         self._flows: set[Flow] = set()
         self._first: Observation | None = None
@@ -116,6 +116,7 @@ class Diagnosis:
         client.thing = self._handles.follow(call)
         for seen in all_seen(call):
             self._look_inside(seen)
+        self._not_followed += call.let_go
         kind = _kind(call)
         seers = self._seers.get((call.question, kind))
         if seers is None:
@@ -178,7 +179,8 @@ class Diagnosis:
             return Seen(0, 0, 0, 0)
         calls = self._calls + sum(client.calls for client in self._clients)
         chosen = None if self._choice is None else self._choice.calls
-        return Seen(last.number - first.number + 1, calls, self._clients.seen, self._end - first.time, chosen)
+        frames, lasted = last.number - first.number + 1, self._end - first.time
+        return Seen(frames, calls, self._clients.seen, lasted, self._not_followed, chosen)
 
     @property
     def _speech(self) -> Speech:

@@ -52,6 +52,7 @@ class Seen(NamedTuple):
         calls: calls.
         clients: conversations that asked at least once.
         nanoseconds: from the first frame to the end.
+        not_followed: of the calls those that were let go before a reply was seen.
         chosen: of the calls those that were asked for; None where all were.
     """
 
@@ -59,4 +60,5 @@ class Seen(NamedTuple):
     calls: int
     clients: int
     nanoseconds: int
+    not_followed: int = 0
     chosen: int | None = None

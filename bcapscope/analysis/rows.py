@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from bcapscope.analysis.batch import FURTHEST, Batch
 from bcapscope.analysis.distribution import Bools, Floats
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.verdict import Outcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +26,8 @@ class Rows:
         arrivals: of the requests that were answered; of the first ones where none was.
         replies: of the accepted replies; equal to `times` where there is none.
         answered: where there is a reply.
-        open: where there is none and the capture ended first.
+        open: where there is none and one may have come that was not seen: the capture ended first, or the
+            call was let go.
         codes: HRESULT of each, 0 where there is none.
         frames: of the first requests.
         reply_frames: 0 where there is none.
@@ -83,7 +83,7 @@ def rows_of(batch: Batch, origin: int) -> Rows:
 def _fill(rows: Rows, index: int, call: Exchange) -> None:
     rows.retries[index] = call.retries
     if call.reply is None or call.rtt is None:
-        rows.open[index] = call.outcome is Outcome.CAPTURE_ENDED
+        rows.open[index] = not call.given_up
         return
     rows.codes[index] = call.reply.item.code
     rows.arrivals[index] = min(max(call.reply.time - call.rtt, -FURTHEST), FURTHEST) - rows.origin

@@ -23,7 +23,7 @@ class Slice(NamedTuple):
         sent: set points in it.
         retries: of them.
         refused: of them.
-        unanswered: of them, those open when the capture ended left out.
+        unanswered: of them, those left out that were open when the capture ended or that were let go.
         cycle: None where there was none.
         latency: None likewise.
         smallest_slack_ms: as in `Buffer`; None likewise.

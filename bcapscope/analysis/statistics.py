@@ -45,6 +45,7 @@ class Figures:
         refused: with a failure.
         unanswered: given up by the client.
         open: still open when the traffic ended.
+        not_followed: let go while they were open, as more was open than is kept.
         retries: requests sent again.
         retried: calls that were sent more than once.
         late: replies that came too late.
@@ -62,6 +63,7 @@ class Figures:
     refused: int
     unanswered: int
     open: int
+    not_followed: int
     retries: int
     retried: int
     late: int
@@ -183,6 +185,7 @@ class _Tally:
             refused=self.outcomes[Outcome.REFUSED],
             unanswered=self.outcomes[Outcome.UNANSWERED],
             open=self.outcomes[Outcome.CAPTURE_ENDED],
+            not_followed=self.outcomes[Outcome.NOT_FOLLOWED],
             retries=self.retries,
             retried=self.retried,
             late=self.late,

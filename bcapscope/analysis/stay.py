@@ -142,6 +142,7 @@ class Counts:
         refused: answered with a failure, by HRESULT.
         unanswered: given up by the client without a reply, as far as was seen.
         open: still waiting for a reply when the capture ended.
+        not_followed: still waiting for a reply when they were let go, since more was open than is kept.
         buffer_full: answered with S_BUF_FULL; accepted as well.
         after_end: refused after the end, as a consequence; in none of the other numbers.
         retries: requests beyond the first of each.
@@ -157,6 +158,7 @@ class Counts:
     refused: Mapping[int, int]
     unanswered: int
     open: int
+    not_followed: int
     buffer_full: int
     after_end: int
     retries: int

@@ -25,10 +25,12 @@ _RESERVED = tuple(ReplyReserved)
 _CLASSES = tuple(ObjectClass)
 
 _ThingRecord = tuple[int, int, bytes, bytes, int, bool]
-_Record = tuple[int, int, int, int, list[tuple[int, int]], int, int, bool, int, int, int, _ThingRecord | None]
-"""Call, request, last try, reply or 0, roles and frames of the others, activity, gone on, silent, skipped
-handles, convention and reserved of the replies, the object. Of a stray: 0, its frame, 0, the call it is too
-late for or 0, and nothing."""
+_Record = tuple[
+    int, int, int, int, list[tuple[int, int]], int, int, bool, bool, int, int, int, _ThingRecord | None
+]
+"""Call, request, last try, reply or 0, roles and frames of the others, activity, gone on, silent, let go,
+skipped handles, convention and reserved of the replies, the object. Of a stray: 0, its frame, 0, the call it
+is too late for or 0, whether it was overlooked in the place of let go, and nothing else."""
 
 _encode = msgspec.msgpack.encode
 _decoder = msgspec.msgpack.Decoder(_Record)
@@ -60,7 +62,8 @@ class CallbookWriter:
         """Note a call; its frames are in the journal before `flush`."""
         if isinstance(settled, Stray):
             number = settled.seen.number
-            record: _Record = (0, number, 0, settled.call or 0, [], 0, 0, False, 0, 0, 0, None)
+            overlooked = settled.overlooked
+            record: _Record = (0, number, 0, settled.call or 0, [], 0, 0, False, overlooked, 0, 0, 0, None)
             frames = [number]
         else:
             record = _record(settled, subject)
@@ -111,6 +114,7 @@ def _record(call: Exchange, subject: Thing | None) -> _Record:
         call.activity,
         call.gone_on,
         call.silent,
+        call.let_go,
         call.skipped_handles,
         _CONVENTIONS.index(call.habits.convention),
         _RESERVED.index(call.habits.replies),
@@ -146,14 +150,14 @@ class Callbook:
         Raises:
             IndexError: there is none.
         """
-        found = _decoder.decode(self._read(index))
-        call, request, last, reply, others, activity, gone_on, silent, skipped, convention, replies, thing = (
-            found
-        )
+        (
+            call, request, last, reply, others, activity, gone_on, silent, let_go, skipped,
+            convention, replies, thing,
+        ) = _decoder.decode(self._read(index))  # fmt: skip
         told = self._journal.told(request)
         seen = cast(FrameObservation, told.seen)
         if not call:
-            return Row(Stray(seen, reply or None), None)
+            return Row(Stray(seen, reply or None, let_go), None)
         question = told.question or Question(seen.item.code, None)
         habits = Habits(_CONVENTIONS[convention], _RESERVED[replies])
         made = Exchange(call, seen.flow.conversation, question, seen, habits)
@@ -161,7 +165,7 @@ class Callbook:
         made.reply = self._frame(reply, seen) if reply else None
         made.others = tuple(Event(_ROLES[role], self._frame(number, seen)) for role, number in others)
         made.activity, made.gone_on = activity, gone_on
-        made.silent, made.skipped_handles = silent, skipped
+        made.silent, made.let_go, made.skipped_handles = silent, let_go, skipped
         return Row(made, None if thing is None else _thing(thing))
 
     def row_of(self, frame: int) -> int | None:

@@ -18,7 +18,7 @@ from bcapscope.traffic.question import Question
 from bcapscope.traffic.verdict import Outcome, Verdict
 
 _MILLISECOND = 1_000_000
-_PLAIN_VERDICTS = frozenset({Verdict.ANSWERED, Verdict.REFUSED, Verdict.UNANSWERED, Verdict.CAPTURE_ENDED})
+_PLAIN_VERDICTS = frozenset(Verdict[outcome.name] for outcome in Outcome)
 _MOST_NAMED = 6
 _BRACKETS = {True: "└─", False: "├─"}
 
@@ -107,9 +107,9 @@ class CallRenderer:
         color = self._palette
         if call.hresult is not None:
             return self._result(call.hresult)
-        if call.outcome is Outcome.CAPTURE_ENDED:
-            return f"{color.dim}capture ended{color.reset}"
-        return f"{color.bad}unanswered{color.reset}"
+        outcome = call.outcome
+        shade = color.bad if outcome is Outcome.UNANSWERED else color.dim
+        return f"{shade}{Verdict[outcome.name]}{color.reset}"
 
     def _result(self, code: int) -> str:
         color = self._palette
@@ -137,9 +137,12 @@ class CallRenderer:
 
     def _stray(self, stray: Stray) -> str:
         seen, color = stray.seen, self._palette
-        whose = (
-            "answers no request that was seen" if stray.call is None else f"too late for call {stray.call}"
-        )
+        if stray.overlooked:
+            whose = "may answer a call that was not followed to the end"
+        elif stray.call is None:
+            whose = "answers no request that was seen"
+        else:
+            whose = f"too late for call {stray.call}"
         return (
             f"{'-':>6} {self._time(seen.time)} {color.dim}{self._ends(seen.flow)}{color.reset}"
             f"  {color.problem}reply with serial {seen.item.serial} {whose}{color.reset}"

@@ -25,6 +25,7 @@ _HEADLINES = {
     Outcome.UNWRITABLE: "a file was not written",
     Outcome.FAILED: "failed",
 }
+_STOPPED_BEFORE = "stopped before the first set point"
 _LABELS = (
     ("retries", "retries"),
     ("late", "late replies"),
@@ -68,7 +69,8 @@ def progress_line(progress: Progress, width: int) -> str:
 def ended_lines(ended: Ended) -> Iterator[str]:
     """Yield the summary."""
     reason = f": {printable(ended.reason.splitlines()[0])}" if ended.reason else ""
-    yield f"{_HEADLINES[ended.outcome]}{reason}"
+    unbegun = ended.outcome is Outcome.STOPPED and not ended.index
+    yield f"{_STOPPED_BEFORE if unbegun else _HEADLINES[ended.outcome]}{reason}"
     yield from (f"  {printable(line.strip())}" for line in ended.reason.splitlines()[1:])
     if ended.counts.sent:
         told = [

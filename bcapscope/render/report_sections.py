@@ -45,6 +45,7 @@ _EXITS = {
 _SUFFERED = {
     Verdict.UNANSWERED: "no reply to any try was seen, and the client went on",
     Verdict.CAPTURE_ENDED: "no reply was seen before the capture ended",
+    Verdict.NOT_FOLLOWED: "more calls were open than are kept, so that nobody looked for its reply any more",
     Verdict.EXECUTED_TWICE: "the controller did it more than once: replies differ, or handles are missing",
     Verdict.REPLY_LATE: "a reply came after the client had asked again or gone on, and was discarded",
     Verdict.REPLY_LOST: "a reply was seen here, and the client asked again all the same",
@@ -264,7 +265,7 @@ def _stay_facts(stay: Stay, start: int) -> Iterator[tuple[str, Html]]:
         escaped(
             f"{counts.sent:,} sent, {counts.accepted:,} accepted, {refused:,} refused, "
             f"{counts.unanswered:,} never answered, {counts.open:,} open when the capture ended, "
-            f"{counts.after_end:,} more after the end"
+            f"{counts.not_followed:,} not followed to the end, {counts.after_end:,} more after the end"
         ),
     )
     yield "Sent again", escaped(times(counts.retries) if counts.retries else "never")

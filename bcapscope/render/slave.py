@@ -153,6 +153,7 @@ def _set_points(stay: Stay, palette: Palette) -> Iterator[str]:
     told += [f"{sum(counts.refused.values())} refused"] if counts.refused else []
     told += [f"{counts.unanswered} unanswered"] if counts.unanswered else []
     told += [f"{counts.open} open when the capture ended"] if counts.open else []
+    told += [f"{counts.not_followed} not followed to the end"] if counts.not_followed else []
     told += [f"{counts.buffer_full} with S_BUF_FULL"] if counts.buffer_full else []
     told += [f"{counts.after_end} more refused after the end"] if counts.after_end else []
     yield captioned("set points", ", ".join(told), palette)

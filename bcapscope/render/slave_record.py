@@ -178,6 +178,7 @@ def _counts(counts: Counts) -> _Object:
         "refused": refused,
         "unanswered": counts.unanswered,
         "open": counts.open,
+        "not_followed": counts.not_followed,
         "buffer_full": counts.buffer_full,
         "after_end": counts.after_end,
         "retries": counts.retries,

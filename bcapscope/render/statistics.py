@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import orjson
 
 from bcapscope.analysis.distribution import Distribution
+from bcapscope.analysis.speech import counted
 from bcapscope.analysis.statistics import ELSEWHERE, OTHERS, Figures, Row, Statistics
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import hresult_name
@@ -55,6 +56,11 @@ def statistics_lines(statistics: Statistics, palette: Palette = PLAIN) -> Iterat
             caption, [(question_text(row.question or OTHERS), row.figures) for row in own], palette
         )
     yield from _refusals(statistics, palette)
+    let_go = statistics.total.figures.not_followed
+    if let_go:
+        yield ""
+        text = f"not followed to the end, as too many were open: {counted(let_go, 'call')}"
+        yield f"{palette.dim}{text}{palette.reset}"
 
 
 def _client_text(row: Row) -> str:
@@ -140,6 +146,7 @@ def figures_object(figures: Figures) -> dict[str, object]:
         "refused": figures.refused,
         "unanswered": figures.unanswered,
         "capture_ended": figures.open,
+        "not_followed": figures.not_followed,
         "retries": figures.retries,
         "retried_calls": figures.retried,
         "late_replies": figures.late,

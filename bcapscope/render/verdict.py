@@ -35,6 +35,8 @@ def verdict(found: Iterable[str], seen: Seen, palette: Palette = PLAIN, tongue: 
 def _size(seen: Seen, tongue: Tongue) -> str:
     counts = ((seen.frames, "frame"), (seen.calls, "call"), (seen.clients, "client"))
     size = ", ".join((*(tongue(counted(count, noun)) for count, noun in counts), span(seen.nanoseconds)))
+    if seen.not_followed:
+        size += tongue(f", {counted(seen.not_followed, 'call')} not followed to the end")
     if seen.chosen is None:
         return size
     verb = "fits" if seen.chosen == 1 else "fit"

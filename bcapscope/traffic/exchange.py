@@ -69,6 +69,8 @@ class Exchange:
         gone_on: when the client went on to another call without having had a reply; 0 where it did not.
         activity: when anything of the call was last seen.
         silent: no reply is to be expected any more, though the client was not seen to go on.
+        let_go: given out without a reply while one might still come, since more was open than is kept in
+            mind.
         skipped_handles: how many handles the one that came back is ahead of the next in sequence, where so
             many tries went unanswered; otherwise 0.
         habits: how the conversation used the reserved field, as far as was known when the call settled.
@@ -81,6 +83,7 @@ class Exchange:
         "gone_on",
         "habits",
         "last",
+        "let_go",
         "others",
         "question",
         "reply",
@@ -106,7 +109,7 @@ class Exchange:
         self.reply: FrameObservation | None = None
         self.others: tuple[Event, ...] = ()
         self.gone_on = 0
-        self.silent = False
+        self.silent = self.let_go = False
         self.skipped_handles = 0
 
     def __repr__(self) -> str:
@@ -200,7 +203,7 @@ class Exchange:
     @property
     def given_up(self) -> bool:
         """Whether it is certain that the client will have no reply."""
-        return bool(self.gone_on) or self.silent
+        return (bool(self.gone_on) or self.silent) and not self.let_go
 
     @property
     def outcome(self) -> Outcome:
@@ -225,10 +228,13 @@ class Stray(NamedTuple):
         seen: the frame.
         call: the call that it comes too late for, where that is still known; None where the request was never
             seen, or too long ago.
+        overlooked: it may be what a call waited for that was let go, perhaps of `call`, and so neither late
+            nor without a request.
     """
 
     seen: FrameObservation
     call: int | None
+    overlooked: bool = False
 
 
 Settled: TypeAlias = Exchange | Stray

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.traffic.verdict import Outcome, Verdict
 
 
 class RecordKind(StrEnum):
@@ -146,7 +147,7 @@ FIELDS: tuple[Field, ...] = (
         "",
         _CALL,
         "how it ended",
-        ("answered", "refused", "unanswered", "capture_ended"),
+        tuple(Outcome),
     ),
     Field("latency", FieldType.DURATION, "", _CALL, "from the first request to the accepted reply"),
     Field(
@@ -160,7 +161,9 @@ FIELDS: tuple[Field, ...] = (
     Field("rtt", FieldType.DURATION, "", _CALL, "from the request that was answered to the accepted reply"),
     Field("rtt_ms", FieldType.DURATION, "ms", _CALL, "the same; a bare number is in ms", measures="rtt"),
     Field("convention", FieldType.TEXT, "", _CALL, "how the client uses the reserved field"),
-    Field("verdict", FieldType.TEXT, "", _CALL, "what became of it, as far as the traffic tells"),
+    Field(
+        "verdict", FieldType.TEXT, "", _CALL, "what became of it, as far as the traffic tells", tuple(Verdict)
+    ),
 )
 """Every field, in the order in which people should read them."""
 

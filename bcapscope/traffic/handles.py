@@ -123,7 +123,7 @@ class Handles:
         elif function.creates is not None:
             parent = "" if target is None else target.label
             client.create(exchange, function.creates, name_asked(exchange, function), parent)
-        elif function.releases is not None and _succeeded(exchange):
+        elif function.releases is not None and (_succeeded(exchange) or exchange.let_go):
             self._release(client, exchange.call, function.releases, target)
         return target
 

@@ -62,6 +62,7 @@ class Lane:
         "_habits",
         "_handle",
         "_is_tcp",
+        "_let_go",
         "_mark",
         "_newest",
         "_past",
@@ -71,9 +72,17 @@ class Lane:
         "waiting",
     )
 
-    def __init__(self, conversation: Conversation) -> None:
+    def __init__(self, conversation: Conversation, let_go: int = 0) -> None:
+        """Begin.
+
+        Args:
+            conversation: between whom.
+            let_go: the latest call of the traffic that may have been one of this conversation, and was let go
+                and forgotten; 0 where there is none.
+        """
         self.waiting: deque[Exchange] = deque()
         self._conversation = conversation
+        self._let_go = let_go
         self._is_tcp = conversation.transport is Transport.TCP
         self._habits = Habits()
         self._mark = -1  # reserved of the first packet seen last; on UDP only whether it was 0
@@ -116,7 +125,7 @@ class Lane:
             return self._reply_in_turn(seen, frame)
         if exchange is None:
             call = self._past.get(serial) or self._past_before.get(serial)
-            return Stray(seen, call)
+            return self._stray(seen, call)
         if (frame.reserved or self._mark) and self._habits.replies is ReplyReserved.UNKNOWN:
             self._learn_reply(exchange, frame)
         if (
@@ -141,11 +150,13 @@ class Lane:
             exchange.silent = not exchange.gone_on
             yield self._finish(waiting.popleft())
 
-    def force(self, count: int) -> Iterator[Exchange]:
+    def let_go(self, count: int) -> Iterator[Exchange]:
         """Give out the `count` oldest calls, whatever may come."""
         for _ in range(min(count, len(self.waiting))):
-            self.waiting[0].silent = True
-            yield self._finish(self.waiting.popleft())
+            exchange = self.waiting.popleft()
+            exchange.let_go = exchange.reply is None
+            self._let_go = exchange.call
+            yield self._finish(exchange)
 
     def close(self) -> Iterator[Exchange]:
         """Give out all calls; the traffic has ended."""
@@ -285,9 +296,12 @@ class Lane:
             if not queue:
                 del self._shadowed[frame.serial]
         if isinstance(oldest, int):
-            return Stray(seen, oldest)
+            return self._stray(seen, oldest)
         self._reply_in_trouble(oldest, seen, frame)
         return None
+
+    def _stray(self, seen: FrameObservation, call: int | None) -> Stray:
+        return Stray(seen, call, overlooked=(1 if call is None else call) <= self._let_go)
 
     # settling
 

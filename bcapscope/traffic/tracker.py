@@ -12,7 +12,7 @@ from bcapscope.traffic.question import MOST_CONVERSATIONS
 
 MOST_OPEN = 8192
 """Calls that are kept open in all, about 10 MB. Four clients that send a set point every millisecond and get
-no answer have 4,000 open; when there are more, the older half of the busiest conversation's is given out."""
+no answer have 4,000 open; when there are more, the older half of the busiest conversation's is let go."""
 
 SWEEP_NS = 50_000_000
 """Time of the traffic between two looks for calls that have settled: too short for people to notice."""
@@ -26,7 +26,9 @@ class Tracker:
     Calls are numbered in the order in which they start. Within a conversation they are given out in that
     order, each as soon as nothing more is to be expected for it and those before it; one conversation never
     waits for another. What is given out depends on the observations so far alone: a capture that is cut
-    short gives the same calls as the whole one, up to those that are still open where it ends.
+    short gives the same calls as the whole one, up to those that are still open where it ends. Where more is
+    open than is kept, calls are let go: given out as not followed any further, which is no word on whether
+    they were answered.
 
     Time is that of the observations; nothing else decides when a call settles. Observations come in the
     order in which they were seen, and in that of their times as far as a capture keeps it.
@@ -38,6 +40,7 @@ class Tracker:
         self._lane: Lane
         self._started = 0
         self._given_out = 0
+        self._let_go = 0  # the latest call that may have been let go together with its conversation
         self._due: list[Settled] = []
         self._swept = 0
         self._sweep_at = 0
@@ -91,10 +94,12 @@ class Tracker:
         return sorted(rest, key=lambda exchange: exchange.call)
 
     def _turn_to(self, conversation: Conversation) -> None:
-        lane = self._lanes.pop(conversation, None) or Lane(conversation)
+        lane = self._lanes.pop(conversation, None) or Lane(conversation, self._let_go)
         while len(self._lanes) >= MOST_CONVERSATIONS:
             silent = self._lanes.pop(next(iter(self._lanes)))
-            self._give_out(silent.force(len(silent.waiting)))
+            if silent.waiting:
+                self._let_go = self._started
+                self._give_out(silent.let_go(len(silent.waiting)))
         self._lanes[conversation] = lane
         self._conversation, self._lane = conversation, lane
 
@@ -106,7 +111,7 @@ class Tracker:
 
     def _make_room(self) -> None:
         busiest = max(self._lanes.values(), key=lambda lane: len(lane.waiting))
-        self._give_out(busiest.force((len(busiest.waiting) + 1) // 2))
+        self._give_out(busiest.let_go((len(busiest.waiting) + 1) // 2))
 
     def _give_out(self, exchanges: Iterable[Exchange]) -> None:
         before = len(self._due)

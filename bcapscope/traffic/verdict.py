@@ -26,6 +26,9 @@ class Outcome(StrEnum):
     """The client asked for something else without having had a reply, or none came in a very long time."""
     CAPTURE_ENDED = "capture_ended"
     """The traffic ended first; the client may have had its reply afterwards."""
+    NOT_FOLLOWED = "not_followed"
+    """More was open than is kept in mind, so that nobody looked any further; the client may have had its
+    reply afterwards."""
 
 
 class Verdict(StrEnum):
@@ -36,6 +39,7 @@ class Verdict(StrEnum):
     UNANSWERED = "unanswered"
     """No reply to any try was seen. Every try or every reply may be lost, or the server silent."""
     CAPTURE_ENDED = "capture ended"
+    NOT_FOLLOWED = "not followed"
     EXECUTED_TWICE = "executed twice"
     """Replies to the tries of one call differ in result or arguments. A server that knows a retry for one
     sends the stored answer again (orin_bcap C/src/bCAPServer/bcap_server.c; the two replies in DENSO Wave
@@ -54,42 +58,40 @@ class Verdict(StrEnum):
     """Tried again, and nothing that was seen tells whether requests or replies were lost."""
 
 
+_AS_OUTCOME = {outcome: Verdict[outcome.name] for outcome in Outcome}
+
+
 def outcome_of(exchange: Exchange) -> Outcome:
     """Tell how a call ended for the client."""
     reply = exchange.reply
     if reply is not None:
         return Outcome.REFUSED if is_failure(reply.item.code) else Outcome.ANSWERED
+    if exchange.let_go:
+        return Outcome.NOT_FOLLOWED
     return Outcome.UNANSWERED if exchange.given_up else Outcome.CAPTURE_ENDED
 
 
 def verdict_of(exchange: Exchange) -> Verdict:
     """Judge a call; the strongest evidence decides."""
     if exchange.is_plain:
-        return _as_outcome(exchange)
+        return _AS_OUTCOME[outcome_of(exchange)]
     if exchange.skipped_handles or _replies_differ(exchange):
         return Verdict.EXECUTED_TWICE
     if exchange.late_replies:
         return Verdict.REPLY_LATE
     if exchange.lost_replies:
         return Verdict.CANNOT_TELL if _all_crossed(exchange) else Verdict.REPLY_LOST
-    return _as_outcome(exchange) if exchange.reply is None else _by_notices(exchange, exchange.reply)
+    if exchange.reply is None or not exchange.retries:
+        return _AS_OUTCOME[outcome_of(exchange)]
+    return _by_notices(exchange, exchange.reply)
 
 
 def _by_notices(exchange: Exchange, reply: FrameObservation) -> Verdict:
-    """Judge an answered call by the tries for which S_EXECUTING was seen."""
-    if not exchange.retries:
-        return _as_outcome(exchange)
+    """Judge a call that was answered and had retries by the tries for which S_EXECUTING was seen."""
     noticed = {notice.item.serial for notice in exchange.notices}
     if noticed - {reply.item.serial}:
         return Verdict.REPLY_LOST
     return Verdict.REQUEST_LOST if noticed else Verdict.CANNOT_TELL
-
-
-def _as_outcome(exchange: Exchange) -> Verdict:
-    reply = exchange.reply
-    if reply is not None:
-        return Verdict.REFUSED if is_failure(reply.item.code) else Verdict.ANSWERED
-    return Verdict.UNANSWERED if exchange.given_up else Verdict.CAPTURE_ENDED
 
 
 def _replies_differ(exchange: Exchange) -> bool:

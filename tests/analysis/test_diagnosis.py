@@ -14,6 +14,7 @@ from bcapscope.capture.file import open_capture
 from bcapscope.capture.observer import Observer
 from bcapscope.protocol.frame import Frame, Malformed, Problem, encode, parse_bytes
 from bcapscope.protocol.variant import EMPTY
+from bcapscope.traffic import tracker
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from bcapscope.traffic.tracker import Tracker
 from tests.analysis.plays import SCENES
@@ -37,6 +38,44 @@ def test_nothing_seen() -> None:
 def test_a_clean_capture_says_how_much_was_seen() -> None:
     found = stage(good)
     assert found == Diagnosed((), Seen(142, 71, 1, 546_000_000))
+
+
+def test_calls_that_are_let_go_accuse_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine set points a quarter of a millisecond apart are answered at last, when half are not looked for."""
+    monkeypatch.setattr(tracker, "MOST_OPEN", 4)
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        client.enter(40)
+        asked = [
+            client.ask(50 + number / 4, "Robot_Execute", ROBOT, text("slvMove"), r8s(*HOME))
+            for number in range(9)
+        ]
+        for serial in asked:
+            client.answer(53, serial, r8s(*HOME))
+        client.leave(4000)
+
+    found = stage(play)
+    assert found.findings == ()
+    assert found.seen.not_followed == 5
+
+
+def test_a_controller_that_never_answers_is_told_though_calls_are_let_go(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(tracker, "MOST_OPEN", 4)
+
+    def play(story: Story, answered: int = 0) -> None:
+        client = story.client()
+        for number in range(9):
+            client.ask(number, "Service_Start", text(""))
+        if answered:
+            client.answer(10, answered)
+
+    assert [finding.rule for finding in stage(play).findings] == ["controller-silent"]
+    assert stage(lambda story: play(story, 1)).findings == ()
 
 
 def test_a_late_reply_is_the_first_cause_of_a_lost_slave_mode() -> None:

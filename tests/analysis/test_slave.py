@@ -342,6 +342,24 @@ def test_unanswered_set_points_belong_to_the_stay() -> None:
     assert (stay.counts.sent, stay.counts.unanswered, stay.counts.accepted) == (20, 5, 15)
 
 
+def test_a_set_point_that_is_let_go_is_not_unanswered() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    driver.moves(PACE)
+    driver.move(168, takes=None)
+    driver.move(176, takes=None)
+    *calls, let_go, _ = (call for call in plan.track() if isinstance(call, Exchange))
+    let_go.let_go = True
+    watcher = SlaveWatcher()
+    for call in (*calls, let_go):
+        assert not watcher.take(call)
+    (stay,) = watcher.finish()
+    counts = stay.counts
+    assert (counts.sent, counts.unanswered, counts.open, counts.not_followed) == (21, 0, 0, 1)
+    assert stay.timing.deadlines[0].late == 0
+
+
 def test_a_set_point_that_waits_when_the_capture_ends_is_not_unanswered() -> None:
     plan = Plan()
     driver = plan.driver()

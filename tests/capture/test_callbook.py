@@ -32,6 +32,7 @@ def told(call: Settled, subject: Thing | None) -> list[object]:
     lines: list[object] = list(CallRenderer().tree(call, subject))
     if isinstance(call, Exchange):
         lines += [call.verdict, call.outcome, call.habits, call.gone_on, call.silent, call.skipped_handles]
+        lines.append(call.let_go)
         lines += [call.last.number, call.activity, call.rtt]
     return lines
 

@@ -108,6 +108,19 @@ def test_a_reply_to_no_call() -> None:
     assert "too late for call 7 " in CallRenderer().line(Stray(stray.seen, 7))
 
 
+def test_what_was_not_followed_is_not_said_to_be_unanswered_or_late() -> None:
+    play = Script()
+    client = play.client()
+    client.ask(0, 1, 0, MOVE)
+    client.reply(1, 9)
+    call, stray = calls_of(play.track())[0], strays_of(play.track())[0]
+    call.let_go = True
+    assert CallRenderer().line(call).endswith("Robot_Execute slvMove  not followed  frame 1")
+    for found in (stray, stray._replace(call=1)):
+        line = CallRenderer().line(found._replace(overlooked=True))
+        assert "serial 9 may answer a call that was not followed to the end  S_OK" in line
+
+
 def test_the_object_is_named() -> None:
     play = Script()
     play.client().ask(0, 1, 0, execute("Motor", 3))

@@ -57,6 +57,16 @@ def test_nothing_from_the_wire_is_raw() -> None:
         assert not [char for char in text if unicodedata.category(char)[0] == "C"]
 
 
+def test_calls_that_were_not_followed_are_counted_apart() -> None:
+    call = made(0, None, given_up=False)
+    assert "not followed" not in "".join(statistics_lines(summed([call])))
+    call.let_go = True
+    statistics = summed([call])
+    assert list(statistics_lines(statistics))[-1] == "not followed to the end, as too many were open: 1 call"
+    total = json.loads(statistics_record(statistics))["total"]
+    assert [total[each] for each in ("unanswered", "capture_ended", "not_followed")] == [0, 0, 1]
+
+
 def test_one_client_is_not_told_twice() -> None:
     lines = list(statistics_lines(summed([made(0, 1.0), made(8, 1.0)])))
     assert not [line for line in lines if "all clients" in line]

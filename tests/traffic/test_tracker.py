@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
 from bcapscope.protocol.frame import Malformed, Problem
+from bcapscope.traffic import tracker as tracker_module
 from bcapscope.traffic.exchange import Settled, Stray
 from bcapscope.traffic.lane import (
     COPIES_WITHIN_NS,
@@ -21,6 +24,7 @@ from tests.traffic.playbook import (
     START,
     Script,
     calls_of,
+    strays_of,
     summaries,
 )
 
@@ -120,8 +124,64 @@ def test_conversations_are_bounded_and_the_silent_one_goes_first() -> None:
     assert [call.conversation for call in calls_of(settled)] == [
         client.conversation for client in clients[:2]
     ]
-    assert {call.outcome for call in calls_of(settled)} == {Outcome.UNANSWERED}
+    assert {call.outcome for call in calls_of(settled)} == {Outcome.NOT_FOLLOWED}
     assert len(tracker.open) == MOST_CONVERSATIONS
+
+
+def test_a_call_that_is_let_go_is_not_said_to_be_unanswered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracker_module, "MOST_OPEN", 4)
+    script = Script()
+    client, other = script.client(1), script.client(2)
+    client.ask(0, 1, 1, MOVE)
+    client.reply(1, 1)
+    for serial in range(2, 6):
+        client.ask(serial, serial, serial, MOVE)
+    for serial in (2, 4, 5, 77):
+        client.reply(7, serial)
+    other.ask(8, 1, 1, MOVE)
+    other.reply(9, 78)
+    settled = script.track()
+    assert summaries(settled) == [
+        "1: >1 <2 answered, answered",
+        "2: >3 not_followed, not followed",
+        "3: >4 not_followed, not followed",
+        "stray 7 of 2",
+        "stray 10 of None",
+        "stray 12 of None",
+        "4: >5 <8 answered, answered",
+        "5: >6 <9 answered, answered",
+        "6: >11 capture_ended, capture ended",
+    ]
+    assert [call.given_up for call in calls_of(settled)[1:3]] == [False, False]
+    assert [stray.overlooked for stray in strays_of(settled)] == [True, True, False]
+
+
+def test_what_comes_for_a_conversation_that_was_let_go_may_answer_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracker_module, "MOST_CONVERSATIONS", 1)
+    script = Script()
+    done, busy, other = (script.client(port) for port in (1, 2, 3))
+    done.ask(0, 1, 1, MOVE)
+    done.reply(1, 1)
+    busy.ask(7000, 1, 1, MOVE)
+    done.reply(7001, 2)
+    busy.reply(7002, 1)
+    other.ask(7003, 1, 1, MOVE)
+    other.reply(7004, 1)
+    settled = script.track()
+    assert [stray.overlooked for stray in strays_of(settled)] == [False, True]
+    assert [str(call.outcome) for call in calls_of(settled)] == ["answered", "not_followed", "answered"]
+
+
+def test_a_late_reply_to_a_call_that_was_not_let_go_is_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracker_module, "MOST_OPEN", 2)
+    script = Script()
+    client = script.client()
+    for serial in range(1, 4):
+        client.ask(serial, serial, serial, MOVE)
+    client.reply(4, 3)
+    client.ask(20_000, 5, 5, MOVE)
+    client.reply(20_001, 3, 0, 0x600B)
+    assert [(stray.call, stray.overlooked) for stray in strays_of(script.track())] == [(3, False)]
 
 
 def test_time_starts_anywhere() -> None:

@@ -77,7 +77,7 @@ class Objects(Watcher):
         elif function.creates is not None and isinstance(result_of(call), int):
             name = text_argument(call, 0 if function.creates is ObjectClass.CONTROLLER else 1)
             self._opened(call, function.creates, name)
-        elif function.releases is not None and thing is not None and call.reply is not None:
+        elif function.releases is not None and thing is not None and (call.reply or call.let_go):
             tally = self._tallies.get((call.conversation, thing.kind, thing.name))
             if tally is not None:
                 tally.open -= 1

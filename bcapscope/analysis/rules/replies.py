@@ -170,6 +170,11 @@ class Replies(Watcher):
 
     def stray(self, stray: Stray) -> None:
         seen, conversation = stray.seen, stray.seen.flow.conversation
+        if stray.overlooked:
+            client = self.clients.find(conversation)
+            if client is not None:
+                client.heard = True
+            return
         serial = seen.item.serial
         if stray.call is not None:
             rule, text = (
@@ -191,7 +196,10 @@ class Replies(Watcher):
 
     def gone(self, client: Client, ended: int) -> None:
         last = client.last
-        if not client.answered and (client.first.given_up or len(last.requests) > 1):
+        if client.heard:
+            return
+        first = client.first
+        if not client.answered and (first.given_up or first.let_go or len(last.requests) > 1):
             self._silent(client, ended)
         if last.reply is not None or last.given_up or last.notices or last.late_replies:
             return

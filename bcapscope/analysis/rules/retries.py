@@ -240,7 +240,7 @@ class Retries(Watcher):
 
     def _look_for_unmarked(self, before: Exchange, call: Exchange) -> None:
         frame, earlier = call.request.item, before.request.item
-        if not before.gone_on or frame.raw[9:] != earlier.raw[9:]:
+        if not before.gone_on or before.let_go or frame.raw[9:] != earlier.raw[9:]:
             return
         arguments = [argument.variant for argument in frame.arguments]
         if request_effect(frame.code, arguments) < Effect.CHANGES:
@@ -259,4 +259,5 @@ class Retries(Watcher):
 
 
 def _answered_before(before: Exchange, call: Exchange) -> bool:
-    return before.reply is not None and before.reply.time <= call.request.time
+    """Tell whether a call was answered before another was sent, or may have been."""
+    return before.let_go or (before.reply is not None and before.reply.time <= call.request.time)

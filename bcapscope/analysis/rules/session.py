@@ -127,6 +127,7 @@ class Session(Watcher):
             call.question.function_id == ID["Service_Start"]
             and client.service is not None
             and client.open_session
+            and not client.last.let_go
         ):
             self._restarted(client, call)
         if call.notices:
@@ -160,6 +161,8 @@ class Session(Watcher):
 
     def gone(self, client: Client, ended: int) -> None:
         stay = self._silent.pop(client.conversation, None)
+        if client.last.let_go:  # it may have ended in order
+            return
         if stay is not None and ended - stay.exit.time >= _FORGOTTEN:
             self._left_on(stay)
         if not client.open_session:

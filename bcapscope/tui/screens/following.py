@@ -35,7 +35,7 @@ def about(told: Told, settled: Settled | None, note: str | None) -> str:
         parts.append(say("traffic.about.request", number=number, role=spoken(role), call=settled.call))
         reply, time = settled.reply, settled.latency
         if reply is None or time is None:
-            parts.append(say("traffic.about.unanswered"))
+            parts.append(say(f"traffic.about.{settled.outcome}"))
         elif reply.number != number:
             parts.append(say("traffic.about.answered", frame=reply.number, time=milliseconds(time)))
     elif settled is not None:

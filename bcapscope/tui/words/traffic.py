@@ -159,6 +159,8 @@ WORDS: dict[str, tuple[str, str]] = {
         "{time} ms 後にフレーム {frame} で応答",
     ),
     "traffic.about.unanswered": ("unanswered", "応答なし"),
+    "traffic.about.capture_ended": ("unanswered when the capture ended", "キャプチャ終了まで応答なし"),
+    "traffic.about.not_followed": ("not followed to the end", "最後まで追跡せず"),
     "traffic.about.packet": ("packet {packet}", "パケット {packet}"),
     "traffic.empty.findings": ("Nothing was found so far.", "まだ診断はありません。"),
     "traffic.empty.slave": ("No slave mode here.", "スレーブモードはありません。"),
