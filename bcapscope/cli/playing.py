@@ -150,8 +150,8 @@ class Playing:
         self._view.ended(ended)
         if not self._fit:
             return Exit.UNFIT
-        if ended.outcome is Outcome.STOPPED and not self._plan.rounds:
-            return Exit.OK
+        if ended.outcome is Outcome.STOPPED and ended.index and not self._plan.rounds:
+            return Exit.OK  # there is no other end
         return _CODES[ended.outcome]
 
     def _wait(self) -> list[Message]:
@@ -228,15 +228,18 @@ class Playing:
         """Stop at the first signal, halt at the second."""
         if number == _CLOSED:
             self._view.close()
+        again, self._asked_to_stop = self._asked_to_stop, True
         if self._asking:
+            self._asking = False  # the next one need not end the wait for an answer
             raise KeyboardInterrupt
-        if self._asked_to_stop:
+        if again:
             self._player.halt()
         else:
-            self._asked_to_stop = True
             self._player.stop()
 
 
 def _signals() -> list[signal.Signals]:
-    names = ("SIGINT", "SIGTERM", "SIGHUP")
-    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
+        numbers.append(signal.SIGHUP)
+    return numbers

@@ -7,7 +7,6 @@ import json
 import os
 import pty
 import select
-import signal
 import subprocess
 import sys
 import termios
@@ -151,20 +150,6 @@ def test_whoever_is_no_simulator_needs_arming() -> None:
     assert peer.functions[-1] == "Service_Stop"
 
 
-def test_ctrl_c_brings_the_robot_to_rest(port: int, gentle: Path) -> None:
-    argv = [sys.executable, "-m", "bcapscope", "play", str(gentle), "127.0.0.1", "-p", str(port)]
-    argv += ["--tcp", "--mode", "async", "--move-to-start", "--loop", "500"]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
-        assert process.stderr is not None
-        while process.stderr.readline() != "Ctrl-C: come to rest, twice: halt\n":
-            assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
-    assert "stopped on the way, at rest: stop was asked for" in out
-
-
 def _own_terminal() -> None:
     """Make standard input the terminal that a new session belongs to, as a login does."""
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
@@ -228,7 +213,16 @@ def test_questions_and_keys_on_a_terminal(port: int, gentle: Path) -> None:
     assert terminal.close() == 0
 
 
-@pytest.mark.parametrize(("typed", "code"), [("127.0.0.1", 0), ("yes", 10)])
+def test_ctrl_c_brings_the_robot_to_rest(port: int, gentle: Path) -> None:
+    words = ("play", str(gentle), "127.0.0.1", "-p", str(port), "--tcp", "--mode", "async", "--loop", "500")
+    terminal = Terminal(*words, "--move-to-start")
+    terminal.until("playing 1")
+    terminal.press("\x03")
+    terminal.until("stopped on the way, at rest: stop was asked for")
+    assert terminal.close() == 130
+
+
+@pytest.mark.parametrize(("typed", "code"), [("127.0.0.1", 0), ("yes", 10), ("\x03\x03", 130)])
 def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code: int) -> None:
     file = tmp_path / "still.csv"
     file.write_text("0,0,90,0,90,0\n" * 10)
@@ -236,6 +230,7 @@ def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code:
         terminal = Terminal("play", str(file), "127.0.0.1", "-p", str(server.port), "--mode", "async")
         terminal.until("Type 127.0.0.1 if it may: ")
         terminal.press(f"{typed}\n")
+        terminal.until({0: "played to the end", 10: "not played", 130: "was asked for"}[code])
         assert terminal.close() == code
         (peer,) = server.peers.values()
     moved = [call for call in peer.executed if "slvMove" in call]

@@ -60,6 +60,11 @@ def test_a_reason_of_several_lines_and_nothing_sent() -> None:
     assert list(ended_lines(ended)) == ["given up: no answer: no answer, 2 tries:", "  one", "  two"]
 
 
+def test_a_stop_before_anything_moved() -> None:
+    ended = Ended(Outcome.STOPPED, "stop was asked for")
+    assert list(ended_lines(ended)) == ["stopped before the first set point: stop was asked for"]
+
+
 def test_every_outcome_has_words() -> None:
     assert len({next(ended_lines(Ended(outcome))) for outcome in Outcome}) >= len(Outcome) - 1
 
