@@ -106,7 +106,7 @@ def _off(ctl: _Ctl, name: str) -> None:
 
 @command.command("intercept", short_help="Hold other messages, or none.")
 @click.argument("expression", required=False)
-@click.option("--hold", metavar="TIME", help="How long, such as 60s; then they go on unchanged.")
+@click.option("--hold", metavar="TIME", help="How long, such as 60s; see `proxy --hold`.")
 @click.pass_obj
 def _intercept(ctl: _Ctl, expression: str | None, hold: str | None) -> None:
     """Hold what EXPRESSION is true for from now on; without it nothing more."""
@@ -132,7 +132,8 @@ def _lines(held: Mapping[str, Any]) -> list[str]:
     renderer = LineRenderer()
     renderer.begin(0)
     waited = round(held["waited_s"] * 1e9)
-    left = [f"goes on unchanged in {held['left_s']:.1f} s"]
+    fate = f"is dropped, as {held['given_up']}," if held["given_up"] else "goes on unchanged"
+    left = [f"{fate} in {held['left_s']:.1f} s"]
     if held["more"]:
         left.append(f"{held['more']} more tries of it came")
     return [

@@ -302,7 +302,9 @@ _OPTIONS = (
         "--hold",
         metavar="TIME",
         callback=_reader(_duration),
-        help="How long it is held, 60s unless given; then it goes on unchanged.",
+        help="How long it is held, 60s unless given; then it goes on unchanged, or is dropped if it is a "
+        "request that its client has given up: by ending its connection, by asking for something else, or on "
+        "UDP by not asking again for 5 s.",
     ),
     click.option(
         "--script",

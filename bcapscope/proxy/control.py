@@ -295,6 +295,7 @@ def _held(held: Held, now: int) -> dict[str, object]:
         "command": question.command if question else None,
         "waited_s": round((now - held.since) / 1e9, 3),
         "left_s": round((held.until - now) / 1e9, 3),
+        "given_up": held.given_up(now),
         "more": held.more,
         "hex": held.data.hex(),
     }

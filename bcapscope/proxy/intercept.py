@@ -13,7 +13,7 @@ from bcapscope.protocol.frame import Frame, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.traffic.getters import FRAME_GETTERS, Told
 from bcapscope.traffic.lane import RETRY_WITHIN_NS
-from bcapscope.traffic.observation import Conversation, Direction, Flow
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 from bcapscope.traffic.question import Question
 
 MOST_HELD = 1000
@@ -36,9 +36,11 @@ class Held(NamedTuple):
         data: the message; of a call that was tried again the latest try, as its client takes no other answer.
         question: what it asks or answers, where that is known.
         since: ns.
-        until: ns; then it goes on unchanged.
+        until: ns; then it goes on unchanged, unless its client has given it up.
+        heard: when the latest try of it came, ns.
         more: how many more packets of the same call came meanwhile, which are not held apart.
         subject: what is decided about, where there may be retries.
+        passed_over: what its client has done since that tells that it waits no longer; "" for nothing.
     """
 
     number: int
@@ -48,8 +50,24 @@ class Held(NamedTuple):
     question: Question | None
     since: int
     until: int
+    heard: int
     more: int = 0
     subject: _Subject | None = None
+    passed_over: str = ""
+
+    def given_up(self, now: int) -> str:
+        """Tell how one knows that nobody waits for what is asked any more; "" where somebody may.
+
+        A motion that begins long after its client has told its user that it failed does harm. Nobody waits
+        when the client's stream has ended or it has asked for something else, as clients make one call at a
+        time; nor on UDP when it has not asked again within `RETRY_WITHIN_NS`. On TCP, where there are no
+        retries, a client that is silent may wait.
+        """
+        if self.passed_over or self.flow.direction is Direction.RESPONSE:
+            return self.passed_over
+        if self.flow.conversation.transport is Transport.TCP or now - self.heard <= RETRY_WITHIN_NS:
+            return ""
+        return f"its client has not asked again for {(now - self.heard) / 1e9:.1f} s"
 
 
 class Considered(NamedTuple):
@@ -108,7 +126,7 @@ class Intercept:
     @property
     def is_idle(self) -> bool:
         """Whether no message concerns it."""
-        return self.condition is None and not self._numbers and not self._decided
+        return self.condition is None and not self._held and not self._decided
 
     @property
     def held(self) -> list[Held]:
@@ -127,15 +145,17 @@ class Intercept:
         """
         while self._decided and next(iter(self._decided.values())).until < message.now:
             del self._decided[next(iter(self._decided))]
-        subject = self._subject(message)
+        subject, is_first = self._subject(message)
         if subject is not None:
             number, decided = self._numbers.get(subject), self._decided.get(subject)
             if number is not None:
                 known = self._held[number]
-                self._held[number] = known._replace(data=message.data, more=known.more + 1)
+                self._held[number] = known._replace(data=message.data, heard=message.now, more=known.more + 1)
                 return Considered(f"intercept: held with {number}, of which it is another try", None)
             if decided is not None:
                 return self._again(message, subject, decided)
+        if is_first and message.flow.direction is Direction.REQUEST:
+            self.pass_over(message.flow, "its client has asked for something else since")
         if not self._wants(message):
             return None
         if self.is_full:
@@ -164,8 +184,18 @@ class Intercept:
         return min((held.until for held in self._held.values()), default=None)
 
     def expired(self, now: int) -> list[Held]:
-        """Let go of what has waited too long."""
-        return [self.release(held.number, now) for held in self.held if held.until <= now]
+        """Let go of what has waited too long; what has been given up is dropped with its retries."""
+        return [
+            self.release(held.number, now, b"" if held.given_up(now) else None)
+            for held in self.held
+            if held.until <= now
+        ]
+
+    def pass_over(self, flow: Flow, why: str) -> None:
+        """Take notice that nobody waits any more for what is held of a flow by now."""
+        for held in self.held:
+            if held.flow is flow:
+                self._held[held.number] = held._replace(passed_over=why)
 
     def holds(self, flow: Flow) -> bool:
         """Tell whether anything of a flow is held."""
@@ -184,16 +214,20 @@ class Intercept:
         """Forget a conversation that is over, of which nothing is held any more."""
         self._attempts.forget(conversation)
 
-    def _subject(self, message: Message) -> _Subject | None:
+    def _subject(self, message: Message) -> tuple[_Subject | None, bool]:
+        """Tell what a message is about, if there may be retries of it, and whether nobody asked before it."""
         if self.is_idle or not message.datagram or len(message.frames) != 1:
-            return None
+            return None, bool(message.frames)
         (frame,), flow = message.frames, message.flow
+        copied = None
         if flow.direction is Direction.REQUEST:
             copied = self._attempts.asked_before(flow, frame)
             if copied is not None and (copied, flow.direction) in self._numbers:
-                return copied, flow.direction
+                return (copied, flow.direction), False
         found = self._attempts.follow(flow, frame)
-        return None if found is None else (found.call, flow.direction)
+        if found is None:
+            return None, False
+        return (found.call, flow.direction), found.number == 1 and copied is None
 
     def _again(self, message: Message, subject: _Subject, decided: _Decided) -> Considered:
         """Let become of a retry what became of the message."""
@@ -239,6 +273,7 @@ class Intercept:
             next((told.question for told in message.told if told.question), None),
             message.now,
             message.now + self.patience,
+            message.now,
             subject=subject,
         )
         self._held[held.number] = held

@@ -42,7 +42,7 @@ class Rules:
         intercept: what is held.
         addons: the user's own.
         refused: requests that the guard has refused.
-        lost: requests that were held when their client or the proxy ended, and went no further.
+        lost: requests that were held until nobody waited for them any more, and went no further.
         tell: is given a line for the user.
     """
 
@@ -126,6 +126,8 @@ class Rules:
         way, work = self._ways[client][direction], Work()
         for piece in way.rest():
             self._process(way, piece, now, work)
+        if direction is Direction.REQUEST:
+            self.intercept.pass_over(way.flow, "its client's connection has ended")
         return joined(work.actions, way)
 
     def hides_end(self, client: int) -> bool:
@@ -185,9 +187,14 @@ class Rules:
         work = Work()
         work.actions, self._outbox = self._outbox, []
         for held in self.intercept.expired(now):
-            waited = f"intercept: nobody decided in {self.intercept.patience / 1e9:g} s, sent on unchanged"
-            self.tell(f"message {held.number}: {waited}")
-            self._send_on(held, held.data, waited, now, work)
+            waited = f"intercept: nobody decided in {(held.until - held.since) / 1e9:g} s"
+            why = held.given_up(now)
+            note = f"{waited} and {why}, dropped" if why else f"{waited}, sent on unchanged"
+            self.tell(f"message {held.number}: {note}")
+            if why:
+                self.lost += 1
+            else:
+                self._send_on(held, held.data, note, now, work)
         self._translate(self.shaper.advance(now), work)
         if self.addons.waits and now >= self._settle_at:
             self._settle_at = now + _SETTLE
@@ -206,9 +213,7 @@ class Rules:
         if self.intercept.count:
             lines.append(f"intercept: held {_times(self.intercept.count)}")
         if self.lost:
-            lines.append(
-                f"held requests that were not sent on, as their client or the proxy ended: {self.lost}"
-            )
+            lines.append(f"held requests that were not sent on, as nobody waited any more: {self.lost}")
         if self.addons.errors:
             lines.append(f"scripts: went wrong {_times(self.addons.errors)}")
         return lines

@@ -70,6 +70,7 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
         "command": "slvMove",
         "waited_s": 1.5,
         "left_s": 3.5,
+        "given_up": "its client has asked for something else since",
         "more": 0,
         "hex": request(1).hex(),
     }

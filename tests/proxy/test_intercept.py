@@ -11,7 +11,7 @@ from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.proxy.intercept import Considered, Intercept
 from bcapscope.traffic.lane import RETRY_WITHIN_NS
-from bcapscope.traffic.observation import Flow, Transport
+from bcapscope.traffic.observation import Endpoint, Flow, Transport
 from bcapscope.traffic.question import Questions
 from tests.faults.traffic import reply, request, talk
 
@@ -136,6 +136,46 @@ def test_a_decision_is_forgotten_when_no_retry_can_come() -> None:
     assert consider(intercept, request(6, reserved=5), now=RETRY_WITHIN_NS) is not None
     assert consider(intercept, request(7, reserved=5), now=3 * RETRY_WITHIN_NS) is None
     assert intercept.is_idle
+
+
+@pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
+def test_a_datagram_is_given_up_when_its_client_asks_no_more(tries: list[tuple[int, int]]) -> None:
+    intercept = Intercept(Condition.read("serial == 5"))
+    for place, (serial, reserved) in enumerate(tries):
+        consider(intercept, request(serial, reserved=reserved), now=place * RETRY_WITHIN_NS)
+    consider(intercept, request(tries[-1][0], reserved=tries[-1][1]), now=4 * RETRY_WITHIN_NS)  # a copy
+    (held,) = intercept.held
+    assert held.given_up(5 * RETRY_WITHIN_NS) == ""
+    assert held.given_up(5 * RETRY_WITHIN_NS + 1) == "its client has not asked again for 5.0 s"
+
+
+def test_packets_of_earlier_calls_and_of_other_clients_give_nothing_up() -> None:
+    intercept = Intercept(Condition.read("serial == 5"))
+    for raw in (request(3), request(4, reserved=3), request(5)):
+        consider(intercept, raw)
+    for raw in (request(3), request(4, reserved=3), b"garbage"):  # they were on the way for long
+        consider(intercept, raw)
+    consider(intercept, reply(4), up=False)
+    other = talk(client=Endpoint("10.0.0.3", 50001)).up
+    intercept.consider(2, message(other, request(9)))
+    (held,) = intercept.held
+    assert held.given_up(0) == ""
+    consider(intercept, request(6))
+    (held,) = intercept.held
+    assert held.given_up(0) == "its client has asked for something else since"
+
+
+def test_on_tcp_who_is_silent_may_wait() -> None:
+    intercept = Intercept(Condition.read("serial == 5"))
+    flow = talk(Transport.TCP).up
+    intercept.consider(1, message(flow, request(5)))
+    intercept.set(None)
+    (held,) = intercept.held
+    assert held.given_up(100 * RETRY_WITHIN_NS) == ""
+    assert not intercept.is_idle
+    intercept.consider(1, message(flow, request(6)))
+    (held,) = intercept.held
+    assert held.given_up(0)
 
 
 def test_answers_to_the_tries_of_a_call_are_one() -> None:

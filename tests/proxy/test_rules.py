@@ -117,7 +117,7 @@ def test_of_what_is_held_at_the_end_stops_and_answers_go_on_and_motions_do_not()
     assert told == [
         "10.0.0.2:50001 ends; of what was held of it these were not sent on: 2 Robot_Execute slvMove"
     ]
-    assert "held requests that were not sent on, as their client or the proxy ended: 2" in made.report()
+    assert "held requests that were not sent on, as nobody waited any more: 2" in made.report()
     assert made.due() is None
     made.gone(1, 10)
 
@@ -354,6 +354,44 @@ def test_what_waits_too_long_goes_on_unchanged_and_says_so() -> None:
     note = "intercept: nobody decided in 5 s, sent on unchanged"
     assert action == Send(1, UP, request(1), note)
     assert told == [f"message 1: {note}"]
+
+
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+@pytest.mark.parametrize("later", [HALT, request(2, "CurJnt"), request(2)], ids=["stop", "other", "the same"])
+def test_what_waits_too_long_is_dropped_when_its_client_has_gone_on(
+    later: bytes, transport: Transport
+) -> None:
+    told: list[str] = []
+    made = rules(intercept=holding("serial == 1", patience=2000 * MS), transport=transport)
+    made.tell = told.append
+    made.receive(1, UP, request(1), 0)
+    assert sent(made.receive(1, UP, later, 1000 * MS).actions) == later
+    assert made.take(2000 * MS) == []
+    why = "its client has asked for something else since"
+    assert told == [f"message 1: intercept: nobody decided in 2 s and {why}, dropped"]
+    assert "held requests that were not sent on, as nobody waited any more: 1" in made.report()
+    if transport is Transport.UDP:
+        assert made.receive(1, UP, request(3, reserved=1), 3000 * MS).actions == []
+
+
+def test_what_waits_too_long_is_dropped_when_its_clients_stream_has_ended() -> None:
+    made = rules(intercept=holding("true", patience=2000 * MS), transport=Transport.TCP)
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, DOWN, reply(1), 0)
+    made.ended(1, UP, MS)
+    assert made.holds(1, UP)
+    assert made.take(2000 * MS) == [
+        Send(1, DOWN, reply(1), "intercept: nobody decided in 2 s, sent on unchanged")
+    ]
+    assert not made.holds(1, UP)
+
+
+def test_who_decides_may_send_on_what_has_been_given_up() -> None:
+    made = rules(intercept=holding("serial == 1"))
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, UP, request(2), MS)
+    made.send_on(1, 2 * MS)
+    assert sent(made.take(2 * MS)) == request(1)
 
 
 def test_what_stops_the_robot_is_never_held() -> None:

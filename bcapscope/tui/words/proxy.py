@@ -9,14 +9,15 @@ WORDS: dict[str, tuple[str, str]] = {
         " `bcapscope proxy --help-faults` tells all of them. Space switches one on and off.\n"
         "To hold messages, say which (i): `command == slvChangeMode`. A held one goes on as it is (f), is dropped"
         " (x), or changed: type `set arg[2]=0`, or all bytes in hex. Left alone it goes on unchanged after a"
-        " while. What stops the robot is never held.\n"
+        " while, or is dropped if its client has given it up. What stops the robot is never held.\n"
         "Above stands how long the proxy itself holds what passes, in microseconds, and what it lost.",
         "クライアントとコントローラの間のプロキシです。接続中のクライアント、注入する障害、保留中の"
         "メッセージ、プロキシからの通知を表示します。通信内容は「通信」画面にあります。\n"
         "障害は1行で書きます: `loss=5%`, `delay=3ms±1ms if command == slvMove`, `drop reply try 1`。"
         "一覧は `bcapscope proxy --help-faults`。スペースキーで入/切します。\n"
         "保留するメッセージは条件 (i) で指定します: `command == slvChangeMode`。保留中のものは、そのまま送信 (f)、"
-        "破棄 (x)、または変更できます: `set arg[2]=0` か全バイトの16進。放置すると一定時間後にそのまま送られます。"
+        "破棄 (x)、または変更できます: `set arg[2]=0` か全バイトの16進。放置すると一定時間後にそのまま送られ、"
+        "クライアントが待つのをやめたものは破棄されます。"
         "ロボットを停止させるものは保留されません。\n"
         "上部はプロキシ自身による遅延 (マイクロ秒) と損失です。",
     ),
