@@ -97,8 +97,8 @@ def command(
     RobSlave is started (RC7), arm taken, motor switched on, the first set point gone to, slave mode entered,
     the set points sent, and everything left as it was found.
 
-    While it plays, s, space or Ctrl-C lets the robot come to rest on its way; h, Escape twice or Ctrl-C twice
-    halts it at once.
+    While it plays, s, space, Ctrl-C or Ctrl-Z lets the robot come to rest on its way; h, Escape twice or
+    Ctrl-C twice halts it at once.
 
     Exit codes: 0 played to the end; 2 the command line makes no sense; 4 the file cannot be read; 6 a file
     was not written; 8 the controller refused something; 9 no answer; 10 nobody said that a robot may move;

@@ -239,7 +239,8 @@ class Playing:
 
 
 def _signals() -> list[signal.Signals]:
-    numbers = [signal.SIGINT, signal.SIGTERM]
+    # With Ctrl-Z a robot would move on, and nobody would hear a key.
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGTSTP]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
         numbers.append(signal.SIGHUP)
     return numbers

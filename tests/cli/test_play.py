@@ -213,11 +213,12 @@ def test_questions_and_keys_on_a_terminal(port: int, gentle: Path) -> None:
     assert terminal.close() == 0
 
 
-def test_ctrl_c_brings_the_robot_to_rest(port: int, gentle: Path) -> None:
+@pytest.mark.parametrize("keys", ["\x03", "\x1a"])
+def test_ctrl_c_and_ctrl_z_bring_the_robot_to_rest(port: int, gentle: Path, keys: str) -> None:
     words = ("play", str(gentle), "127.0.0.1", "-p", str(port), "--tcp", "--mode", "async", "--loop", "500")
     terminal = Terminal(*words, "--move-to-start")
     terminal.until("playing 1")
-    terminal.press("\x03")
+    terminal.press(keys)
     terminal.until("stopped on the way, at rest: stop was asked for")
     assert terminal.close() == 130
 
