@@ -279,6 +279,8 @@ class Visit:
     async def _clear(self, error: ControllerError) -> None:
         """Read what the controller shows, then offer to clear it; return if it is to be played again.
 
+        An order instead of an answer is a no, and the error remains what ended the visit.
+
         Raises:
             ControllerError: it is not.
         """
@@ -286,7 +288,7 @@ class Visit:
         while True:
             self._desk.deliver(Trouble(str(told), await self._station.errors()))
             text = "Clear the error, or clear it and begin again: RobSlave, first set point, slave mode?"
-            answer = self._ask(Topic.CLEAR, text, (NO, CLEAR, AGAIN))
+            answer = self._desk.ask(Question(Topic.CLEAR, text, (NO, CLEAR, AGAIN)))
             if answer == NO:
                 raise error
             self._show(State.CLEARING)

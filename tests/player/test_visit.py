@@ -259,6 +259,13 @@ def test_an_error_is_left_where_nobody_wants_it_cleared() -> None:
     assert stage.simulator.machine.alarms.active
 
 
+def test_an_order_when_there_is_an_error_does_not_hide_it() -> None:
+    stage = Stage()
+    stage.desk.at_poll = lambda _: Order.STOP if Topic.CLEAR in stage.desk.asked else None
+    assert stage.play(plan(0x202, points=[*wave()[:60], (90.0, *HOME[1:6])])).outcome is Outcome.REFUSED
+    assert stage.simulator.machine.alarms.active
+
+
 def test_after_clearing_it_begins_again_with_robslave_and_the_first_point() -> None:
     stage = Stage("rc7", answers={Topic.CLEAR: AGAIN})
     pressed: list[bool] = []
