@@ -23,8 +23,12 @@ class FileRefused(click.ClickException):
         super().__init__(f"{printable(str(path))}: {reason}")
 
 
-def check_free(path: Path, overwrite: bool) -> None:
+def check_free(path: Path, overwrite: bool | None = None) -> None:
     """Make sure that a file may be written there.
+
+    Args:
+        path: of the file.
+        overwrite: it may be there already; None where the command has no `--force` that would say so.
 
     Raises:
         FileRefused: something is there already, or is no file.
@@ -32,7 +36,8 @@ def check_free(path: Path, overwrite: bool) -> None:
     if path.exists() and not path.is_file():
         raise FileRefused(path, "no file, but something else is there")
     if path.exists() and not overwrite:
-        raise FileRefused(path, "exists already; --force overwrites it")
+        hint = "" if overwrite is None else "; --force overwrites it"
+        raise FileRefused(path, f"exists already{hint}")
 
 
 class NewFile:

@@ -108,7 +108,7 @@ def command(
         raise click.UsageError("the player's process and its signals need Linux, macOS or the like")
     for path in (log, record):
         if path is not None:
-            check_free(path, overwrite=False)
+            check_free(path)
     trajectory = way.trajectory()
     view = View(as_json, palette(color), shutil.get_terminal_size().columns)
     view.source(trajectory)

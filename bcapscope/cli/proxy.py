@@ -134,7 +134,7 @@ def command(
     except FilterError as error:
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
-        check_free(record, False)
+        check_free(record)
     policy = rules.make()
     wishes = Wishes(record, ring, look, color)
     with awaited_ends() as ends, closing(Proxy(wishes, ends, policy)) as proxy, ExitStack() as opened:

@@ -247,7 +247,7 @@ class Watcher:
             self._screen.tell(f"{head}: {printable(finding.sentence)}")
         warning = self._delays.warning()
         if warning:
-            self._screen.tell(f"{warning}; {self._advice}")
+            self._screen.tell("; ".join(filter(None, (warning, self._advice))))
         if now >= self._next_status:
             self._status(now)
 

@@ -120,7 +120,7 @@ def command(
             announce(["%s:%d" % server.address])
         keys = _Keys(_actions(simulator, server, serving.tell), serving.tell, attended)
         serving.serve(server, keys.take, keys.watched)
-    dropped = f"{simulator.dropped} datagrams dropped, no sound requests or of clients too many"
+    dropped = f"{simulator.dropped} datagrams dropped (no sound requests, or no place for their client)"
     unheard = f"; {server.turns.unheard} more came too fast" if server.turns.unheard else ""
     serving.end(f"{serving.log.calls} calls; {dropped}{unheard}")
 

@@ -82,7 +82,7 @@ def _show_own(wishes: ProxyWishes) -> None:
     except SpecError as error:
         raise click.UsageError(str(error)) from None
     if wishes.record is not None:
-        check_free(wishes.record, False)
+        check_free(wishes.record)
     from bcapscope.tui.traffic.feed import Feed
     from bcapscope.tui.traffic.folder import Folder
 

@@ -206,7 +206,10 @@ def test_faults_come_and_go_while_it_runs() -> None:
         assert "S_OK" in answered.out
         ctl(proxy.control, "remove", "answer")
         assert ctl(proxy.control, "rules") == []
-        assert "came up: " in "\n".join(ctl(proxy.control, "stats"))
+        figures = dict(line.split(": ", 1) for line in ctl(proxy.control, "stats"))
+        assert int(figures["came up"]) > 0
+        assert (figures["guard"], figures["struck"], figures["intercept"]) == ("no", "none", "none")
+        assert re.fullmatch(r"127.0.0.1:\d+ > 127.0.0.1:\d+", figures["listening"])
         first, _second = ctl(proxy.control, "clients")
         assert re.fullmatch(r"127.0.0.1:\d+ > 127.0.0.1:\d+ udp open  for .* s, \d+ up, \d+ down", first)
         wrong = here("ctl", proxy.control, "add", "dely=3ms")
