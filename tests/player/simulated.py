@@ -12,7 +12,7 @@ from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import run
 from bcapscope.player.journal import Journal
 from bcapscope.player.messages import Ended, Message, Order, Pacing, Plan, Point, Question, Topic
-from bcapscope.player.visit import NO, YES, Visit
+from bcapscope.player.visit import YES, Visit
 from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.slavemode import mode_value
@@ -145,7 +145,8 @@ class ScriptedDesk(Desk):
 
     def ask(self, question: Question) -> str:
         self.asked.append(question.topic)
-        return self._script.get(question.topic, NO)
+        no = question.choices[0]
+        return no if self.poll() is not None else self._script.get(question.topic, no)
 
 
 class Stage:
