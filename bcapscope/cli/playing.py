@@ -140,11 +140,15 @@ class Playing:
                 while player.ended is None:
                     for message in self._wait():
                         self._take(message)
+                self._keys.stop()
+                return self._end(player.close())
             finally:
                 self._keys.stop()
                 for number, handler in before.items():
                     signal.signal(number, handler)
-        ended = player.ended
+
+    def _end(self, ended: Ended) -> Exit:
+        """Show the summary; return the exit code."""
         if self._plan.look_only and ended.outcome is Outcome.LOOKED:
             return Exit.OK if self._fit else Exit.UNFIT
         self._view.ended(ended)
