@@ -23,6 +23,7 @@ from textual.reactive import reactive
 from bcapscope.tui.halting import HALT_KEYS, halting
 from bcapscope.tui.harmless import Harmless
 from bcapscope.tui.ink import Styles
+from bcapscope.tui.keyorder import KeyOrder
 from bcapscope.tui.settings import default_path, load, save
 from bcapscope.tui.themes import THEMES, styles_of
 from bcapscope.tui.words import Language, say, speak
@@ -58,7 +59,7 @@ class Spot(NamedTuple):
     make: Callable[[], Place]
 
 
-class Scope(App[None]):
+class Scope(KeyOrder):
     """The screen.
 
     Attributes:
