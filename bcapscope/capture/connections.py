@@ -8,7 +8,7 @@ from collections.abc import Collection
 from bcapscope.capture.counts import Counts
 from bcapscope.capture.sides import begins_frame, server_by_port
 from bcapscope.capture.talk import Sighting, Talk, endpoints, reverse
-from bcapscope.capture.tcp import SYN, Connection, Segment
+from bcapscope.capture.tcp import FIN, RST, SYN, Connection, Segment
 from bcapscope.protocol.frame import SMALLEST_FRAME, Frame
 from bcapscope.traffic.observation import Flow, Transport
 
@@ -129,6 +129,8 @@ class Connections:
         if call.talk is None:
             return []
         call.doubtful += call.talk.tentative and bool(segment.data)
+        if segment.flags & (FIN | RST):
+            call.talk.close(sender, bool(segment.flags & RST), time)
         if call.talk.flows is None and call.connection.server is not None:
             call.talk.decide(call.connection.server, "the TCP handshake: this end accepted the connection")
         if not all(call.talk.hear(each, sighting) for each, sighting in said):

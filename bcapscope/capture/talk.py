@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bcapscope.capture.sides import evidence
 from bcapscope.protocol.frame import Frame, Malformed
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import Closing, Conversation, Direction, Endpoint, Flow, Transport
 
 HELD_LIMIT = 64
 """Items kept back until the server is known; at that number it is guessed. A single reply of S_OK, or a
@@ -53,7 +53,7 @@ class Talk:
         tentative: whether this may still turn out not to be b-CAP.
     """
 
-    __slots__ = ("_ends", "_held", "_transport", "flows", "tentative")
+    __slots__ = ("_closed", "_ends", "_held", "_transport", "flows", "tentative")
 
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, tentative: bool = False
@@ -63,6 +63,7 @@ class Talk:
         self._transport = transport
         self.tentative = tentative
         self._held: list[tuple[int, Sighting]] = []
+        self._closed: tuple[int, bool, int] | None = None
         self.flows: tuple[Flow, Flow] | None = None
 
     def decide(self, server: int, why: str) -> None:
@@ -70,12 +71,21 @@ class Talk:
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, why)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
+        if self._closed is not None:
+            self.close(*self._closed)
 
     def guess(self) -> None:
         """Settle it for want of proof, if it is not settled: who speaks first mostly asks."""
         if self.flows is None:
             client = self._held[0][0] if self._held else 0
             self.decide(1 - client, "a guess: the other end spoke first, and nothing said was proof")
+
+    def close(self, sender: int, reset: bool, time: int) -> None:
+        """Note that an end closed the connection, or broke it off; the first time counts."""
+        self._closed = self._closed or (sender, reset, time)
+        if self.flows is not None:
+            by, reset, time = self._closed
+            self.flows[by].conversation.closing = Closing(self.flows[by].direction, reset, time)
 
     def hear(self, sender: int, sighting: Sighting) -> bool:
         """Take in what an end said; `release` gives it out.

@@ -14,7 +14,15 @@ from typing import NamedTuple
 from bcapscope.protocol.frame import parse_datagram
 from bcapscope.protocol.stream import Piece, Splitter
 from bcapscope.proxy.ring import Kind, Record
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.observation import (
+    Closing,
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
 
 _MOST_MARKS = 1024
 """Pieces of one unfinished frame whose times are kept apart."""
@@ -62,6 +70,11 @@ class _Client:
         self.conversation = conversation
         self.is_stream = who.transport is Transport.TCP
         self.ways = (_Way(conversation, Direction.RESPONSE), _Way(conversation, Direction.REQUEST))
+
+    def ended(self, up: bool, time: int) -> None:
+        """Note that an end closed the connection, if it is the first."""
+        if self.conversation.closing is None:
+            self.conversation.closing = Closing(self.ways[up].flow.direction, False, time)
 
 
 class Witness:
@@ -116,6 +129,7 @@ class Witness:
                     self.count += 1
                     yield Observation(self.count, time, time, way.flow, item, 0), note
             elif kind is Kind.END:
+                client.ended(up, came)
                 yield from self._end(client.ways[up], came)
             elif kind is Kind.GONE:
                 del clients[number]

@@ -36,6 +36,20 @@ class Endpoint(NamedTuple):
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
+class Closing(NamedTuple):
+    """How a TCP connection ended first.
+
+    Attributes:
+        by: which end did it: that of the requests is the client.
+        reset: broken off by RST; otherwise closed in order by FIN, after which the other end may say more.
+        time: when, nanoseconds since 1970-01-01 UTC.
+    """
+
+    by: Direction
+    reset: bool
+    time: int
+
+
 class Conversation:
     """One client talking to one server over one transport; compared by identity.
 
@@ -47,15 +61,17 @@ class Conversation:
         transport: UDP or TCP.
         side_known_by: why `server` is held to be the server, in words for the user: "port 5007", or
             what in the traffic told it.
+        closing: how its connection ended, as far as was seen by now; None for one that is open, and over UDP.
     """
 
-    __slots__ = ("client", "server", "side_known_by", "transport")
+    __slots__ = ("client", "closing", "server", "side_known_by", "transport")
 
     def __init__(self, client: Endpoint, server: Endpoint, transport: Transport, side_known_by: str) -> None:
         self.client = client
         self.server = server
         self.transport = transport
         self.side_known_by = side_known_by
+        self.closing: Closing | None = None
 
     def __repr__(self) -> str:
         return f"Conversation({self.client} > {self.server} {self.transport})"

@@ -7,10 +7,10 @@ import pytest
 from bcapscope.capture import connections
 from bcapscope.capture.connections import Connections
 from bcapscope.capture.counts import Counts
-from bcapscope.capture.talk import Sighting
-from bcapscope.capture.tcp import ACK, FIN, SYN, Segment
+from bcapscope.capture.talk import Sighting, reverse
+from bcapscope.capture.tcp import ACK, FIN, RST, SYN, Segment
 from bcapscope.protocol.frame import encode
-from bcapscope.traffic.observation import Flow
+from bcapscope.traffic.observation import Closing, Direction, Flow
 from tests.capture.packets import CLIENT, SERVER, reply, request
 
 DOUBTFUL = encode(1, 0, 1)
@@ -53,6 +53,34 @@ def test_an_end_that_talks_to_itself_breaks_nothing() -> None:
     found = calls.receive(key, Segment(ACK, 17, 17, reply(1), 0), 2, 2)
     assert [sighting.item.raw for _, sighting in found] == [DOUBTFUL, reply(1)]
     assert calls.close(3, 3) == []
+
+
+@pytest.mark.parametrize(
+    ("flags", "closing"),
+    [
+        ((FIN | ACK, RST), Closing(Direction.REQUEST, False, 2)),
+        ((RST, FIN | ACK), Closing(Direction.REQUEST, True, 2)),
+        ((ACK, RST), Closing(Direction.RESPONSE, True, 3)),
+        ((ACK, ACK), None),
+    ],
+)
+def test_who_ended_a_connection_first_is_known(flags: tuple[int, int], closing: Closing | None) -> None:
+    calls = Connections({5007}, Counts())
+    ((flow, _),) = receive(calls, request(1), 1)
+    assert flow.conversation.closing is None
+    for time, each in enumerate(flags, 2):
+        key = CLIENT + SERVER + (1).to_bytes(2) + (5007).to_bytes(2)
+        segment = Segment(each, 1 + len(request(1)), 1, b"", 0)
+        calls.receive(key if time == 2 else reverse(key), segment, time, time)
+    assert flow.conversation.closing == closing
+
+
+def test_who_ended_a_connection_is_told_once_it_is_known_which_end_is_the_server() -> None:
+    calls = Connections({5007, 5008}, Counts())
+    assert receive(calls, DOUBTFUL, 5008) == []
+    assert receive(calls, b"", 5008, flags=FIN | ACK, seq=17) == []
+    ((flow, _),) = calls.close(9, 9)
+    assert flow.conversation.closing == Closing(flow.direction, False, 5008)
 
 
 def test_both_ends_on_the_port_are_told_by_what_is_said() -> None:

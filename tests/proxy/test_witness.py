@@ -7,7 +7,7 @@ import json
 from bcapscope.protocol.frame import Malformed, encode
 from bcapscope.proxy.ring import Kind, Record
 from bcapscope.proxy.witness import Met, Witness, met
-from bcapscope.traffic.observation import Direction, Endpoint, Observation, Transport
+from bcapscope.traffic.observation import Closing, Direction, Endpoint, Observation, Transport
 
 ENDS = [["10.0.0.2", 50001], ["10.0.0.3", 5008], ["10.0.0.3", 50002], ["10.0.0.1", 5007]]
 REQUEST, REPLY = encode(7, 0, 2), encode(7, 0, 0)
@@ -60,6 +60,7 @@ def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
     )
     assert [(each.began, each.time) for each, _ in found] == [(10, 20), (20, 30), (36, 50)]
     assert isinstance(found[2][0].item, Malformed)
+    assert found[0][0].flow.conversation.closing == Closing(Direction.REQUEST, False, 40)
 
 
 def test_long_streams_keep_few_times() -> None:

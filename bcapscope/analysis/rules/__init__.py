@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bcapscope.analysis.rules.connection import Connection
 from bcapscope.analysis.rules.errors import Errors
 from bcapscope.analysis.rules.limits import Limits
 from bcapscope.analysis.rules.objects import Objects
@@ -18,7 +19,7 @@ from bcapscope.analysis.rules.slavemode import SlaveMode
 from bcapscope.analysis.rules.wire import Wire
 
 WATCHERS: tuple[type[Watcher], ...] = (
-    *(Wire, Replies, Retries, Session, Objects, Preparation, Requests),
+    *(Wire, Connection, Replies, Retries, Session, Objects, Preparation, Requests),
     *(Pacing, Limits, Refusals, SlaveMode, Errors, Polling),
 )
 """All watchers, in the order in which they see a call."""

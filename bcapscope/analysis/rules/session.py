@@ -14,7 +14,7 @@ from bcapscope.analysis.stay import ExitReason, Stay
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.observation import Conversation, Direction
 from bcapscope.traffic.question import Question
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
@@ -68,7 +68,7 @@ IN_SLAVE_MODE = Rule(
     "a client let go, or vanished, while slave mode was on",
     "Call slvChangeMode 0 before anything is released and before the program ends.",
     f"{_SEED}, Quitting or stopping your client application",
-    ("client-stopped", "no-reply", "client-gave-up"),
+    ("controller-hung-up", "client-stopped", "no-reply", "client-gave-up"),
 )
 BUSY = Rule(
     "busy",
@@ -165,7 +165,9 @@ class Session(Watcher):
             return
         if stay is not None and ended - stay.exit.time >= _FORGOTTEN:
             self._left_on(stay)
-        if not client.open_session:
+        closing = client.conversation.closing
+        hung_up = closing is not None and closing.by is Direction.RESPONSE
+        if hung_up or not client.open_session:
             return
         silent = last_time(client.last)
         follower = _follower(client, self.clients, silent)

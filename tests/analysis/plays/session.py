@@ -5,7 +5,8 @@ from __future__ import annotations
 from bcapscope.protocol.variant import EMPTY
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import CONTROLLER, ROBOT, Play, Story, good
-from tests.samples.calls import i4, i4s, text
+from tests.samples.calls import MS, START, i4, i4s, text
+from tests.samples.tcp import Connection
 
 _INVALID, _NAME_USED, _BUSY, _EXECUTING = 0x80070057, 0x80000205, 0x809100AA, 0x900
 
@@ -89,6 +90,23 @@ def _dies_in_slave_mode(story: Story) -> None:
     other.close(12100)
 
 
+def _hung_up(by_controller: bool, closes: bool = False) -> Play:
+    def play(story: Story) -> None:
+        client = story.client(tcp=True)
+        client.open()
+        if closes:
+            client.close(40)
+        else:
+            client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4s(1, 0))
+        assert isinstance(client.network, Connection)
+        (client.network.reset if by_controller else client.network.close)(START + 75 * MS)
+        other = story.client(50002, host="192.168.0.11")
+        other.open(12000)
+        other.close(12100)
+
+    return play
+
+
 def _executing(answered: bool, option: str = ",WDT=400") -> Play:
     def play(story: Story) -> None:
         client = story.client(tcp=True)
@@ -128,6 +146,24 @@ def _option(option: str, code: int) -> Play:
 
 
 SCENES = (
+    Scene(
+        "controller-hung-up",
+        _hung_up(by_controller=True),
+        (9,),
+        (
+            "192.168.0.1:5007 broke off (RST) the connection of client 192.168.0.10:50001 (TCP)",
+            "25 ms after Motor 5",
+            "to which no reply was seen",
+        ),
+        _hung_up(by_controller=True, closes=True),
+    ),
+    Scene(
+        "unclean-quit",
+        _hung_up(by_controller=False),
+        (9,),
+        ("192.168.0.10:50001 (TCP) said nothing after 0.050 s",),
+        _hung_up(by_controller=True),
+    ),
     Scene(
         "service-not-started",
         _begins_with("Controller_GetRobot", 0x8000FFFF),
