@@ -54,7 +54,8 @@ class Verdict(Enum):
     REPEAT = "repeat"
     """Executed before; the kept answer is to be sent again."""
     RUNNING = "running"
-    """The call that is being executed, asked again: its answer will carry the serial of this packet."""
+    """The call that is being executed, asked again: its answer will carry the serial of this packet. Or one
+    that was abandoned, which has none."""
     BUSY = "busy"
     """Another call while one is being executed; `Responder.reply` refuses it, if it is to be refused."""
 
@@ -181,10 +182,9 @@ class Responder:
                 return Decision(Verdict.REPEAT, self.reply(frame, S_OK))
             self._running = _Call(frame, content)
             return _NEW
-        if call is self._running:
-            call.asked_by(frame)
-            return Decision(Verdict.RUNNING)
         call.asked_by(frame)
+        if call is self._running or not call.answer:
+            return Decision(Verdict.RUNNING)
         again = renumbered(call.answer, frame.serial, frame.reserved if self._echo else 0)
         return Decision(Verdict.REPEAT, again)
 
@@ -209,6 +209,14 @@ class Responder:
         if self._retries:
             self._calls.appendleft(call)
         return raw
+
+    def abandon(self) -> None:
+        """End the running call without an answer: who asks for it again hears nothing, either."""
+        call = self._running
+        assert call is not None, "no call is being executed"
+        self._running = None
+        if self._retries:
+            self._calls.appendleft(call)
 
     def notice(self) -> bytes:
         """Make the frame that tells the client of the running call to wait on: S_EXECUTING, no arguments."""

@@ -7,13 +7,14 @@ The handles are the recorded ones, as it is we who give them. No I/O and no cloc
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections import defaultdict, deque
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import TypeAlias
 
-from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame, parse_datagram
-from bcapscope.protocol.hresult import E_BUSY, E_NOTIMPL
+from bcapscope.errors import LocalProtocolError, TooLargeError
+from bcapscope.protocol.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame, parse_datagram
+from bcapscope.protocol.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA
 from bcapscope.protocol.responder import Responder, Verdict
 from bcapscope.protocol.stream import Splitter
 from bcapscope.protocol.variant import Variant
@@ -23,40 +24,51 @@ from bcapscope.simulator.outcome import Answer
 from bcapscope.simulator.simulator import LARGEST_REQUEST, MOST_CLIENTS, Output, Peer
 from bcapscope.traffic.question import Question, question_of
 
+FORGOTTEN_AFTER = 2_000_000_000
+"""ns of silence after which a UDP client makes room for another: longer than between two tries of one that
+waits (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
+
 _SERVICE_START = Question(1, None)
 
 _Told: TypeAlias = Callable[[Report, bool], None]
 """Is given each call that is answered, and whether there was a line for it."""
 
 
+class Index:
+    """The lines of a script, by what was asked; all clients share it."""
+
+    def __init__(self, lines: Iterable[Line]) -> None:
+        self.lines: dict[Question, list[Line]] = {}
+        self.places: dict[tuple[Question, tuple[Variant, ...]], list[int]] = {}
+        for line in lines:
+            question = _folded(line.question)
+            known = self.lines.setdefault(question, [])
+            self.places.setdefault((question, line.arguments), []).append(len(known))
+            known.append(line)
+
+
 class Prompter:
-    """Finds the line that answers a request.
+    """Finds the line that answers a request of one client.
 
     That is the next one with the same function, command and arguments; where there is none any more, the
     last of them that was; else the next with the same function and command. After the last recorded
     Service_Start the next one begins from the top.
     """
 
-    def __init__(self, lines: tuple[Line, ...]) -> None:
-        self._lines: dict[Question, list[Line]] = defaultdict(list)
-        self._places: dict[tuple[Question, tuple[Variant, ...]], list[int]] = defaultdict(list)
+    def __init__(self, index: Index) -> None:
+        self._index = index
         self._next: dict[Question, int] = {}
-        for line in lines:
-            question = _folded(line.question)
-            known = self._lines[question]
-            self._places[question, line.arguments].append(len(known))
-            known.append(line)
 
     def find(self, asked: Question, arguments: tuple[Variant, ...]) -> Line | None:
         """Return the line; None where nothing like it was recorded."""
         question = _folded(asked)
-        lines = self._lines.get(question)
+        lines = self._index.lines.get(question)
         if lines is None:
             return None
         if question == _SERVICE_START and self._next.get(question) == len(lines):
             self._next.clear()
         begin = self._next.get(question, 0)
-        places = self._places.get((question, arguments), [])
+        places = self._index.places.get((question, arguments), [])
         index = bisect_left(places, begin)
         if index == len(places) > 0:
             return lines[places[-1]]
@@ -79,14 +91,16 @@ class _Part:
         heard: when it last sent something, ns.
     """
 
-    def __init__(self, number: int, script: Script, udp: bool, delays: bool, told: _Told) -> None:
+    def __init__(
+        self, number: int, prompter: Prompter, responder: Responder, *, udp: bool, delays: bool, told: _Told
+    ) -> None:
         self.splitter = None if udp else Splitter(limit=LARGEST_REQUEST)
         self.heard = 0
         self._number = number
         self._delays = delays
         self._told = told
-        self._prompter = Prompter(script.lines)
-        self._responder = Responder(retries=udp, replies=script.replies)
+        self._prompter = prompter
+        self._responder = responder
         self._waiting: deque[Frame] = deque()
         self._frame: Frame | None = None
         self._line: Line | None = None
@@ -99,7 +113,7 @@ class _Part:
         decision = self._responder.receive(frame)
         if decision.verdict is Verdict.BUSY and self._is_mute:
             # A call that had no answer when it was recorded is over when its client goes on.
-            self._responder.forget()
+            self._responder.abandon()
             decision = self._responder.receive(frame)
         if decision.verdict is Verdict.NEW:
             self._begin(frame, now)
@@ -115,10 +129,12 @@ class _Part:
     @property
     def due(self) -> int | None:
         """When `poll` has something to send, ns; None while there is no call."""
-        if self._frame is None or self._is_mute:
+        if self._frame is None:
             return None
+        if self._notices:
+            return self._began + self._notices[0]
         took = self._line.took if self._line is not None and self._delays else 0
-        return self._began + (self._notices[0] if self._notices else took)
+        return None if self._is_mute else self._began + took
 
     def poll(self, now: int) -> Iterator[bytes]:
         """Yield the frames that are due."""
@@ -128,12 +144,13 @@ class _Part:
                 yield self._responder.notice()
                 continue
             yield self._answer(now)
-            while self._waiting and not self._responder.running:
+            while self._waiting and (self._is_mute or not self._responder.running):
                 yield from self.receive(self._waiting.popleft(), now)
 
     @property
     def _is_mute(self) -> bool:
-        return self._line is not None and self._line.hresult is None
+        """Whether a call is under way that had no answer."""
+        return self._frame is not None and self._line is not None and self._line.hresult is None
 
     def _begin(self, frame: Frame, now: int) -> None:
         arguments = tuple(argument.variant for argument in frame.arguments)
@@ -149,12 +166,21 @@ class _Part:
         self._frame = None
         code: int = E_NOTIMPL
         values: tuple[Variant, ...] = ()
+        known = line is not None
         if line is not None and line.hresult is not None:
             code, values = line.hresult, line.values
+        try:
+            raw = self._responder.answer(code, values)
+        except TooLargeError:  # it went over TCP when it was recorded
+            code, values = E_TOO_MUCH_DATA, ()
+            raw = self._responder.answer(code)
+        except LocalProtocolError:  # it was damaged when it was recorded
+            code, values, known = E_NOTIMPL, (), False
+            raw = self._responder.answer(code)
         arguments = tuple(argument.variant for argument in frame.arguments)
         answer = Answer(code, values[0] if values else None)
-        self._told(Report(self._number, frame.code, arguments, answer, self._began, now), line is not None)
-        return self._responder.answer(code, values)
+        self._told(Report(self._number, frame.code, arguments, answer, self._began, now), known)
+        return raw
 
 
 class StandIn:
@@ -162,7 +188,8 @@ class StandIn:
 
     Attributes:
         dropped: datagrams that were no sound frame, or came from a client too many.
-        unknown: calls of which nothing like them was recorded; they are answered E_NOTIMPL.
+        unknown: calls of which nothing like them was recorded, or no answer that can be given again; they
+            are answered E_NOTIMPL.
     """
 
     def __init__(
@@ -177,7 +204,8 @@ class StandIn:
         """
         self.dropped = 0
         self.unknown = 0
-        self._script = script
+        self._index = Index(script.lines)
+        self._replies = script.replies
         self._report = report
         self._delays = delays
         self._parts: dict[Peer, _Part] = {}
@@ -190,12 +218,17 @@ class StandIn:
         if not isinstance(frame, Frame) or frame.problems:
             self.dropped += 1
             return []
-        part = self._parts.get(peer) or self._add(peer, udp=True, now=now)
+        part = self._parts.get(peer)
+        if part is None:
+            if not self._has_room(now):
+                self.dropped += 1
+                return []
+            part = self._add(peer, udp=True, now=now)
         return self._outputs(peer, part, [frame], now)
 
     def connect(self, peer: Peer, now: int) -> bool:
         """Take a TCP connection; return False if there are too many, for the caller to close it."""
-        if len(self._parts) >= MOST_CLIENTS:
+        if len(self._of(udp=False)) >= MOST_CLIENTS:
             return False
         self._add(peer, udp=False, now=now)
         return True
@@ -242,13 +275,27 @@ class StandIn:
         self.unknown += not known
         self._report(peer, report)
 
+    def _of(self, udp: bool) -> dict[Peer, _Part]:
+        """Return the clients of a transport: those of one never take the room of the other's."""
+        return {peer: part for peer, part in self._parts.items() if (part.splitter is None) is udp}
+
+    def _has_room(self, now: int) -> bool:
+        """Tell whether there is room for a UDP client, perhaps after forgetting one that is silent."""
+        parts = self._of(udp=True)
+        if len(parts) < MOST_CLIENTS:
+            return True
+        silent = min(parts, key=lambda peer: parts[peer].heard)
+        if now - parts[silent].heard < FORGOTTEN_AFTER:
+            return False
+        del self._parts[silent]
+        return True
+
     def _add(self, peer: Peer, udp: bool, now: int) -> _Part:
-        if len(self._parts) >= MOST_CLIENTS:
-            silent = min(self._parts, key=lambda each: self._parts[each].heard)
-            del self._parts[silent]
         self._number += 1
-        part = self._parts[peer] = _Part(
-            self._number, self._script, udp, self._delays, partial(self._told, peer)
-        )
+        largest = LARGEST_UDP_FRAME if udp else LARGEST_FRAME
+        responder = Responder(retries=udp, replies=self._replies, largest=largest)
+        told, prompter = partial(self._told, peer), Prompter(self._index)
+        part = _Part(self._number, prompter, responder, udp=udp, delays=self._delays, told=told)
+        self._parts[peer] = part
         part.heard = now
         return part

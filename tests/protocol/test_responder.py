@@ -113,6 +113,15 @@ def test_another_call_meanwhile_is_refused_and_not_remembered() -> None:
     assert responder.receive(other).verdict is NEW
 
 
+def test_an_abandoned_call_is_not_answered_and_not_executed_again() -> None:
+    responder = Responder()
+    assert responder.receive(_request(5, 0)).verdict is Verdict.NEW
+    responder.abandon()
+    assert not responder.running
+    assert responder.receive(_request(6, 5)) == (Verdict.RUNNING, None)
+    assert responder.receive(_request(7, 0)).verdict is Verdict.NEW
+
+
 def test_what_cannot_be_packed_leaves_the_call_running() -> None:
     responder = Responder()
     responder.receive(_request(5, 0))

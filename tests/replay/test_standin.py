@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.convention import ReplyReserved
 from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.hresult import E_BUSY, E_FAIL, E_NOTIMPL, S_EXECUTING, S_OK
-from bcapscope.protocol.variant import Variant
+from bcapscope.protocol.hresult import E_BUSY, E_FAIL, E_NOTIMPL, E_TOO_MUCH_DATA, S_EXECUTING, S_OK
+from bcapscope.protocol.variant import ARRAY, VT, Variant
 from bcapscope.replay.script import Line, Script
-from bcapscope.replay.standin import Prompter, StandIn
+from bcapscope.replay.standin import FORGOTTEN_AFTER, Index, Prompter, StandIn
 from bcapscope.simulator.conversation import MOST_WAITING
 from bcapscope.simulator.simulator import MOST_CLIENTS, Output
 from bcapscope.simulator.values import bstr, i4
@@ -70,13 +70,13 @@ def test_lines_are_found_in_order(asked: list[int], answers: list[int]) -> None:
         line(GET, i4(1), answer=12),
         line(GET, i4(1), answer=13),
     )
-    prompter = Prompter(lines)
+    prompter = Prompter(Index(lines))
     found = [prompter.find(GET, (i4(handle),)) for handle in asked]
     assert [each and each.values[0].value for each in found] == answers
 
 
 def test_a_new_start_begins_from_the_top() -> None:
-    prompter = Prompter((line(START), line(GET, i4(1), answer=1), line(GET, i4(1), answer=2)))
+    prompter = Prompter(Index((line(START), line(GET, i4(1), answer=1), line(GET, i4(1), answer=2))))
     told = []
     for question in (START, GET, GET, START, GET):
         found = prompter.find(question, () if question is START else (i4(1),))
@@ -86,7 +86,7 @@ def test_a_new_start_begins_from_the_top() -> None:
 
 
 def test_commands_are_told_apart_without_regard_to_case() -> None:
-    prompter = Prompter((line(MOVE, i4(1), bstr("slvMove")),))
+    prompter = Prompter(Index((line(MOVE, i4(1), bstr("slvMove")),)))
     assert prompter.find(Question(64, "SLVMOVE"), ()) is not None
     assert prompter.find(Question(64, "slvMov"), ()) is None
     assert prompter.find(GET, ()) is None
@@ -140,6 +140,39 @@ def test_calls_that_come_before_an_answer_wait_for_it() -> None:
     assert codes(standin.advance(5 * MS)) == [(serial, S_OK) for serial in range(1, MOST_WAITING + 2)]
 
 
+def test_calls_behind_one_that_was_never_answered_are_answered() -> None:
+    standin = played(
+        line(GET, i4(1), took=5 * MS), line(GET, i4(2), answer=None), line(GET, i4(3), answer=3, took=MS)
+    )
+    standin.connect("a", 0)
+    assert standin.segment("a", get(1) + get(2, 2) + get(3, 3), 0) == []
+    assert codes(standin.advance(5 * MS)) == [(1, S_OK)]
+    assert codes(standin.advance(6 * MS)) == [(3, S_OK)]
+
+
+def test_a_late_try_of_a_call_that_was_given_up_is_no_new_call() -> None:
+    standin = played(
+        line(GET, i4(1), answer=1), line(GET, i4(2), answer=None), line(GET, i4(1), answer=2), delays=False
+    )
+    for serial, handle, reserved, answer in [
+        (7, 1, 0, [(7, S_OK)]),
+        (8, 2, 0, []),
+        (9, 1, 0, [(9, S_OK)]),
+        (10, 2, 8, []),  # these were on the way for long
+        (7, 1, 0, [(7, S_OK)]),
+    ]:
+        found = standin.datagram("a", get(serial, handle, reserved), 0)
+        assert codes(found) == answer
+    assert Frame(found[0].data).arguments[0].variant.value == 1
+
+
+def test_a_call_that_broke_off_while_it_was_executed_ends_likewise() -> None:
+    standin = played(line(GET, i4(1), answer=None, notices=(2 * MS,)))
+    standin.datagram("a", get(7), 0)
+    assert codes(standin.advance(10 * MS)) == [(7, S_EXECUTING)]
+    assert standin.due(10 * MS) is None
+
+
 # whom
 
 
@@ -154,15 +187,43 @@ def test_a_refusal_is_refused_again() -> None:
     assert codes(standin.datagram("a", get(3), 0)) == [(3, E_FAIL)]
 
 
+def test_an_answer_that_does_not_fit_a_datagram_is_refused_on_udp() -> None:
+    standin = played(line(GET, i4(1), values=(bstr("x" * 300),)), line(GET, i4(1), answer=2))
+    assert codes(standin.datagram("a", get(3), 0)) == [(3, E_TOO_MUCH_DATA)]
+    assert codes(standin.datagram("a", get(4), 0)) == [(4, S_OK)]
+    standin.connect("b", 0)
+    assert codes(standin.segment("b", get(3), 0)) == [(3, S_OK)]
+
+
+def test_an_answer_that_was_damaged_cannot_be_given_again() -> None:
+    standin = played(line(GET, i4(1), values=(Variant(VT.I4 | ARRAY, (1, 2), 99),)))
+    assert codes(standin.datagram("a", get(3), 0)) == [(3, E_NOTIMPL)]
+    assert standin.unknown == 1
+
+
 def test_clients_have_a_script_each_and_their_number_is_bounded() -> None:
     standin = played(line(GET, i4(1), answer=1), line(GET, i4(1), answer=2))
-    for number in range(MOST_CLIENTS + 5):
+    for number in range(MOST_CLIENTS):
         (output,) = standin.datagram(number, get(1), number)
         assert Frame(output.data).arguments[0].variant.value == 1
-    assert not standin.connect("tcp", 0)
-    standin.reset(0)
-    assert standin.connect("tcp", 0)
-    assert standin.reset(0) == [Output("tcp", b"")]
+    assert standin.datagram("one more", get(1), FORGOTTEN_AFTER - 1) == []
+    assert standin.dropped == 1
+    assert standin.datagram("one more", get(1), FORGOTTEN_AFTER)
+    assert standin.datagram("yet another", get(1), FORGOTTEN_AFTER) == []
+    (output,) = standin.datagram(1, get(2), FORGOTTEN_AFTER)
+    assert Frame(output.data).arguments[0].variant.value == 2
+
+
+def test_clients_of_one_transport_take_no_room_of_the_other() -> None:
+    standin = played(line(GET, i4(1)))
+    for number in range(MOST_CLIENTS):
+        assert standin.datagram(number, get(1), 0)
+        assert standin.connect(("tcp", number), 0)
+    assert not standin.connect("one more", 0)
+    assert standin.datagram("another", get(1), FORGOTTEN_AFTER)
+    assert codes(standin.segment(("tcp", 0), get(1), 0)) == [(1, S_OK)]
+    assert len(standin.reset(0)) == MOST_CLIENTS
+    assert standin.connect("one more", 0)
 
 
 @given(st.lists(st.binary(max_size=80), max_size=20))
