@@ -275,7 +275,8 @@ _OPTIONS = (
         "--read-only",
         is_flag=True,
         help="Refuse all that moves the robot or changes its state, and what is not known, with "
-        "E_ACCESSDENIED. Robot_Halt, slvChangeMode 0, releases and Service_Stop always pass.",
+        "E_ACCESSDENIED. Robot_Halt, slvChangeMode 0, releases and Service_Stop always pass; so does "
+        "Controller_Connect, without whose handles nothing can be read.",
     ),
     click.option(
         "--block",

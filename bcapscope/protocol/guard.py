@@ -52,7 +52,11 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
 
 
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
-    """Tell whether a proxy that lets only reading pass may pass a request on."""
+    """Tell whether a proxy that lets only reading pass may pass a request on.
+
+    What opens a session passes, Controller_Connect too: nothing can be read without the handles that it
+    gives, and all that it changes is that the controller has one more client.
+    """
     return always_passes(function_id, arguments) or request_effect(function_id, arguments) <= Effect.SESSION
 
 
