@@ -22,7 +22,7 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.child import Child
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
 from bcapscope.tui.proxy.asking import Asker
 from bcapscope.tui.proxy.editing import edited, proposal
 from bcapscope.tui.proxy.lists import ClientList, HeldList, RuleList, Told
@@ -34,6 +34,7 @@ from bcapscope.tui.screens.views import Views, view_keys
 from bcapscope.tui.traffic.feed import Feed
 from bcapscope.tui.widgets.checkedline import CheckedLine
 from bcapscope.tui.widgets.fieldtree import FieldTree
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet import PacketView
 from bcapscope.tui.widgets.viewbar import ViewBar
@@ -102,7 +103,7 @@ class ProxyScreen(Views):
 
     def content(self) -> ComposeResult:
         """Yield what is true of all of it, then the lists."""
-        yield Static(id="summary")
+        yield InkedText(id="summary")
         yield self.bar()
         yield Static(id="head")
         with ContentSwitcher(initial="clients", id="lists"):
@@ -112,7 +113,7 @@ class ProxyScreen(Views):
             yield Told(id="told")
         yield CheckedLine("fault", read_fault, say("proxy.add.hint"))
         with Vertical(id="message"):
-            yield Static(id="intercepts")
+            yield InkedText(id="intercepts")
             yield PacketView(id="packet")
             yield CheckedLine("change", self._changed, say("proxy.edit.hint"))
 
@@ -253,10 +254,10 @@ class ProxyScreen(Views):
                 "rules": f"{len(standing.rules) or ''}",
                 "held": f"{len(standing.held) or ''}",
             }
-            self.query_one("#intercepts", Static).update(inked(intercepts(standing.figures), app.inks))
+            self.query_one("#intercepts", InkedText).write(intercepts(standing.figures))
         if lines != self._lines:  # its height may be another, which is to lay out the screen anew
             self._lines = lines
-            self.query_one("#summary", Static).update(inked("\n".join(lines), app.inks))
+            self.query_one("#summary", InkedText).write("\n".join(lines))
         self.query_one(ViewBar).show(self.view, counts, ())
         self._show_message()
         self.refresh_bindings()

@@ -13,8 +13,9 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.widgets import Button, ContentSwitcher, Input, Select, Static
+from textual.widgets import Button, ContentSwitcher, Input, Select
 
+from bcapscope.errors import BcapError
 from bcapscope.player.messages import Pacing, Topic
 from bcapscope.protocol.slavemode import mode_pose_type
 from bcapscope.render.escape import printable
@@ -25,8 +26,9 @@ from bcapscope.tui.desk.desk import Desk
 from bcapscope.tui.desk.performance import Performance, Wish, prepare
 from bcapscope.tui.desk.playing import Stage
 from bcapscope.tui.desk.record import cause
+from bcapscope.tui.desk.recovery import Step, step
 from bcapscope.tui.desk.slaverun import SlaveRun
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
 from bcapscope.tui.screens.place import Place
 from bcapscope.tui.settings import remembered
 from bcapscope.tui.tester.ask import ChoiceDialog
@@ -34,6 +36,7 @@ from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.files import FilePicker
 from bcapscope.tui.tester.slavelive import SlaveLive
 from bcapscope.tui.tester.tick import Tick
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.words import say, told
 
 _NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
@@ -107,10 +110,10 @@ class SlaveScreen(Place):
                 yield Button(say("tester.start"), compact=True, variant="success", id="start", disabled=True)
                 yield Button(say("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
                 yield Button(say("shell.halt"), compact=True, variant="error", id="halt")
-                yield Static(id="slave-state", markup=False)
+                yield InkedText(id="slave-state")
             with ContentSwitcher(initial="before", id="slave-views"):
                 with VerticalScroll(id="before"):
-                    yield Static(id="report", markup=False)
+                    yield InkedText(id="report")
                 yield SlaveLive(id="live")
 
     def on_mount(self) -> None:
@@ -186,7 +189,7 @@ class SlaveScreen(Place):
 
     def _report(self, lines: list[str]) -> None:
         self.query_one("#slave-views", ContentSwitcher).current = "before"
-        self.query_one("#report", Static).update(inked("\n".join(lines), scope_of(self).inks))
+        self.query_one("#report", InkedText).write("\n".join(lines))
 
     @on(Button.Pressed, "#browse")
     def action_browse(self) -> None:
@@ -218,6 +221,8 @@ class SlaveScreen(Place):
         if not desk.arming.lets_pass(desk.now()) and not await self._arm():
             self._state(f"{INK.bad}{say('tester.not_armed')}")
             return
+        if status.slave_mode and not await self._left():
+            return
         robot = status.robot.label if status.robot else "Arm"
         record = (
             self._records / f"slave-{time.strftime('%Y%m%d-%H%M%S')}-{time.monotonic_ns() % 1000:03}.pcapng"
@@ -238,6 +243,15 @@ class SlaveScreen(Place):
             desk.rest(desk.status.slave_mode != 0)
             if self.query("#start"):  # else the screen is being closed
                 self._busy(False)
+
+    async def _left(self) -> bool:
+        """Leave slave mode, in which nothing else may be asked; the player enters it anew."""
+        try:
+            await self._desk.do(step(self._desk, Step.MODE, "", 0))
+        except (BcapError, OSError) as error:
+            self._state(f"{INK.bad}{printable(cause(error))}")
+            return False
+        return True
 
     async def _follow(self, run: SlaveRun) -> None:
         live = self.query_one(SlaveLive)
@@ -296,7 +310,7 @@ class SlaveScreen(Place):
             self.query_one(name).disabled = playing
 
     def _state(self, line: str) -> None:
-        self.query_one("#slave-state", Static).update(inked(line, scope_of(self).inks))
+        self.query_one("#slave-state", InkedText).write(line)
 
     @on(Button.Pressed, "#stop")
     def _stop(self) -> None:

@@ -6,16 +6,17 @@ from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.suggester import SuggestFromList
-from textual.widgets import Button, Input, Static
+from textual.widgets import Button, Input
 
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.news import Status, Step, StepNews
 from bcapscope.tui.desk.option import read_option
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
 from bcapscope.tui.tester.field import Caption
 from bcapscope.tui.tester.messages import ConnectWanted, DisconnectWanted
 from bcapscope.tui.tester.tick import Tick
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.words import say
 
 PORT = 5007
@@ -45,8 +46,8 @@ class ConnectionPanel(Vertical):
         with Horizontal(classes="row"):
             yield Button(say("tester.connect"), compact=True, variant="primary", id="connect")
             yield Button(say("tester.disconnect"), compact=True, id="disconnect", disabled=True)
-            yield Static(id="steps", markup=False)
-        yield Static(id="found", markup=False)
+            yield InkedText(id="steps")
+        yield InkedText(id="found")
 
     def on_mount(self) -> None:
         """Say what to do first."""
@@ -103,12 +104,6 @@ class ConnectionPanel(Vertical):
         self.query_one("#disconnect", Button).disabled = not connecting
         self.query_one("#connect", Button).disabled = connecting
 
-    def notify_style_update(self) -> None:
-        """Draw in the colours of a new theme."""
-        super().notify_style_update()
-        if self.is_mounted:
-            self._write()
-
     def _write(self) -> None:
         parts = [self._part(step) for step in Step]
         last = next(
@@ -120,9 +115,8 @@ class ConnectionPanel(Vertical):
             text = f"{color}{printable(last.text)}{INK.reset}"
         if not text:
             text = f"{INK.dim}{say('tester.connect.hint')}{INK.reset}"
-        inks = scope_of(self).inks
-        self.query_one("#steps", Static).update(inked(" ".join(parts), inks))
-        self.query_one("#found", Static).update(inked(text, inks))
+        self.query_one("#steps", InkedText).write(" ".join(parts))
+        self.query_one("#found", InkedText).write(text)
 
     def _part(self, step: Step) -> str:
         name, news = say(f"tester.step.{step}"), self._steps.get(step)

@@ -7,13 +7,12 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
-from textual.widgets import Static
 
 from bcapscope.protocol.frame import Frame
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Question
-from bcapscope.tui.app import scope_of
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.widgets.packet import PacketView
 from bcapscope.tui.words import say
 
@@ -40,7 +39,7 @@ class PacketBox(Vertical):
 
     def compose(self) -> ComposeResult:
         """Put the title above the packet."""
-        yield Static(classes="title", markup=False)
+        yield InkedText(classes="title")
         yield PacketView()
 
     def on_mount(self) -> None:
@@ -82,12 +81,6 @@ class PacketBox(Vertical):
             self._at += by
             self._show()
 
-    def notify_style_update(self) -> None:
-        """Draw in the colours of a new theme."""
-        super().notify_style_update()
-        if self.is_mounted:
-            self._caption()
-
     def _show(self) -> None:
         seen, question = self._packets[self._at] if self._packets else (None, None)
         self.query_one(PacketView).show(seen, question)
@@ -103,4 +96,4 @@ class PacketBox(Vertical):
             if len(self._packets) > 1:
                 text += f"  [{self._at + 1}/{len(self._packets)}]"
             text += INK.reset
-        self.query_one(".title", Static).update(inked(text, scope_of(self).inks))
+        self.query_one(".title", InkedText).write(text)

@@ -7,7 +7,7 @@ from pathlib import Path
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
-from textual.widgets import Button, Static
+from textual.widgets import Button
 
 from bcapscope.protocol.commands import call_name
 from bcapscope.render.escape import printable
@@ -15,7 +15,7 @@ from bcapscope.traffic.question import Question
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.record import Record, Who
 from bcapscope.tui.desk.saved import SavedError, save
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
 from bcapscope.tui.tester.ask import NameDialog
 from bcapscope.tui.tester.choice import Choice
 from bcapscope.tui.tester.history import HistoryLines, HistoryPanel
@@ -23,6 +23,7 @@ from bcapscope.tui.tester.packetbox import PacketBox
 from bcapscope.tui.tester.savedlist import SavedList
 from bcapscope.tui.tester.tick import Tick
 from bcapscope.tui.tester.watchlist import WatchList
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.words import say, told
 
 VIEWS = ("sent", "received", "history", "watch", "saved")
@@ -50,7 +51,7 @@ class PacketPane(Vertical):
             yield Button(say("tester.clear"), compact=True, id="clear")
         yield PacketBox("tester.senddata", id="sent")
         yield PacketBox("tester.receivedata", id="received")
-        yield Static(id="tries", markup=False)
+        yield InkedText(id="tries")
         yield HistoryPanel(id="history")
         yield WatchList(id="watch")
         yield SavedList(self._requests, id="saved")
@@ -99,8 +100,8 @@ class PacketPane(Vertical):
                 lines.append(f"{INK.number}S_EXECUTING × {record.notices}{INK.reset}")
             if record.late:
                 lines.append(f"{INK.problem}{say('tester.late', count=record.late)}{INK.reset}")
-        tries = self.query_one("#tries", Static)
-        tries.update(inked("\n".join(lines), scope_of(self).inks))
+        tries = self.query_one("#tries", InkedText)
+        tries.write("\n".join(lines))
         tries.set_class(not lines, "-empty")
 
     def _turn_to(self, view: str) -> None:
@@ -147,4 +148,4 @@ class PacketPane(Vertical):
         message.stop()
         self.query_one("#sent", PacketBox).clear()
         self.query_one("#received", PacketBox).clear()
-        self.query_one("#tries", Static).set_class(True, "-empty")
+        self.query_one("#tries", InkedText).set_class(True, "-empty")

@@ -10,18 +10,18 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
-from textual.widgets import Button, Input, Static
+from textual.widgets import Button, Input
 
 from bcapscope.errors import BcapError
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.render.advice import advice
 from bcapscope.render.escape import printable
-from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.desk import Desk, NotArmedError
 from bcapscope.tui.desk.record import Ending, Record, cause, why
 from bcapscope.tui.desk.recovery import Step, read_errors, step
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
 from bcapscope.tui.tester.field import Caption
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.words import say, told
 
 _MARKS = {None: "○", True: "●", False: "✗"}
@@ -44,13 +44,13 @@ class RecoveryDialog(ModalScreen[None]):
         """Put the steps below the errors."""
         with Vertical(classes="dialog") as box:
             box.border_title = say("tester.recovery")
-            yield Static(id="errors", markup=False)
+            yield InkedText(id="errors")
             for each in list(Step)[1:]:
                 with Horizontal(classes="row"):
                     yield Button(
                         say(f"tester.recovery.{each}"), compact=True, id=f"do-{each}", classes="step"
                     )
-                    yield Static(id=f"done-{each}", markup=False, classes="done")
+                    yield InkedText(id=f"done-{each}", classes="done")
             with Horizontal(classes="row"):
                 yield Caption("tester.recovery.position")
                 yield Input(self._first, placeholder="@E J(0,0,90,0,90,0)", id="first")
@@ -74,7 +74,7 @@ class RecoveryDialog(ModalScreen[None]):
             lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(told(text))}")
             lines += [f"  {line}" for line in list(advice(code, INK, told))[1:]]
         self._done[Step.READ] = (True, "")
-        self.query_one("#errors", Static).update(inked("\n".join(lines), scope_of(self).inks))
+        self.query_one("#errors", InkedText).write("\n".join(lines))
 
     @on(Button.Pressed)
     def _pressed(self, message: Button.Pressed) -> None:
@@ -119,6 +119,5 @@ class RecoveryDialog(ModalScreen[None]):
 
     def _mark(self, which: Step, done: bool | None, text: str) -> None:
         color = {None: INK.number, True: INK.good, False: INK.bad}[done]
-        line = inked(f"{color}{_MARKS[done]} {printable(text)}{INK.reset}", scope_of(self).inks)
         name = "#errors" if which is Step.READ else f"#done-{which}"
-        self.query_one(name, Static).update(line)
+        self.query_one(name, InkedText).write(f"{color}{_MARKS[done]} {printable(text)}{INK.reset}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
-from textual.widgets import Static
 
 from bcapscope.protocol.commands import command_name
 from bcapscope.protocol.enumerations import stands_for
@@ -13,13 +12,13 @@ from bcapscope.protocol.hresult import S_OK, hresult_name
 from bcapscope.render.advice import advice
 from bcapscope.render.escape import printable
 from bcapscope.render.result import reply_result
-from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.record import Ending, Record, why
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.words import say, told
 
 
-class ResultView(Static, can_focus=True):
+class ResultView(InkedText, can_focus=True):
     """Shows one result, five decimals as b-CAP Tester does; ``d`` shows all digits.
 
     Attributes:
@@ -31,7 +30,7 @@ class ResultView(Static, can_focus=True):
     ]
 
     def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id, markup=False, classes="-empty")
+        super().__init__(id=id, classes="-empty")
         self._record: Record | None = None
         self.full = False
         self._line = ""
@@ -55,11 +54,13 @@ class ResultView(Static, can_focus=True):
         """Show how a call ended."""
         self._record = record
         self._write(_record_text(record, self.full))
+        self._come_into_sight()
 
     def fail(self, reason: str) -> None:
         """Show why nothing was sent, or what broke."""
         self._record = None
         self._write(f"{INK.bad}{printable(reason)}{INK.reset}")
+        self._come_into_sight()
 
     def hint(self, text: str) -> None:
         """Show what is expected."""
@@ -81,19 +82,17 @@ class ResultView(Static, can_focus=True):
         if self._record is not None:
             self.take(self._record)
 
-    def notify_style_update(self) -> None:
-        """Draw in the colours of a new theme."""
-        super().notify_style_update()
-        if self._line:
-            self._write(self._line, anew=True)
+    def _come_into_sight(self) -> None:
+        """Scroll what holds the forms, where the screen is too low for all of them."""
+        self.call_after_refresh(self.scroll_visible, animate=False)
 
-    def _write(self, line: str, anew: bool = False) -> None:
-        if line == self._line and not anew:
+    def _write(self, line: str) -> None:
+        if line == self._line:
             return
         self._line = line
         self.set_class(not line, "-empty")
         head = f"{INK.name}{say('tester.result')}{INK.reset}  " if self._record is not None else ""
-        self.update(inked(head + line, scope_of(self).inks))
+        self.write(head + line)
 
 
 def _record_text(record: Record, full: bool) -> str:

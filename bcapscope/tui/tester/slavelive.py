@@ -8,16 +8,15 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container
-from textual.widgets import Static
 
 from bcapscope.protocol.poses import AXES
 from bcapscope.render.columns import wrapped
 from bcapscope.render.escape import printable
 from bcapscope.render.playing import ended_lines, trouble_lines
 from bcapscope.render.slaverun import axis_charts, cycle_lines, figure_lines, progress_bar
-from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.slaverun import SlaveRun
-from bcapscope.tui.ink import INK, inked
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.words import say, told
 
 _ROWS = 6
@@ -39,15 +38,14 @@ class SlaveLive(Container, can_focus=True):
 
     def compose(self) -> ComposeResult:
         """Put the curves beside the figures, or above them where there is no room."""
-        yield Static(id="curves", markup=False)
-        yield Static(id="figures", markup=False)
+        yield InkedText(id="curves")
+        yield InkedText(id="figures")
 
     def show(self, run: SlaveRun) -> None:
         """Show what is known of a run by now."""
         self._run = run
-        inks = scope_of(self).inks
-        self.query_one("#curves", Static).update(inked("\n".join(self._curves(run)), inks), layout=False)
-        self.query_one("#figures", Static).update(inked("\n".join(self._figures(run)), inks), layout=False)
+        self.query_one("#curves", InkedText).write("\n".join(self._curves(run)), layout=False)
+        self.query_one("#figures", InkedText).write("\n".join(self._figures(run)), layout=False)
 
     def action_axes(self, by: int) -> None:
         """Show the curves of other axes."""
@@ -64,7 +62,7 @@ class SlaveLive(Container, can_focus=True):
         size = self.query_one("#curves").size
         axes = self._moving(run)
         most = max(1, size.height // _ROWS)
-        shown = (axes[self._first :] + axes[: self._first])[:most]
+        shown = sorted((axes[self._first :] + axes[: self._first])[:most])
         return axis_charts(
             run.trajectory.kind,
             tuple(run.course),
