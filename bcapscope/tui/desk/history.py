@@ -7,19 +7,25 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from bcapscope.protocol.commands import call_name
+from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.render.answer import AnswerRenderer
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import utc_text
+from bcapscope.render.notation import bare_text
 from bcapscope.render.palette import Palette
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import compile_filter
 from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.traffic.question import COMMAND_FUNCTIONS
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.desk.record import Record, Who, why
+from bcapscope.tui.desk.saved import takes_handle
 
 _PLAIN = re.compile(r"[\w\s.@:-]*")
 """Text without anything that an expression of the filter language cannot do without."""
+
+_LONGEST = 32
 
 Chooser: TypeAlias = Callable[[Record], bool]
 """Tells whether a call is wanted."""
@@ -31,7 +37,7 @@ def history_line(record: Record, palette: Palette) -> str:
     """Write a call: number, time of day (UTC), who made it unless the user did, call, result, time."""
     color = palette
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_MARKS[record.who]}"
-    name = call_name(record.function_id, record.arguments)
+    name = f"{call_name(record.function_id, record.arguments)} {_given(record)}".rstrip()
     if record.reply is not None:
         text = AnswerRenderer(palette).line(
             name, record.function_id, record.reply, record.took, record.attempts
@@ -40,6 +46,15 @@ def history_line(record: Record, palette: Palette) -> str:
         took = f"{color.dim}{record.took / 1e6:.3f} ms{color.reset}"
         text = f"{color.name}{printable(name)}{color.reset} {color.bad}{why(record)}{color.reset}  {took}"
     return f"{color.dim}{head}{color.reset} {text}"
+
+
+def _given(record: Record) -> str:
+    """Write what a call was given besides a handle and the name of a command, cut short where it is long."""
+    function = FUNCTIONS.get(record.function_id)
+    named = function is not None and takes_handle(function)
+    first = named + (record.function_id in COMMAND_FUNCTIONS)
+    text = " ".join(filter(None, map(bare_text, record.arguments[first:])))
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
 
 def chooser(text: str) -> Chooser:

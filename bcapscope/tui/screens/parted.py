@@ -11,7 +11,10 @@ from bcapscope.tui.tester.packets import VIEWS, PacketPane
 from bcapscope.tui.tester.tabs import TABS, FormTabs
 from bcapscope.tui.words import say
 
-_PARTS = ("#controller-box", "#execute-box", "#panels", "#right")
+_PARTS = "#left .box, #function, #raw, #right"
+_FIRST = "Input, HexView, Lines, Button"
+_LAST = "#slave-mode"
+"""It stands above the fields of its part, and has a key of its own."""
 
 
 class Parted(Place):
@@ -29,11 +32,18 @@ class Parted(Place):
             )
 
     def action_next_part(self) -> None:
-        """Go to the next part: connection, forms, packets."""
-        parts = [self.query_one(name) for name in _PARTS]
-        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1)
+        """Go to the next part: connection, each of the forms in sight, packets."""
+        self._step(1)
+
+    def action_part_before(self) -> None:
+        """Go to the part before."""
+        self._step(-1)
+
+    def _step(self, by: int) -> None:
+        parts = list(self.query(_PARTS))
+        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
         for step in range(1, len(parts) + 1):
-            if self._go_to(parts[(here + step) % len(parts)]):
+            if self._go_to(parts[(here + by * step) % len(parts)]):
                 return
 
     def action_next_tab(self) -> None:
@@ -58,7 +68,7 @@ class Parted(Place):
 
     def _go_to(self, part: Widget) -> bool:
         """Focus what can be done first in a part of the screen; return whether there is anything."""
-        among = (part, *part.query("Input, HexView, Lines, Button"))
+        among = (part, *part.query(_FIRST).exclude(_LAST))
         shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
         found = next((each for each in shown if each.focusable), None)
         if found is not None:

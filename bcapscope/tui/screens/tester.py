@@ -106,6 +106,7 @@ class Tester(Parted):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
         Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
+        Binding("shift+f6", "part_before", "", show=False),
         Binding("f7", "recover", "tester.recovery", id="recover", tooltip="tester.recovery.tip"),
         Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
         Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),

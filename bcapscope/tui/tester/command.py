@@ -35,6 +35,8 @@ class CommandForm(Vertical):
         """Take the function: Controller_Execute, Robot_Execute and the like."""
         super().__init__(id=id)
         self.function = FUNCTIONS[function_id]
+        self._sent: dict[str, tuple[int, str]] = {}
+        self._latest: tuple[int, str] | None = None
 
     def compose(self) -> ComposeResult:
         """Put command, type and parameter into two rows, and the result below."""
@@ -56,14 +58,23 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _complete(self, message: Input.Changed) -> None:
-        """Choose the type that the command has, and say what it does."""
+        """Choose the type that the command has, and say what it does.
+
+        The parameter that was sent with another command goes; what was sent with this one comes back.
+        """
         message.stop()
         found = suggestion(self.function.id, message.value)
         if found is None:
             self.query_one(ResultView).hint("")
             return
-        if found.types:
-            self.query_one(TypedValue).choose(found.types[0])
+        typed = self.query_one(TypedValue)
+        before = self._sent.get(message.value.strip().casefold())
+        if before is not None:
+            typed.put(*before)
+        elif typed.typed == self._latest:
+            typed.put(found.types[0] if found.types else typed.vt, "")
+        elif found.types:
+            typed.choose(found.types[0])
         self.query_one(ResultView).hint(found.text)
 
     @on(TypedValue.Changed)
@@ -100,6 +111,8 @@ class CommandForm(Vertical):
         elif checked.value is None:
             result.problem(checked.problem)
         else:
+            if suggestion(self.function.id, name) is not None:  # else it may be a slip of the pen
+                self._latest = self._sent[name.casefold()] = self.query_one(TypedValue).typed
             self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
 
     def action_pick(self) -> None:

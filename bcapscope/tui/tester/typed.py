@@ -55,6 +55,11 @@ class TypedValue(Horizontal):
         return value if isinstance(value, int) else self._first
 
     @property
+    def typed(self) -> tuple[int, str]:
+        """Type and text as they stand there."""
+        return self.vt, self.query_one(Input).value
+
+    @property
     def checked(self) -> Checked:
         """What stands there comes to."""
         return check(self.vt, self.query_one(Input).value)
