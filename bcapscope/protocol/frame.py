@@ -146,6 +146,14 @@ class Frame:
         return inner[0].arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
     @property
+    def variants(self) -> tuple[Variant, ...]:
+        """The values of the arguments, for those who need not know where they stand."""
+        inner = self._inner or self._look_inside()
+        if isinstance(inner, tuple):
+            return inner[0].variants(inner[1])
+        return tuple(argument.variant for argument in inner.arguments)
+
+    @property
     def problems(self) -> tuple[Problem, ...]:
         """What is not as b-CAP has it; empty for a sound frame."""
         inner = self._inner or self._look_inside()
@@ -244,8 +252,9 @@ def encode(
     raw = header + packed + b"\x04"
     if framing is not Framing.PLAIN:
         raw = _framed(raw, framing, reserved)
-    if max(length, len(raw)) > LARGEST_FRAME:
-        raise TooLargeError(f"a frame of {max(length, len(raw))} bytes, {LARGEST_FRAME} is the most")
+        length = max(length, len(raw))
+    if length > LARGEST_FRAME:
+        raise TooLargeError(f"a frame of {length} bytes, {LARGEST_FRAME} is the most")
     return raw
 
 

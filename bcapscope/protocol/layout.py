@@ -33,32 +33,38 @@ class Layout:
 
     Attributes:
         prototype: arguments of the frame it was learnt from; its numbers mean nothing.
-        notes: what others found out about all frames of this form, under keys of their own.
     """
 
-    __slots__ = ("_plan", "notes", "prototype")
+    __slots__ = ("_plan", "_variants", "prototype")
 
     def __init__(self, prototype: tuple[Argument, ...]) -> None:
         self.prototype = prototype
-        self.notes: dict[object, object] = {}
-        self._plan: list[tuple[Argument, int, int, Callable[[Variant, Numbers], Variant]]] = []
+        self._variants = tuple(argument.variant for argument in prototype)
+        self._plan: list[tuple[int, int, int, Callable[[Variant, Numbers], Variant]]] = []
         begin = 0
-        for argument, taken in zip(prototype, taken_by_each(prototype), strict=True):
-            self._plan.append((argument, begin, begin + taken, _filler(argument.variant)))
-            begin += taken
+        for place, taken in enumerate(taken_by_each(prototype)):
+            if taken:
+                self._plan.append((place, begin, begin + taken, _filler(prototype[place].variant)))
+                begin += taken
 
     def arguments(self, numbers: Numbers) -> tuple[Argument, ...]:
         """Put a frame's own `numbers`, in the order of its bytes, into the arguments."""
         if not numbers:
             return self.prototype
-        arguments = []
-        for argument, begin, end, fill in self._plan:
-            if begin == end:
-                arguments.append(argument)
-            else:
-                variant, start, stop = argument
-                arguments.append(Argument(fill(variant, numbers[begin:end]), start, stop))
+        arguments = list(self.prototype)
+        for place, begin, end, fill in self._plan:
+            variant, start, stop = arguments[place]
+            arguments[place] = Argument(fill(variant, numbers[begin:end]), start, stop)
         return tuple(arguments)
+
+    def variants(self, numbers: Numbers) -> tuple[Variant, ...]:
+        """Return the values of `arguments` without their places."""
+        if not numbers:
+            return self._variants
+        variants = list(self._variants)
+        for place, begin, end, fill in self._plan:
+            variants[place] = fill(variants[place], numbers[begin:end])
+        return tuple(variants)
 
 
 class _Shape:

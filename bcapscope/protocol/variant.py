@@ -126,7 +126,7 @@ def encode_argument(variant: Variant) -> bytes:
     Raises:
         LocalProtocolError: as `encode_variant`.
     """
-    body = encode_variant(variant)
+    body = _encode(variant, 0)
     return len(body).to_bytes(4, "little") + body
 
 

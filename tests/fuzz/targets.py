@@ -46,6 +46,7 @@ def check_frame(item: Frame, noted: bool = False) -> None:
         assert repr(item.arguments) == repr(fresh.arguments)
         assert (item.problems[:-1] if noted else item.problems) == fresh.problems
         assert item.framing is fresh.framing
+    assert repr(item.variants) == repr(tuple(argument.variant for argument in item.arguments))
     assert item.body == fresh.body
     assert len(item.body) <= max(len(item.raw), LARGEST_UNPACKED + 10)
     check_arguments(item.arguments, len(item.body))
