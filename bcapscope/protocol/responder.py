@@ -244,10 +244,13 @@ class Responder:
         if frame.reserved and self.convention is Convention.UNKNOWN:
             self._learn(frame)
         # Every request of every client passes here: one look at each call, and none that is not needed.
+        alike = [call for call in calls if serial in call.serials or call.content == content]
+        if not alike:
+            return None
         # The old client's serials may pass through 0 while it retries, and the next try then names 0.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
-        for call in calls:
+        for call in alike:
             serials = call.serials
             if call.content == content:
                 if serial in serials or named in serials or (after_zero and 0 in serials):

@@ -13,7 +13,7 @@ from itertools import product
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.poses import AXES, FLOAT_ARRAYS, Pose, make_pose, numbers
-from bcapscope.protocol.slaveformat import ReceiveFormat, SendFormat
+from bcapscope.protocol.slaveformat import PLAIN, ReceiveFormat, SendFormat
 from bcapscope.protocol.slavemode import PoseType
 from bcapscope.protocol.variant import VT, Variant
 
@@ -105,7 +105,7 @@ def split_set_point(
         receive: as slvRecvFormat said; None where that was not seen.
     """
     bare = _bare_pose(parameter, pose_type)
-    if bare and not (send and int(send)) and not (receive and receive.user_io):
+    if bare and send in (None, PLAIN) and not (receive and receive.user_io):
         return SetPoint(bare)
     parts = _parts(parameter)
     choices = _set_point_layouts(send, receive, _kinds(parts))
@@ -161,8 +161,8 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
     """Return the pose of the common case, an array of just the right length, without further looking."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
-    row = _row(variant)
-    return Pose(pose_type, row) if len(row) == len(AXES[pose_type]) else None
+    row = numbers(variant)
+    return Pose(pose_type, row) if row is not None and len(row) == len(AXES[pose_type]) else None
 
 
 def _parts(variant: Variant) -> tuple[Variant, ...]:

@@ -56,6 +56,10 @@ class SendFormat:
         return not self.other and not (self.mini_io and self.user_io)
 
 
+PLAIN = SendFormat()
+"""Nothing but the pose."""
+
+
 @dataclass(frozen=True, slots=True)
 class ReceiveFormat:
     """What slvMove returns.

@@ -94,8 +94,9 @@ class Client:
         handler = HANDLERS.get(function_id)
         if handler is None:
             raise RefusedError(E_NOTIMPL)
-        if self.machine.slave.mode is not None:
-            self._check_slave_mode(function_id, arguments, now)
+        if self.machine.slave.mode is not None and not is_allowed_in_slave_mode(function_id, arguments):
+            self.machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
+            raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
         return handler(Context(self.machine, self.number, self.objects, found, now), arguments[1:])
 
     def _start(self, arguments: tuple[Variant, ...]) -> Outcome:
@@ -124,16 +125,6 @@ class Client:
         elif name and providers and any(map(partial(_has_controller, name), self.machine.open.values())):
             raise RefusedError(E_CAO_COLLECTION_REGISTERED)
         return Answer(value=i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle))
-
-    def _check_slave_mode(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> None:
-        """Refuse what is not allowed in slave mode, which then ends with an error.
-
-        Raises:
-            RefusedError: it is not allowed.
-        """
-        if not is_allowed_in_slave_mode(function_id, arguments):
-            self.machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
-            raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
 
 
 def _has_controller(name: str, objects: Objects) -> bool:

@@ -121,7 +121,7 @@ class Conversation:
         self.client.leave(now)
 
     def _execute(self, frame: Frame, now: int) -> list[bytes]:
-        arguments = tuple([argument.variant for argument in frame.arguments])
+        arguments = frame.variants
         self._request = (frame.code, arguments, now)
         outcome = self.client.call(frame.code, arguments, now)
         if isinstance(outcome, Answer):

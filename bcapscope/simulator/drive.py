@@ -11,7 +11,7 @@ from collections import deque
 from typing import NamedTuple
 
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
-from bcapscope.protocol.slaveformat import ReceiveFormat, SendFormat
+from bcapscope.protocol.slaveformat import PLAIN, ReceiveFormat
 from bcapscope.protocol.slavemode import ModeKind, SlaveMode
 from bcapscope.simulator.arm import MS, Arm
 from bcapscope.simulator.kinematics import AXIS_COUNT, LIMITS, AxisLimit, Joints
@@ -58,7 +58,7 @@ class SlaveDrive:
         self.run = 0
         self.taken = 0
         self.next_tick = 0
-        self.send = SendFormat()
+        self.send = PLAIN
         self.receive: ReceiveFormat | None = None
         self.owed = 0
         self._arm = arm

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Container, Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import TypeAlias
 
 from bcapscope.protocol.commands import command as known_command
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass
 from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.simulator import systemvariables
 from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.context import Commands, Context
@@ -106,8 +107,8 @@ def release(context: Context, arguments: Arguments) -> Outcome:
     return DONE
 
 
-def execute(context: Context, arguments: Arguments, commands: Commands, function_id: int) -> Outcome:
-    """Run a command of an ..._Execute function.
+def execute(commands: Commands, function_id: int, context: Context, arguments: Arguments) -> Outcome:
+    """Run one of the commands of an ..._Execute function.
 
     Raises:
         RefusedError: the profile has no such command, or it is not simulated.
@@ -118,32 +119,19 @@ def execute(context: Context, arguments: Arguments, commands: Commands, function
         raise RefusedError(INVALID_COMMAND)
     if run is None:
         raise RefusedError(E_NOTIMPL)
-    return run(context, arguments[1] if len(arguments) > 1 else Variant(VT.EMPTY, None))
-
-
-def _robot_execute(context: Context, arguments: Arguments) -> Outcome:
-    return execute(context, arguments, ROBOT_COMMANDS, 64)
-
-
-def _controller_execute(context: Context, arguments: Arguments) -> Outcome:
-    return execute(context, arguments, CONTROLLER_COMMANDS, 17)
-
-
-def _task_execute(context: Context, arguments: Arguments) -> Outcome:
-    return execute(context, arguments, TASK_COMMANDS, 87)
+    return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
 
 
 def _command_execute(context: Context, arguments: Arguments) -> Outcome:
-    parameter = context.object.values.get("parameters", Variant(VT.EMPTY, None))
+    parameter = context.object.values.get("parameters", EMPTY)
     outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context, parameter)
     if isinstance(outcome, Answer):
-        context.object.values["result"] = outcome.value or Variant(VT.EMPTY, None)
+        context.object.values["result"] = outcome.value or EMPTY
     return DONE
 
 
 def _stored(key: str) -> Handler:
-    empty = Variant(VT.EMPTY, None)
-    return lambda context, arguments: Answer(value=context.object.values.get(key, empty))
+    return lambda context, arguments: Answer(value=context.object.values.get(key, EMPTY))
 
 
 def _put_parameters(context: Context, arguments: Arguments) -> Outcome:
@@ -244,7 +232,7 @@ _OF_ALL: Mapping[str, Handler] = {
 
 _OWN: Mapping[str, Handler] = {
     "Controller_GetMessage": get_message,
-    "Controller_Execute": _controller_execute,
+    "Controller_Execute": partial(execute, CONTROLLER_COMMANDS, 17),
     "Controller_GetExtensionNames": lambda context, arguments: Answer(value=names(_EXTENSIONS)),
     "Controller_GetFileNames": lambda context, arguments: Answer(value=names(context.machine.files.values())),
     "Controller_GetRobotNames": lambda context, arguments: Answer(value=names(("Arm0",))),
@@ -257,7 +245,7 @@ _OWN: Mapping[str, Handler] = {
     "File_GetSize": lambda context, arguments: Answer(value=i4(0)),
     "File_GetType": lambda context, arguments: Answer(value=bstr(context.object.name.rpartition(".")[2])),
     "File_GetValue": lambda context, arguments: Answer(value=bstr("")),
-    "Robot_Execute": _robot_execute,
+    "Robot_Execute": partial(execute, ROBOT_COMMANDS, 64),
     "Robot_Accelerate": _robot_accelerate,
     "Robot_Change": _robot_change,
     "Robot_Drive": _robot_drive,
@@ -266,7 +254,7 @@ _OWN: Mapping[str, Handler] = {
     "Robot_Move": _robot_move,
     "Robot_Speed": _robot_speed,
     "Robot_Unhold": lambda context, arguments: unhold(context),
-    "Task_Execute": _task_execute,
+    "Task_Execute": partial(execute, TASK_COMMANDS, 87),
     "Task_Start": _task_start,
     "Task_Stop": _task_stop,
     "Task_GetFileName": lambda context, arguments: Answer(value=bstr(f"{context.object.name}.pac")),

@@ -52,9 +52,12 @@ LIMITS: tuple[AxisLimit, ...] = (
 mode; the figures are ours."""
 
 
+_ZEROS = (0.0,) * 8
+
+
 def eight(values: tuple[float, ...]) -> Joints:
     """Fill joints up with zeros to eight, and drop what comes after the sixth, which the arm has not."""
-    return (*values[:AXIS_COUNT], *(0.0,) * (8 - len(values[:AXIS_COUNT])))
+    return (values[:AXIS_COUNT] + _ZEROS)[:8]
 
 
 def beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = LIMITS) -> int | None:

@@ -7,7 +7,6 @@ no paper says so.
 
 from __future__ import annotations
 
-from math import isfinite
 from types import MappingProxyType
 
 from bcapscope.protocol.hresult import (
@@ -35,6 +34,8 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LARGEST_COORDINATE = 1e9
+"""Of all together, their signs left out."""
+
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
 HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
@@ -159,22 +160,17 @@ def _joints(context: Context, pose_type: PoseType, point: SetPoint) -> Joints:
     values = point.pose.values
     if not is_pose_length(pose_type, len(values) + len(point.pose.extra)):
         raise RefusedError(E_INVALIDARG)
-    machine = context.machine
     try:
-        finite = all(map(isfinite, values)) and max(map(abs, values)) < LARGEST_COORDINATE
-        joints = joints_of(pose_type, values) if finite else None
-        code = INVALID_SET_POINT if joints is None else _limit(joints, context)
+        if not sum(map(abs, values)) < LARGEST_COORDINATE:  # no sum with NaN in it is
+            raise RefusedError(INVALID_SET_POINT)
+        joints = joints_of(pose_type, values)
+        axis = beyond_limit(joints, context.machine.start.limits)
+        if axis:
+            raise RefusedError(POSITION_LIMIT + axis)
     except RefusedError as refusal:
-        joints, code = None, refusal.hresult
-    if joints is None or code:
-        machine.fail(code, context.now, told=True)
-        raise RefusedError(code)
+        context.machine.fail(refusal.hresult, context.now, told=True)
+        raise
     return joints
-
-
-def _limit(joints: Joints, context: Context) -> int:
-    axis = beyond_limit(joints, context.machine.start.limits)
-    return POSITION_LIMIT + axis if axis else 0
 
 
 def _write_io(context: Context, point: SetPoint) -> None:
