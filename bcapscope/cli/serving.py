@@ -159,5 +159,6 @@ class Log:
             self._lines = []
 
     def _make(self) -> None:
-        told, self._told = self._told, []
-        self._lines += [each if isinstance(each, str) else report_line(*each) for each in told]
+        if self._told:
+            told, self._told = self._told, []
+            self._lines += [each if isinstance(each, str) else report_line(*each) for each in told]

@@ -115,6 +115,7 @@ class Server:
         self._connections: dict[socket.socket, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._awake_until = 0
+        self._may_be_more = True
         self._stood_still = 0
         self._udp, self._tcp = _listen(host, port)
         self._arrange()
@@ -147,13 +148,16 @@ class Server:
             self._catch_up(due)
         for blocked in writable:
             self._flush(self._connections[blocked])
-        for sock in readable:
-            if sock is self._udp:
+        others = []
+        for source in readable:
+            if source is self._udp:
                 self._take_datagrams()
-            elif sock is self._tcp:
+            elif source is self._tcp:
                 self._accept()
-            elif isinstance(sock, socket.socket):
-                self._take_segment(sock)
+            elif isinstance(source, int):
+                others.append(source)
+            else:
+                self._take_segment(source)
                 if len(readable) > 2:  # datagrams need not wait for all connections that ask for something
                     self._take_datagrams()
                     self._hear_turns()
@@ -161,8 +165,9 @@ class Server:
         now = self.now()
         if readable:
             self._awake_until = now + _LINGER
-        self._send(self._simulator.advance(now))
-        return [each for each in readable if isinstance(each, int)]
+        if due is not None and due <= now:
+            self._send(self._simulator.advance(now))
+        return others
 
     def reset(self) -> None:
         """Press the pendant's Reset button."""
@@ -177,21 +182,27 @@ class Server:
     def _wait(
         self, readers: list[_Source], until: float, due: int | None
     ) -> tuple[list[_Source], list[socket.socket]]:
-        """Wait for sockets that can be read and written; shortly behind a request without going to sleep."""
+        """Wait for sockets that can be read and written; shortly behind a request without going to sleep.
+
+        What comes between two looks has come alone, or the next look finds more.
+        """
         now = self.now()
         end = self._awake_until if due is None else min(self._awake_until, due)
+        self._may_be_more = True
         while now < end and until:
             readable, writable, _ = select.select(readers, self._writers, [], 0)
             if readable or writable:
                 return readable, writable
+            self._may_be_more = False
             now = self.now()
+        self._may_be_more = True
         wait = until if due is None else min(until, max(0, due - now) / 1e9)
         return select.select(readers, self._writers, [], wait)[:2]
 
     def _take_datagrams(self) -> None:
         """Take datagrams from the system before it runs out of room: the first is answered at once."""
         receive, turns = self._udp.recvfrom, self.turns
-        for number in range(_AT_ONCE):
+        for number in range(_AT_ONCE if self._may_be_more else 1):
             try:
                 data, address = receive(LARGEST_DATAGRAM)
             except OSError:  # nothing left; on Windows also an earlier client's closed port
@@ -204,8 +215,9 @@ class Server:
                 self._hear(address, data)
 
     def _hear_turns(self) -> None:
-        for address, data in self.turns.take():
-            self._hear(address, data)
+        if self.turns:
+            for address, data in self.turns.take():
+                self._hear(address, data)
 
     def _hear(self, address: _Address, data: bytes) -> None:
         self._send(self._simulator.datagram(("udp", address), data, self.now()))
@@ -253,8 +265,10 @@ class Server:
                 if peer[0] == "udp":
                     if self.tap:
                         self.tap.datagram(self.address, peer[1][:2], data, time.time_ns())
-                    with suppress(OSError):  # the client is gone, or its socket's buffer is full
+                    try:
                         self._udp.sendto(data, peer[1])
+                    except OSError:  # the client is gone, or its socket's buffer is full
+                        continue
             elif not data or len(connection.backlog) > LARGEST_BACKLOG:
                 self._drop(connection, by_reset=isinstance(data, Abort))
             else:
