@@ -20,6 +20,7 @@ from bcapscope.tui.screens.views import view_keys
 from bcapscope.tui.traffic.feed import Feed
 from bcapscope.tui.traffic.folder import FolderError
 from bcapscope.tui.traffic.report import Saving
+from bcapscope.tui.widgets.checkedline import CheckedLine
 from bcapscope.tui.widgets.findingpage import FindingPage
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say, told
@@ -104,7 +105,7 @@ class TrafficScreen(TrafficViews):
 
     def action_back(self) -> None:
         """Go from the filter to the list; from the list, end the filter."""
-        if self.seen.has_focus and self.expressions.get(self.view):
+        if self.seen.has_focus and self.query_one(CheckedLine).field.value:
             self.set_filter("")
         super().action_back()
 

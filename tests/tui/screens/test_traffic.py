@@ -93,6 +93,10 @@ def test_the_filter_finds_as_one_types_and_tells_what_is_wrong() -> None:
         await pilot.press("escape")
         assert here.frames.count == 518
         assert "Frame 518," in about(pilot)
+        await pilot.press("slash", *"sense", "escape")
+        assert error.display
+        await pilot.press("escape")
+        assert not error.display
 
     act_on(SESSION, act)
 
