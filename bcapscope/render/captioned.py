@@ -1,11 +1,13 @@
-"""Lines that begin with a caption, and those that go on below it."""
+"""Lines that begin with a caption, and those that go on below it; in any tongue."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 
+from bcapscope.render.columns import display_width
+from bcapscope.render.columns import wrapped as broken
 from bcapscope.render.palette import Palette
+from bcapscope.render.tongue import Tongue, english
 
 CAPTION_WIDTH = 12
 TEXT_WIDTH = 82
@@ -14,19 +16,21 @@ TEXT_WIDTH = 82
 _FRAMES_SHOWN = 8
 
 
-def captioned(caption: str, text: str, palette: Palette) -> str:
+def captioned(caption: str, text: str, palette: Palette, tongue: Tongue = english) -> str:
     """Write a line with a caption."""
-    return f"  {palette.dim}{caption:<{CAPTION_WIDTH}}{palette.reset}{text}".rstrip()
+    caption = tongue(caption)
+    space = " " * (CAPTION_WIDTH - display_width(caption))
+    return f"  {palette.dim}{caption}{space}{palette.reset}{tongue(text)}".rstrip()
 
 
-def more(text: str) -> str:
+def more(text: str, tongue: Tongue = english) -> str:
     """Write a line that belongs to the caption above."""
-    return f"  {'':<{CAPTION_WIDTH}}{text}"
+    return f"  {'':<{CAPTION_WIDTH}}{tongue(text)}"
 
 
-def wrapped(text: str, color: str = "", reset: str = "") -> Iterator[str]:
+def wrapped(text: str, color: str = "", reset: str = "", tongue: Tongue = english) -> Iterator[str]:
     """Write a text of any length below a caption, in lines that fit; `color` begins and `reset` ends each."""
-    return (more(f"{color}{line}{reset}") for line in textwrap.wrap(text, TEXT_WIDTH))
+    return (more(f"{color}{line}{reset}") for line in broken(tongue(text), TEXT_WIDTH))
 
 
 def frames_text(frames: Sequence[int], count: int | None = None) -> str:

@@ -27,17 +27,21 @@ _HEAD = ("axis", "unit", "from", "to", "step", "speed/s", "acceleration/s²", "f
 
 def trajectory_line(number: int, trajectory: Trajectory, tongue: Tongue = english) -> str:
     """Write one of several trajectories in a line, to choose from."""
-    part = printable(trajectory.source.part) or tongue("all of it")
+    part = printable(tongue(trajectory.source.part or "all of it"))
     return f"{number}: {part}, {tongue(_size(trajectory))}"
 
 
 def source_lines(trajectory: Trajectory, tongue: Tongue = english) -> Iterator[str]:
     """Yield what a file was read as: size, interval, the column of each axis with its unit, and notes."""
     source = trajectory.source
-    yield printable(f"{source.path}: {source.form}{f', {source.part}' if source.part else ''}")
+    part = f", {printable(tongue(source.part))}" if source.part else ""
+    yield f"{printable(source.path)}: {printable(tongue(source.form))}{part}"
     yield f"  {tongue(_size(trajectory))}, {tongue(_interval(trajectory))}"
     if source.columns:
-        rows = [(column.axis, "from", tongue(_place(column)), _unit(column)) for column in source.columns]
+        rows = [
+            (column.axis, tongue("from"), tongue(_place(column)), tongue(_unit(column)))
+            for column in source.columns
+        ]
         yield from (f"  {line}" for line in columns(rows, "<<<<"))
     for note in source.notes:
         yield f"  {printable(tongue(note))}"
@@ -54,11 +58,25 @@ class PreflightRenderer:
     def lines(self, preflight: Preflight) -> Iterator[str]:
         """Yield a table of what each axis does, the findings, and one line that sums up."""
         if preflight.figures:
-            yield from columns([tuple(map(self._tongue, _HEAD)), *map(_row, preflight.figures)], "<<>>>>>>")
+            yield from columns(
+                [tuple(map(self._tongue, _HEAD)), *map(self._row, preflight.figures)], "<<>>>>>>"
+            )
             yield ""
         for finding in preflight.findings:
             yield from self._finding(finding)
         yield self._verdict(preflight)
+
+    def _row(self, figures: Figures) -> Sequence[str]:
+        return (
+            figures.axis.name,
+            figures.axis.unit,
+            f"{round(figures.low, 3) + 0.0:.3f}",
+            f"{round(figures.high, 3) + 0.0:.3f}",
+            f"{figures.step:.4f}",
+            self._tongue(_of(figures.speed, figures.limit.speed)),
+            self._tongue(_of(figures.acceleration, figures.limit.acceleration)),
+            str(figures.fastest),
+        )
 
     def _verdict(self, preflight: Preflight) -> str:
         color, tongue = self._palette, self._tongue
@@ -127,19 +145,6 @@ def _place(column: Column) -> str:
 
 def _unit(column: Column) -> str:
     return f"in {column.unit}" if column.unit else ""
-
-
-def _row(figures: Figures) -> Sequence[str]:
-    return (
-        figures.axis.name,
-        figures.axis.unit,
-        f"{round(figures.low, 3) + 0.0:.3f}",
-        f"{round(figures.high, 3) + 0.0:.3f}",
-        f"{figures.step:.4f}",
-        _of(figures.speed, figures.limit.speed),
-        _of(figures.acceleration, figures.limit.acceleration),
-        str(figures.fastest),
-    )
 
 
 def _of(value: float, limit: float) -> str:

@@ -8,64 +8,68 @@ from bcapscope.analysis.buffer import Buffer
 from bcapscope.analysis.clock import ClockFacts
 from bcapscope.render.captioned import captioned, frames_text, more, times_text
 from bcapscope.render.palette import Palette
+from bcapscope.render.tongue import Tongue, english
 
 _MOMENTS_SHOWN = 8
 
 
-def buffer_lines(buffer: Buffer, palette: Palette) -> Iterator[str]:
+def buffer_lines(buffer: Buffer, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write what a model predicts of the buffer, and what the controller reported."""
     slots = "1 slot" if buffer.slots == 1 else f"{buffer.slots} slots"
-    yield captioned("buffer", f"{slots}; levels are predicted, by a model", palette)
-    yield from (more(f"- {assumption}") for assumption in buffer.assumptions)
+    yield captioned("buffer", f"{slots}; levels are predicted, by a model", palette, tongue)
+    yield from (more(f"- {tongue(assumption)}") for assumption in buffer.assumptions)
     if buffer.smallest_slack_ms is not None:
         levels = ", ".join(f"{level} × {count}" for level, count in buffer.levels.items())
-        yield captioned("level", f"points that a set point found there × set points: {levels}", palette)
+        text = f"points that a set point found there × set points: {levels}"
+        yield captioned("level", text, palette, tongue)
         at = f"frame {buffer.smallest_slack_at}"
-        yield captioned("slack", f"{buffer.smallest_slack_ms:.3f} ms at the least, {at}", palette)
-    yield from _running_empty(buffer, palette)
+        yield captioned("slack", f"{buffer.smallest_slack_ms:.3f} ms at the least, {at}", palette, tongue)
+    yield from _running_empty(buffer, palette, tongue)
     if buffer.overwritten:
-        yield more(f"{buffer.overwritten} set points replaced before they were taken, as predicted")
+        yield more(f"{buffer.overwritten} set points replaced before they were taken, as predicted", tongue)
     if buffer.overflows:
         frames = frames_text(buffer.overflow_list, buffer.overflows)
-        yield captioned("too full", f"predicted {times_text(buffer.overflows)}  {frames}", palette)
+        yield captioned("too full", f"predicted {times_text(buffer.overflows)}; {frames}", palette, tongue)
     reported = {"underflow": buffer.reported_underflows, "overflow": buffer.reported_overflows}
     for caption, found in reported.items():
         if found:
-            text = f"{palette.bad}reported by the controller{palette.reset}  {frames_text(found)}"
-            yield captioned(caption, text, palette)
+            who, frames = tongue("reported by the controller"), tongue(frames_text(found))
+            yield captioned(tongue(caption), f"{palette.bad}{who}{palette.reset}  {frames}", palette)
 
 
-def _running_empty(buffer: Buffer, palette: Palette) -> Iterator[str]:
+def _running_empty(buffer: Buffer, palette: Palette, tongue: Tongue) -> Iterator[str]:
     if not buffer.starved and not buffer.maybe_starved:
-        yield captioned("empty", "never, as predicted", palette)
+        yield captioned("empty", "never, as predicted", palette, tongue)
         return
     told = f"predicted {times_text(buffer.starved)}, {buffer.starved_moving} of it in motion"
     doubt = f"; perhaps {times_text(buffer.maybe_starved)} more" if buffer.maybe_starved else ""
     held = ", where the last point is held" if buffer.overwrites else ""
-    yield captioned("empty", told + doubt + held, palette)
+    yield captioned("empty", told + held + doubt, palette, tongue)
     for each in buffer.starved_list[:_MOMENTS_SHOWN]:
         moving = {True: "moving", False: "standing", None: "motion not known"}[each.moving]
         color = palette.problem if each.moving is not False and not buffer.overwrites else ""
         text = f"after frame {each.after}: frame {each.before} came {each.late_ms:.3f} ms too late, {moving}"
-        yield more(f"{color}{text}{palette.reset if color else ''}")
+        yield more(f"{color}{tongue(text)}{palette.reset if color else ''}")
     if buffer.starved > _MOMENTS_SHOWN:
-        yield more(f"and {buffer.starved - _MOMENTS_SHOWN} more")
+        yield more(f"and {buffer.starved - _MOMENTS_SHOWN} more", tongue)
 
 
-def clock_lines(clock: ClockFacts, palette: Palette) -> Iterator[str]:
+def clock_lines(clock: ClockFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write how the controller's time stamps go with the clock of the capture."""
     unit = "µs" if clock.microseconds else "ms"
-    yield captioned("clock", f"{clock.stamps} time stamps in {unit}, as {clock.unit_known_by} tells", palette)
+    text = f"{clock.stamps} time stamps in {unit}, as {clock.unit_known_by} tells"
+    yield captioned("clock", text, palette, tongue)
     if clock.drift_ppm is not None:
         faster = "faster" if clock.drift_ppm >= 0 else "slower"
-        yield more(f"the controller's is {abs(clock.drift_ppm):.1f} ppm {faster} than the capture's")
+        yield more(f"the controller's is {abs(clock.drift_ppm):.1f} ppm {faster} than the capture's", tongue)
     if clock.jitter is not None:
         text = f"p50 {clock.jitter.p50:.3f}, p99 {clock.jitter.p99:.3f}, max {clock.jitter.most:.3f} ms"
-        yield more(f"delay of replies changes by {text}")
+        yield more(f"delay of replies changes by {text}", tongue)
     counts = {
         "periods without a stamp": clock.missing,
         "stamps repeated": clock.repeated,
         "stamps backwards": clock.backwards,
         "wraps of the 32-bit number": clock.wraps,
     }
-    yield more(", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no stamp missing")
+    told = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    yield more(told or "no stamp missing", tongue)

@@ -9,20 +9,21 @@ from bcapscope.analysis.motion import AxisMotion, Motion, Peak
 from bcapscope.render.captioned import captioned, frames_text, more, times_text, wrapped
 from bcapscope.render.columns import columns
 from bcapscope.render.palette import Palette
+from bcapscope.render.tongue import Tongue, english
 
 
-def motion_lines(motion: Motion, palette: Palette) -> Iterator[str]:
+def motion_lines(motion: Motion, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write steps, velocities and accelerations by axis, and how far off the returned pose is."""
     guessed = ", their type guessed from the count of numbers" if motion.guessed else ""
-    yield captioned("motion", f"{motion.read} poses read{guessed}", palette)
+    yield captioned("motion", f"{motion.read} poses read{guessed}", palette, tongue)
     if motion.unread:
-        yield more(f"{motion.unread} could not be read, or are of another type")
+        yield more(f"{motion.unread} could not be read, or are of another type", tongue)
     if motion.not_finite:
         frames = frames_text(motion.not_finite_frames, motion.not_finite)
         text = f"{motion.not_finite} hold NaN or infinity; {frames}"
-        yield from wrapped(text, palette.problem, palette.reset)
-    yield from _axes([axis for axis in motion.axes if axis.name != "Fig"], palette)
-    yield from _oddities(motion, palette)
+        yield from wrapped(text, palette.problem, palette.reset, tongue)
+    yield from _axes([axis for axis in motion.axes if axis.name != "Fig"], palette, tongue)
+    yield from _oddities(motion, palette, tongue)
 
 
 _AXIS_HEADER = (
@@ -31,21 +32,22 @@ _AXIS_HEADER = (
 )
 
 
-def _axes(axes: Sequence[AxisMotion], palette: Palette) -> Iterator[str]:
+def _axes(axes: Sequence[AxisMotion], palette: Palette, tongue: Tongue) -> Iterator[str]:
     moving = [axis for axis in axes if axis.least != axis.most]
     if not moving:
         if axes:
-            yield more("no axis moves")
+            yield more("no axis moves", tongue)
         return
-    rows = [*_AXIS_HEADER, *map(_axis, moving)]
+    head = (tuple(map(tongue, row)) for row in _AXIS_HEADER)
+    rows = [*head, *map(_axis, moving)]
     first, second, *others = columns(rows, "<" + ">" * (len(_AXIS_HEADER[0]) - 1))
     yield f"  {palette.dim}{first}{palette.reset}"
     yield f"  {palette.dim}{second}{palette.reset}"
     yield from (f"  {line}" for line in others)
     still = [axis.name for axis in axes if axis.least == axis.most]
     if still:
-        yield more(f"standing still: {' '.join(still)}")
-    yield more("units of the axis, a second, a second squared; off: commanded less returned")
+        yield more(f"standing still: {' '.join(still)}", tongue)
+    yield more("units of the axis, a second, a second squared; off: commanded less returned", tongue)
 
 
 def _axis(axis: AxisMotion) -> tuple[str, ...]:
@@ -79,25 +81,25 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
 
 
-def _oddities(motion: Motion, palette: Palette) -> Iterator[str]:
+def _oddities(motion: Motion, palette: Palette, tongue: Tongue) -> Iterator[str]:
     if motion.first_distance:
-        yield more(f"first point {_distance(motion)} from where the robot stood,")
-        yield more(f"by {motion.first_distance_known_by}")
+        yield more(f"first point {_distance(motion)} from where the robot stood,", tongue)
+        yield more(f"by {motion.first_distance_known_by}", tongue)
     if motion.repeated:
         points = "1 point" if motion.repeated == 1 else f"{motion.repeated} points"
         text = f"{points} equal to the one before"
         if motion.stutters:
             frames = frames_text(motion.stutter_list, motion.stutters)
             text = f"{text}, {motion.stutters} of them between two that move; {frames}"
-        yield from wrapped(text)
+        yield from wrapped(text, tongue=tongue)
     if motion.jumps:
         first = motion.jump_list[0]
         steps = "1 step" if motion.jumps == 1 else f"{motion.jumps} steps"
         text = f"{steps} far larger than those beside, the first {first.step:.4g} on {first.axis}"
         frames = frames_text([jump.frame for jump in motion.jump_list], motion.jumps)
-        yield from wrapped(f"{text}; {frames}", palette.problem, palette.reset)
+        yield from wrapped(f"{text}; {frames}", palette.problem, palette.reset, tongue)
     if motion.figure_changes:
-        yield more(f"Fig changes {times_text(motion.figure_changes)}")
+        yield more(f"Fig changes {times_text(motion.figure_changes)}", tongue)
 
 
 def _distance(motion: Motion) -> str:

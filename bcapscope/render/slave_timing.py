@@ -12,33 +12,37 @@ from bcapscope.render.captioned import captioned, frames_text, more, wrapped
 from bcapscope.render.columns import columns
 from bcapscope.render.histogram import edges_around, edges_by_decades, histogram
 from bcapscope.render.palette import Palette
+from bcapscope.render.tongue import Tongue, english
 
 _SLICE_TIMES = ("cycle p50", "p99", "max", "latency p99", "max", "slack")
 
 
-def timing_lines(timing: Timing, palette: Palette) -> Iterator[str]:
+def timing_lines(timing: Timing, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write how the times are spread, with histograms of cycles and latencies."""
     names = ("cycle", "jitter", "latency", "round trip")
     found = (timing.cycle, timing.jitter, timing.latency, timing.rtt)
-    rows: list[tuple[str, ...]] = [("ms", "mean", "p50", "p90", "p99", "p99.9", "max")]
-    rows += [(name, *_points(each)) for name, each in zip(names, found, strict=True) if each is not None]
+    rows: list[tuple[str, ...]] = [tuple(map(tongue, ("ms", "mean", "p50", "p90", "p99", "p99.9", "max")))]
+    rows += [
+        (tongue(name), *_points(each)) for name, each in zip(names, found, strict=True) if each is not None
+    ]
     first, *others = columns(rows, "<>>>>>>")
     yield f"  {palette.dim}{first}{palette.reset}"
     yield from (f"  {line}" for line in others)
     rate = "" if timing.rate_hz is None else f", {timing.rate_hz:.2f} set points a second"
-    yield captioned("grid", f"{timing.grid_ms:g} ms{rate}", palette)
-    yield more(timing.grid_known_by)
+    yield captioned("grid", f"{timing.grid_ms:g} ms{rate}", palette, tongue)
+    yield more(timing.grid_known_by, tongue)
     if timing.cycle is not None:
-        yield more(_on_grid(timing, timing.cycle))
+        yield more(_on_grid(timing, timing.cycle), tongue)
         if timing.gaps:
             late = [fact.request for fact in timing.gap_list]
             text = f"{timing.gaps} longer than the {timing.slack_ms:g} ms that the buffer can bridge"
             text = f"{text}; {frames_text(late, timing.gaps)}"
-            yield from wrapped(text, palette.problem, palette.reset)
-        yield captioned("cycles", "in ms", palette)
+            yield from wrapped(text, palette.problem, palette.reset, tongue)
+        yield captioned("cycles", "in ms", palette, tongue)
         yield from _drawn(timing.cycle, edges_around(timing.grid_ms), palette)
     if timing.latency is not None:
-        yield captioned("latencies", "in ms, from the first request to the accepted reply", palette)
+        text = "in ms, from the first request to the accepted reply"
+        yield captioned("latencies", text, palette, tongue)
         yield from _drawn(timing.latency, edges_by_decades(), palette)
 
 
@@ -58,29 +62,29 @@ def _points(found: Distribution) -> tuple[str, ...]:
     return tuple(f"{value:.3f}" for value in values)
 
 
-def deadline_lines(timing: Timing, palette: Palette) -> Iterator[str]:
+def deadline_lines(timing: Timing, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write how many set points would have missed each recommended time-out."""
-    rows = [("time-outs", "later than one try", "than all tries")]
+    rows = [tuple(map(tongue, ("time-outs", "later than one try", "than all tries")))]
     for deadline in timing.deadlines:
-        name = ("* " if deadline.applies else "  ") + deadline.name
+        name = ("* " if deadline.applies else "  ") + tongue(deadline.name)
         rows.append((name, str(deadline.late), str(deadline.given_up)))
     first, *others = columns(rows, "<>>")
     yield f"  {palette.dim}{first}{palette.reset}"
     yield from (f"  {line}" for line in others)
     sources = dict.fromkeys(deadline.source for deadline in timing.deadlines if deadline.applies)
     if sources:
-        yield more(f"* recommended for this mode by {'; '.join(sources)}")
+        yield more(f"* recommended for this mode by {'; '.join(sources)}", tongue)
 
 
-def slice_lines(stay: Stay, palette: Palette) -> Iterator[str]:
+def slice_lines(stay: Stay, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write the figures of each slice of time, times in ms."""
-    header = ("from s", "sent", "retries", "refused", *_SLICE_TIMES)
+    header = tuple(map(tongue, ("from s", "sent", "retries", "refused", *_SLICE_TIMES)))
     rows = [header, *(_slice(each, stay.slices[0].begin) for each in stay.slices)]
     first, *others = columns(rows, ">" * len(header))
     yield f"  {palette.dim}{first}{palette.reset}"
     yield from (f"  {line}" for line in others)
     if stay.slices_left_off:
-        yield f"  and {stay.slices_left_off} slices more"
+        yield f"  {tongue(f'and {stay.slices_left_off} slices more')}"
 
 
 def _slice(each: Slice, begin: int) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.moment import epoch_text, utc_text
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.record import json_text
+from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.question import Question
 
 MOST_ROWS = 40
@@ -39,46 +40,57 @@ def question_text(question: Question) -> str:
     return f"{name} {command if len(command) <= _LONGEST_NAME else command[: _LONGEST_NAME - 1] + '…'}"
 
 
-def statistics_lines(statistics: Statistics, palette: Palette = PLAIN) -> Iterator[str]:
+def statistics_lines(
+    statistics: Statistics, palette: Palette = PLAIN, tongue: Tongue = english
+) -> Iterator[str]:
     """Write the figures of a time: in all, by client, by client and command."""
     seconds = (statistics.end - statistics.start) / 1e9
     yield f"{palette.name}{utc_text(statistics.start)}, {seconds:.3f} s{palette.reset}"
     yield ""
-    rows = [(_client_text(row), row.figures) for row in statistics.clients]
+    rows = [(_client_text(row, tongue), row.figures) for row in statistics.clients]
     if len(rows) > 1:
-        rows.insert(0, (_client_text(statistics.total), statistics.total.figures))
-    yield from _table("client", rows, palette)
+        rows.insert(0, (_client_text(statistics.total, tongue), statistics.total.figures))
+    yield from _table(tongue("client"), rows, palette, tongue)
     for client in statistics.clients[:MOST_ROWS]:
         own = [row for row in statistics.commands if row.conversation is client.conversation]
         yield ""
-        caption = f"by {_client_text(client)}"
-        yield from _table(
-            caption, [(question_text(row.question or OTHERS), row.figures) for row in own], palette
-        )
-    yield from _refusals(statistics, palette)
+        caption = tongue(f"by {_client_text(client, english)}")
+        questions = [(_question(row, tongue), row.figures) for row in own]
+        yield from _table(caption, questions, palette, tongue)
+    yield from _refusals(statistics, palette, tongue)
     let_go = statistics.total.figures.not_followed
     if let_go:
         yield ""
         text = f"not followed to the end, as too many were open: {counted(let_go, 'call')}"
-        yield f"{palette.dim}{text}{palette.reset}"
+        yield f"{palette.dim}{tongue(text)}{palette.reset}"
 
 
-def _client_text(row: Row) -> str:
+def _question(row: Row, tongue: Tongue) -> str:
+    text = question_text(row.question or OTHERS)
+    return tongue(text) if row.question in (None, OTHERS) else text
+
+
+def _client_text(row: Row, tongue: Tongue) -> str:
     conversation = row.conversation
     if conversation is None:
-        return "all clients"
+        return tongue("all clients")
     if conversation is ELSEWHERE:
-        return "(other clients)"
+        return tongue("(other clients)")
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 
-def _table(caption: str, rows: Sequence[tuple[str, Figures]], palette: Palette) -> Iterator[str]:
-    cells = [(caption, *_HEADER), *((name, *_cells(figures)) for name, figures in rows[:MOST_ROWS])]
+def _table(
+    caption: str, rows: Sequence[tuple[str, Figures]], palette: Palette, tongue: Tongue
+) -> Iterator[str]:
+    cells = [
+        (caption, *map(tongue, _HEADER)),
+        *((name, *_cells(figures)) for name, figures in rows[:MOST_ROWS]),
+    ]
     first, *others = columns(cells, "<" + ">" * len(_HEADER))
     yield f"{palette.dim}{first}{palette.reset}"
     yield from others
     if len(rows) > MOST_ROWS:
-        yield f"… and {len(rows) - MOST_ROWS} more"
+        yield tongue(f"… and {len(rows) - MOST_ROWS} more")
 
 
 def _cells(figures: Figures) -> tuple[str, ...]:
@@ -97,12 +109,12 @@ def _points(latency: Distribution) -> tuple[float, ...]:
     return latency.p50, latency.p90, latency.p99, latency.p999, latency.most
 
 
-def _refusals(statistics: Statistics, palette: Palette) -> Iterator[str]:
-    rows = [(question_text(row.question or OTHERS), row.figures.codes) for row in statistics.kinds]
+def _refusals(statistics: Statistics, palette: Palette, tongue: Tongue) -> Iterator[str]:
+    rows = [(_question(row, tongue), row.figures.codes) for row in statistics.kinds]
     refused = [(str(count), hresult_name(code), name) for name, codes in rows for code, count in codes]
     if refused:
         yield ""
-        yield f"{palette.dim}refusals{palette.reset}"
+        yield f"{palette.dim}{tongue('refusals')}{palette.reset}"
         yield from columns(refused, "><<")
 
 

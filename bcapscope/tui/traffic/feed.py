@@ -24,6 +24,7 @@ from bcapscope.tui.traffic.report import (
     receive,
     send,
 )
+from bcapscope.tui.words import spoken
 
 _GRACE = 2.0
 """Seconds that a process is given to end by itself."""
@@ -65,7 +66,7 @@ class Feed:
     ):
         """Begin to read a capture, finished or still being written, or on an interface; see `Job`."""
         self._folder = Folder()
-        self.job = Job(str(self._folder.path), path, interface, follow, ports, leg)
+        self.job = Job(str(self._folder.path), path, interface, follow, ports, leg, spoken())
         self.journal: Journal | None = None
         self.calls: Callbook | None = None
         self.progress = Progress()

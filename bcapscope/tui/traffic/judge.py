@@ -10,6 +10,7 @@ from bcapscope.analysis.stay import Stay
 from bcapscope.render.escape import printable
 from bcapscope.render.slave import stay_lines
 from bcapscope.render.statistics import statistics_lines
+from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic.report import Cause, Verdict
@@ -21,7 +22,13 @@ MOST_LINES = 20_000
 class Judge:
     """Sees all calls and tells at any time what is to be thought of them."""
 
-    def __init__(self) -> None:
+    def __init__(self, tongue: Tongue = english) -> None:
+        """Begin.
+
+        Args:
+            tongue: of the rendered lines; findings are told in English.
+        """
+        self._tongue = tongue
         self._diagnosis = Diagnosis(heed=self._heed)
         self._summary = Summary()
         self._stays: list[str] = []
@@ -50,9 +57,9 @@ class Judge:
             )
             for each in findings
         )
-        lines = [] if statistics is None else list(statistics_lines(statistics, INK))
+        lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))
         return Verdict(causes, end._diagnosis.seen, end._stays, lines)
 
     def _heed(self, stay: Stay) -> None:
         if len(self._stays) < MOST_LINES:
-            self._stays.extend((*stay_lines(stay, INK), ""))
+            self._stays.extend((*stay_lines(stay, INK, self._tongue), ""))

@@ -128,8 +128,9 @@ class Reading:
     def _the_judge(self) -> Judge:
         if self._judge is None:
             from bcapscope.tui.traffic.judge import Judge  # noqa: PLC0415 - see _wait
+            from bcapscope.tui.words import Language, tongue  # noqa: PLC0415 - likewise
 
-            self._judge = Judge()
+            self._judge = Judge(tongue(Language(self._job.language)))
             for seen in self._unjudged:
                 self._take(seen)
             self._unjudged.clear()

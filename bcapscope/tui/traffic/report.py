@@ -31,6 +31,7 @@ class Job(msgspec.Struct, frozen=True):
         follow: the capture is still being written.
         ports: where servers listen; none for 5007.
         leg: only what was captured on interfaces whose names begin so.
+        language: of rendered lines, ``en`` or ``ja``.
     """
 
     folder: str
@@ -39,6 +40,7 @@ class Job(msgspec.Struct, frozen=True):
     follow: bool = False
     ports: tuple[int, ...] = ()
     leg: str = ""
+    language: str = "en"
 
 
 class Progress(msgspec.Struct, tag=True, frozen=True):

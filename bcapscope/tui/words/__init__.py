@@ -13,15 +13,19 @@ from enum import StrEnum
 from functools import lru_cache
 from types import MappingProxyType
 
+from bcapscope.render.tongue import Tongue, english
 from bcapscope.tui.words import (
     commands,
     desk,
+    figures,
+    files,
     findings,
     frames,
     preflight,
     proxy,
     reading,
     reasons,
+    relay,
     results,
     rules,
     shell,
@@ -36,10 +40,10 @@ CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """English and Japanese by key. Braces hold places for values, as in `str.format`."""
 
-_BOOKS = (commands, findings, frames, preflight, reading, reasons, results, rules)
+_BOOKS = (commands, figures, files, findings, frames, preflight, reading, reasons, relay, results, rules)
 
 PHRASES: Mapping[str, str] = MappingProxyType(
-    {english: japanese for book in _BOOKS for english, japanese in book.PHRASES.items()}
+    {sentence: japanese for book in _BOOKS for sentence, japanese in book.PHRASES.items()}
 )
 """Japanese by English, as `Phrasebook` takes it."""
 
@@ -70,20 +74,30 @@ def speak(language: Language) -> None:
     _Speaker.language = language
 
 
+def spoken() -> Language:
+    """Return the language of all that is said."""
+    return _Speaker.language
+
+
 def say(key: str, /, **values: object) -> str:
     """Return a label; `values` fill its places and are harmless already.
 
     Raises:
         KeyError: there is no such key.
     """
-    english, japanese = CATALOGUE[key]
-    text = japanese if _Speaker.language is Language.JAPANESE else english
+    ours, japanese = CATALOGUE[key]
+    text = japanese if _Speaker.language is Language.JAPANESE else ours
     return text.format(**values) if values else text
 
 
-def told(english: str) -> str:
+def told(sentence: str) -> str:
     """Return a sentence of a room below in the language of the labels; as it is where that is not known."""
-    return _japanese(english) if _Speaker.language is Language.JAPANESE else english
+    return tongue(_Speaker.language)(sentence)
+
+
+def tongue(language: Language) -> Tongue:
+    """Return what puts sentences of rooms below into a language."""
+    return _japanese if language is Language.JAPANESE else english
 
 
 def titled(rule: str) -> str:
@@ -97,5 +111,5 @@ def _phrasebook() -> Phrasebook:
 
 
 @lru_cache(_KEPT)
-def _japanese(english: str) -> str:
-    return _phrasebook().japanese(english)
+def _japanese(sentence: str) -> str:
+    return _phrasebook().japanese(sentence)

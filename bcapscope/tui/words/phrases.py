@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from itertools import islice
+from itertools import islice, pairwise
 from types import MappingProxyType
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
-LONGEST = 2000
+LONGEST = 1200
 """Characters of a sentence that is looked up: what is longer is no sentence of ours."""
 
 _DEEPEST = 12
 """Phrases within phrases."""
+
+_MOST_LOOKS = 300
+"""Parts of one sentence that are looked up; a real one has a few dozen."""
 
 _MOST_JOINTS = 24
 """Places at which a sentence is looked upon as two clauses; more have only lists of names."""
@@ -26,8 +29,12 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "clause": r".+?",
         "client": r"[Yy]our client|[Cc]lient \S+(?: \((?:UDP|TCP)\))?",
         "code": r"0x[0-9A-F]+",
+        "encodings": r"[A-Z].*",
+        "frames": r"frames? \d[\d, ]*",
+        "levels": r"\d+ × \d+(?:, \d+ × \d+)*",
         "n": r"[-+]?[\d.]+(?:e[-+]?\d+)?",
         "name": r".+?",
+        "numbers": r"\d+(?:, \d+)*",
         "span": r"-?[\d.]+ m?s",
         "text": r".+?",
         "time": r"-?\d+\.\d{3} s",
@@ -40,7 +47,9 @@ KINDS: Mapping[str, str] = MappingProxyType(
 """What can stand in a place of a phrase, by the place's name without the digits at its end."""
 
 _OPEN = frozenset(("clause", "name", "text", "word"))
-_KEPT = frozenset(("axes", "code", "n", "name", "span", "time", "unit", "word"))
+_KEPT = frozenset(
+    ("axes", "code", "encodings", "levels", "n", "name", "numbers", "span", "time", "unit", "word")
+)
 """Kinds that are the same in Japanese; of a name from the wire or of a file no word is ever exchanged."""
 
 _JOINT = re.compile("|".join(_JOINTS))
@@ -50,20 +59,48 @@ _WIDE = re.compile("[\u3001-\u9fff\uff01-\uff60]")
 T = TypeVar("T", str, str | None)
 
 
-class _Pattern(NamedTuple):
+class _Pattern:
     """A phrase with places.
 
     Attributes:
-        mark: words that a text has where it fits; looking for them is quick.
-        fits: finds the values of the places in a text.
         kinds: of the places, by their names.
         japanese: words, each with the name of the place behind them, "" at the end.
     """
 
-    mark: str
-    fits: Callable[[str], re.Match[str] | None]
-    kinds: Mapping[str, str]
-    japanese: tuple[tuple[str, str], ...]
+    def __init__(self, english: str, japanese: str) -> None:
+        """Take a phrase.
+
+        Raises:
+            KeyError: the Japanese has a place that the English lacks.
+        """
+        self._english = _taken_apart(english)
+        self.japanese = _taken_apart(japanese)
+        kinds = {name: name.rstrip("0123456789") for _, name in self._english if name}
+        self.kinds = {name: kinds[name] for _, name in (*self._english, *self.japanese) if name}
+        first, *others = (words for words, _ in self._english)
+        self._mark = max((first[1:], *others), key=len)
+        self.words = sum(len(words) for words, _ in self._english)
+        self.open = sum(kind in _OPEN for kind in kinds.values())
+        self._fits: Callable[[str], re.Match[str] | None] | None = None
+
+    def match(self, text: str) -> re.Match[str] | None:
+        """Find the values of the places in a text; None where it does not fit."""
+        if self._mark not in text:  # which is quick to see
+            return None
+        if self._fits is None:
+            self._fits = re.compile(self._expression(), re.DOTALL).fullmatch
+        return self._fits(text)
+
+    def _expression(self) -> str:
+        """Write a regular expression; what is open ends where what follows it fits first, so it is quick."""
+        parts = [_either_case(self._english[0][0])]
+        for (_, name), (words, _) in pairwise(self._english):
+            kind = self.kinds[name]
+            if kind in _OPEN:
+                parts.append("")
+            parts[-1] += f"(?P<{name}>{KINDS[kind]}){re.escape(words)}"
+        *inner, last = parts
+        return "".join(f"(?>{part})" for part in inner) + last
 
 
 class Phrasebook:
@@ -81,14 +118,11 @@ class Phrasebook:
         """Take the phrases; of those that fit, the one is taken that leaves least open.
 
         Raises:
-            KeyError: a place has no known kind, or the Japanese has one that the English lacks.
+            KeyError: the Japanese has a place that the English lacks.
         """
         self._whole = {english: each for english, each in phrases.items() if not _PLACE.search(english)}
-        with_places = sorted(
-            (english for english in phrases if english not in self._whole),
-            key=lambda english: (-len(_PLACE.sub("", english)), _openness(english)),
-        )
-        self._patterns = [_pattern(english, phrases[english]) for english in with_places]
+        patterns = (_Pattern(*each) for each in phrases.items() if each[0] not in self._whole)
+        self._patterns = sorted(patterns, key=lambda each: (-each.words, each.open))
 
     def japanese(self, english: str) -> str:
         """Return a sentence in Japanese; as it is where it is no phrase."""
@@ -103,13 +137,14 @@ class _Reading:
         self._patterns = patterns
         self._known: dict[str, str | None] = {}
         self._depth = 0
+        self._looks = _MOST_LOOKS
 
     def put(self, text: str) -> str:
         """Return a text in Japanese, as far as it is known."""
         known = self.known(text)
         if known is not None:
             return known
-        for joint, ours in (*_JOINTS.items(), (", ", ", ")):
+        for joint, ours in (*_JOINTS.items(), (", ", "、")):
             left, found, right = text.partition(joint)
             if found and left and right and self._depth < _DEEPEST:
                 parts = [self._below(self.put, part) for part in (left, right)]
@@ -120,11 +155,15 @@ class _Reading:
     def known(self, text: str) -> str | None:
         """Return a text in Japanese if it is known from end to end."""
         if text not in self._known:
-            found = self._whole.get(text)
+            found = self._one(text)
             if found is None and self._depth < _DEEPEST:
                 found = self._below(self._in_parts, text)
             self._known[text] = found
         return self._known[text]
+
+    def _one(self, text: str) -> str | None:
+        """Return a text in Japanese that is a phrase without places."""
+        return self._whole.get(text) or self._whole.get(_as_inside(text))
 
     def _in_parts(self, text: str) -> str | None:
         if text.endswith("."):
@@ -140,13 +179,17 @@ class _Reading:
 
     def _simple(self, text: str) -> str | None:
         """Return a text in Japanese that is one phrase."""
-        if text in self._whole:
-            return self._whole[text]
+        whole = self._one(text)
+        if whole is not None:
+            return whole
+        if not self._looks:
+            return None
+        self._looks -= 1
         found = (self._filled(pattern, text) for pattern in self._patterns)
         return next((each for each in found if each is not None), None)
 
     def _filled(self, pattern: _Pattern, text: str) -> str | None:
-        match = pattern.fits(text) if pattern.mark in text else None
+        match = pattern.match(text)
         if match is None:
             return None
         made = ""
@@ -197,28 +240,6 @@ def _joined(left: str, right: str) -> str:
 def _as_inside(text: str) -> str:
     """Write what begins a sentence as it is written inside one."""
     return f"{text[:1].lower()}{text[1:]}"
-
-
-def _openness(english: str) -> int:
-    return sum(name.rstrip("0123456789") in _OPEN for name in _PLACE.findall(english))
-
-
-def _pattern(english: str, japanese: str) -> _Pattern:
-    """Make a pattern; what is open ends at the first place where what follows it fits, so that none takes long."""
-    taken, ours = _taken_apart(english), _taken_apart(japanese)
-    words, kinds = [each for each, _ in taken], {name: name.rstrip("0123456789") for _, name in taken if name}
-    parts = [_either_case(words[0])]
-    for (name, kind), word in zip(kinds.items(), words[1:], strict=True):
-        if kind in _OPEN:
-            parts.append("")
-        parts[-1] += f"(?P<{name}>{KINDS[kind]}){re.escape(word)}"
-    *inner, last = parts
-    whole = "".join(f"(?>{part})" for part in inner) + last
-    marks = (words[0][1:], *words[1:])
-    fits = re.compile(whole, re.DOTALL).fullmatch
-    return _Pattern(
-        max(marks, key=len), fits, {name: kinds[name] for _, name in (*taken, *ours) if name}, ours
-    )
 
 
 def _either_case(word: str) -> str:

@@ -93,13 +93,4 @@ PHRASES: dict[str, str] = {
     "the last point is away from the first, to which it returns in one step: {text}": "最後の点が、一歩で戻る先の最初の点から離れています: {text}",
     "end where it begins, or play it once": "始点で終わるようにするか、一回だけ再生する",
     "nothing moves: {text}, all the same": "動きがありません: {text}がすべて同じです",
-    # files
-    "the file is empty": "ファイルが空です",
-    "cannot be read: {text}": "読めません: {text}",
-    "this is no file": "ファイルではありません",
-    "there is nothing in it": "中身がありません",
-    "there are titles, but no numbers under them": "見出しはありますが、数値がありません",
-    "this is a binary file of a kind that is not known": "未知の種類のバイナリファイルです",
-    "there are no set points (slvMove) in this capture": "このキャプチャに指令値 (slvMove) はありません",
-    "there are {text} trajectories, and none has number {text2}": "軌道は {text} 個で、番号 {text2} はありません",
 }

@@ -69,7 +69,7 @@ def is_japanese(text: str) -> bool:
         ("a -1.5e-07 of cat", "猫の -1.5e-07 番"),
         ("J1, J2 moves", "J1, J2 が動く"),
         ("nothing moves", "nothing moves"),
-        ("cat, a {0} of {x}", "猫, {x} の {0}"),
+        ("cat, a {0} of {x}", "猫、{x} の {0}"),
         ("a tail\nor x of cat", "猫の tail\nor x"),
         ("Your client called cat.", "クライアントが cat を呼んだ。"),
         ("Your client called cat; cat; a 3 of cat.", "クライアントが cat を呼んだ。猫。猫の 3 番。"),
