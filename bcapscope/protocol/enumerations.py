@@ -33,14 +33,11 @@ TASK_STATES: Mapping[int, str] = MappingProxyType(
 )
 """Result of Task_Execute GetStatus."""
 
-CONTROLLER_MODES: Mapping[int, str] = MappingProxyType({1: "manual", 2: "teach check", 3: "automatic"})
-"""Value of the controller's variable @MODE."""
-
 AUTO_MODES: Mapping[int, str] = MappingProxyType({1: "internal automatic", 2: "external automatic"})
 """Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
 
-TOOL_TIP_AXIS = -1
-"""lAxis of Robot_Speed and Robot_Accelerate that means the tool tip."""
+SPEED_AXES: Mapping[int, str] = MappingProxyType({-1: "tool tip"})
+"""lAxis of Robot_Speed and Robot_Accelerate; other numbers are those of axes."""
 
 SYS_STATE_BITS: Mapping[int, str] = MappingProxyType(
     {
@@ -73,13 +70,14 @@ OBJECT_OPTIONS: Mapping[str, str] = MappingProxyType(
         "@IfNotMember": "use the object that exists when the name is taken",
         "@Create": "1 makes the file",
         "$IsIDHandle$": "the handle is the object's number (RC7)",
-        "WDT": "interval of S_EXECUTING in ms, 80 or more",
-        "InvokeTimeout": "longest run of a call in ms, 80 or more",
+        "WDT": "ms between two S_EXECUTING",
+        "InvokeTimeout": "ms that a call may run",
         "Interval": "polling of messages in ms (COBOTTA PRO)",
         "Server": "address of a camera",
     }
 )
-"""Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions."""
+"""Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions; WDT and InvokeTimeout
+are 80 or more."""
 
 MOVE_OPTIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -118,6 +116,23 @@ def stands_for(function_id: int, command: str, value: int) -> tuple[str, ...]:
         return sys_state(value)
     text = _ANSWERS.get(key, {}).get(value)
     return () if text is None else (text,)
+
+
+def pass_motion(value: int) -> str:
+    """Write how a motion passes its goal, as in `@E`."""
+    return PASS_MOTIONS.get(value, f"@{value}")
+
+
+def options(text: str, motion: bool) -> dict[str, str]:
+    """Tell what the keys in an option string stand for, those that are known, without regard to case.
+
+    Args:
+        text: keys, each perhaps with a value behind `=`, set apart by commas.
+        motion: it is that of Robot_Move; otherwise that of a function that opens something.
+    """
+    known = MOVE_OPTIONS if motion else OBJECT_OPTIONS
+    keys = {part.partition("=")[0].strip().casefold() for part in text.split(",")}
+    return {key: meaning for key, meaning in known.items() if key.casefold() in keys}
 
 
 def provider(name: str) -> str | None:

@@ -16,8 +16,9 @@ from typing import overload
 from bcapscope.protocol.arguments import Argument, Problem
 from bcapscope.protocol.content import EOT, HEADER_SIZE, Framing
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
+from bcapscope.protocol.functions import FUNCTIONS, function_name
 from bcapscope.protocol.hresult import hresult_name
+from bcapscope.protocol.meanings import argument_part, result_part
 from bcapscope.protocol.parts import UNNAMED, Part, slv_move_part
 from bcapscope.protocol.roles import request_role, result_role
 from bcapscope.protocol.variant import ARRAY, NUMBER_WIDTHS, VT, Value, Variant, vt_name
@@ -30,7 +31,6 @@ UNREAD = "unread"
 
 _TYPE_AND_COUNT = 6
 _ENVELOPE = 13  # compressed bytes of a version 1 frame begin here
-_HANDLES = {f"h{kind}": Part(text=f"handle of a {kind}") for kind in ObjectClass}
 _LOSSES = frozenset({"data", "type", "nesting"})  # problems that end the reading of an argument
 
 
@@ -144,7 +144,7 @@ class _Walk:
         name, text = ("function id", function_name) if is_request else (HRESULT, hresult_name)
         yield self.leaf(name, 9, 13, frame.code, text=text(frame.code))
         yield self.leaf("argument count", 13, HEADER_SIZE, frame.argc, problems=self._argc_problems)
-        role = request_role if is_request else result_role
+        role, meaning = (request_role, argument_part) if is_request else (result_role, result_part)
         moves = command is not None and command.casefold() == "slvmove"
         pos = HEADER_SIZE
         for index, argument in enumerate(frame.arguments):
@@ -152,7 +152,7 @@ class _Walk:
             if moves and index == (2 if is_request else 0):
                 part = slv_move_part(argument.variant, is_request)
             else:
-                part = _HANDLES.get(name, UNNAMED) if type(argument.variant.value) is int else UNNAMED
+                part = meaning(function_id, command, name, argument.variant)
             yield self._argument(name, argument, part)
             pos = argument.stop
         yield from self._tail(pos)

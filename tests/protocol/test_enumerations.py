@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol import enumerations
-from bcapscope.protocol.enumerations import provider, stands_for, sys_state
+from bcapscope.protocol.enumerations import options, pass_motion, provider, stands_for, sys_state
 
 
 def test_sys_state_names_the_bits() -> None:
@@ -26,6 +26,17 @@ def test_providers_in_any_case() -> None:
     assert provider("CaoProv.Nobody") is None
 
 
+def test_pass_motions() -> None:
+    assert [pass_motion(value) for value in (-2, -1, 0, 10)] == ["@E", "@P", "@0", "@10"]
+
+
+def test_keys_of_options() -> None:
+    assert options("", motion=False) == options("WDT", motion=True) == {}
+    told = options(" wdt = 400,InvokeTimeout=1,odd", motion=False)
+    assert list(told) == ["WDT", "InvokeTimeout"]
+    assert list(options("NEXT,Speed=50", motion=True)) == ["SPEED", "NEXT"]
+
+
 def test_what_answers_stand_for() -> None:
     assert stands_for(87, "getStatus", 3) == ("running",)
     assert stands_for(17, "GetAutoMode", 2) == ("external automatic",)
@@ -41,5 +52,4 @@ def test_numbers_of_the_samples() -> None:
     assert enumerations.INTERPOLATIONS[1].startswith("P")
     assert enumerations.TASK_START_MODES[1] == "one cycle"
     assert enumerations.TASK_STATES[3] == "running"
-    assert enumerations.CONTROLLER_MODES[3] == "automatic"
     assert enumerations.AUTO_MODES[2].startswith("external")

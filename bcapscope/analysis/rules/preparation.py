@@ -8,6 +8,7 @@ from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refus
 from bcapscope.analysis.rules.rule import MS, SECOND, Kind, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, name_of, span
 from bcapscope.protocol.effects import Effect
+from bcapscope.protocol.enumerations import pass_motion
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, is_failure
 from bcapscope.protocol.slavemode import Generation, mode_value
@@ -242,8 +243,7 @@ def _pass_in(variant: Variant | None) -> str:
     if not isinstance(value, tuple):
         return ""
     if len(value) > 2 and isinstance(value[2], Variant) and isinstance(value[2].value, int):
-        number = value[2].value
-        return {-1: "@P", -2: "@E"}.get(number, f"@{number}")
+        return pass_motion(value[2].value)
     return next((found for item in value[:8] if isinstance(item, Variant) and (found := _pass_in(item))), "")
 
 
