@@ -215,6 +215,7 @@ class Playing:
         try:
             return self._typed(question)
         except (KeyboardInterrupt, click.Abort, EOFError):
+            self._view.note("")  # what was typed has the line to itself
             self._player.stop()
             return question.choices[0]
         finally:

@@ -128,6 +128,13 @@ class Station:
             raise RemoteProtocolError(f"the controller does not tell a pose of type {kind}", b"")
         return tuple(row[: len(AXES[kind])])
 
+    async def slave_mode(self) -> int:
+        """Return the slave mode that the robot is in; 0 for none, or where the controller does not tell."""
+        try:
+            return await self.robot.slv_get_mode()
+        except (ControllerError, RemoteProtocolError):
+            return 0
+
     async def end(self, debt: Debt) -> None:
         """End what was begun.
 

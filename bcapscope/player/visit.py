@@ -67,6 +67,11 @@ _MODES = {
 }
 _KINDS = {PoseType.P: 1, PoseType.J: 2, PoseType.T: 3}
 
+_TAKEN = (
+    "the robot is in slave mode 0x{:03X} already: another client moves it, or has not left it, "
+    "which Robot_Execute slvChangeMode 0 does"
+)
+
 YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 """Answers to questions."""
 
@@ -197,9 +202,16 @@ class Visit:
             await self._debts.settle()
 
     async def _prepare(self, trajectory: Trajectory) -> None:
-        """Bring the robot to where slave mode can begin."""
+        """Bring the robot to where slave mode can begin.
+
+        In slave mode already, it is somebody else's: most calls would be an error that ends their motion
+        (issue 42 of DENSORobot/denso_robot_ros).
+        """
         station, debts = self._station, self._debts
         self._show(State.PREPARING)
+        mode = await station.slave_mode()
+        if mode:
+            raise EndedEarly(Outcome.DECLINED, _TAKEN.format(mode))
         await self._switch_on(Debt.ROBSLAVE, await station.has_robslave(), station.start_robslave)
         if station.has_arm_to_take:
             await debts.begin(Debt.ARM, station.take_arm)

@@ -175,7 +175,8 @@ class Stage:
         for _, frame in self.channel.sent:
             if frame.reserved in (0, frame.serial):
                 name = named(frame)
-                if "Variable" not in name and (name != "slvMove" or names[-1:] != [name]):
+                is_reading = "Variable" in name or name == "slvGetMode"
+                if not is_reading and (name != "slvMove" or names[-1:] != [name]):
                     names.append(name)
         return names
 

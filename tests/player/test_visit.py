@@ -20,7 +20,7 @@ from bcapscope.player.messages import (
 )
 from bcapscope.player.visit import AGAIN, CLEAR, YES
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.slavemode import Generation, PoseType, mode_pose_type
+from bcapscope.protocol.slavemode import Generation, PoseType, mode_pose_type, slave_mode
 from bcapscope.simulator.machine import Start
 from tests.player.simulated import HOME, MS, Stage, fall_silent, named, plan, wave
 
@@ -77,6 +77,19 @@ def test_a_motor_that_was_on_stays_on() -> None:
     assert stage.play(plan(0x202)).outcome is Outcome.DONE
     assert "Motor" not in stage.said
     assert stage.simulator.machine.motor_is_on(stage.channel.now())
+
+
+def test_a_robot_that_somebody_else_moves_is_left_alone() -> None:
+    stage = Stage(start=Start(motor=True))
+    taken = slave_mode(0x202, Generation.RC8)
+    assert taken is not None
+    stage.simulator.machine.slave.enter(taken, stage.channel.now())
+    ended = stage.play(plan(0x102))
+    assert ended.outcome is Outcome.DECLINED
+    assert ended.reason.startswith("the robot is in slave mode 0x202 already")
+    assert stage.said[2:] == ["Controller_GetRobot", "Robot_Release", "Controller_Disconnect", "Service_Stop"]
+    assert stage.simulator.machine.slave.mode is taken
+    assert not stage.simulator.machine.alarms.active
 
 
 def test_looking_changes_nothing() -> None:
