@@ -4,6 +4,8 @@ Reading never raises: bytes that make no sense become items that say so. What is
 fault it was, so that a caller need not read the message to know what to do next.
 """
 
+from itertools import groupby
+from operator import attrgetter
 from typing import NamedTuple
 
 
@@ -76,10 +78,19 @@ class Attempt(NamedTuple):
     came: tuple[Arrival, ...] = ()
 
     def text(self, start: int) -> str:
-        """Tell it in words, times counted from `start`."""
-        came = ", ".join(f"{arrival.what} at {(arrival.time - start) / 1e6:.3f} ms" for arrival in self.came)
+        """Tell it in words, times counted from `start`; what came again and again is told once."""
+        came = ", ".join(
+            _several(what, [(arrival.time - start) / 1e6 for arrival in same])
+            for what, same in groupby(self.came, attrgetter("what"))
+        )
         head = f"serial {self.serial}, reserved {self.reserved}, sent at {(self.sent - start) / 1e6:.3f} ms"
         return f"{head}: {came or 'nothing came'}"
+
+
+def _several(what: str, times: list[float]) -> str:
+    if len(times) == 1:
+        return f"{what} at {times[0]:.3f} ms"
+    return f"{what} × {len(times)} at {times[0]:.3f} … {times[-1]:.3f} ms"
 
 
 class ExchangeTimeout(BcapError, TimeoutError):

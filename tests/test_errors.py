@@ -22,6 +22,14 @@ def test_a_time_out_lists_every_try() -> None:
     assert isinstance(error, BcapError)
 
 
+def test_what_came_again_and_again_is_told_once() -> None:
+    came = [Arrival(each * 100_000_000, "S_EXECUTING") for each in range(1, 21)]
+    attempt = Attempt(7, 0, 0, (*came, Arrival(2_004_000_000, "S_OK")))
+    head, told = attempt.text(0).split(": ")
+    assert head == "serial 7, reserved 0, sent at 0.000 ms"
+    assert told == "S_EXECUTING × 20 at 100.000 … 2000.000 ms, S_OK at 2004.000 ms"
+
+
 def test_a_refusal_tells_what_and_why() -> None:
     error = ControllerError("Robot_Execute slvMove", 0x83500121, "0x83500121", "not in slave mode")
     assert str(error) == "Robot_Execute slvMove was refused: 0x83500121, not in slave mode"

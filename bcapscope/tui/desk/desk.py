@@ -23,7 +23,7 @@ from bcapscope.errors import BcapError
 from bcapscope.protocol.frame import Frame, parse_datagram
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, describe
-from bcapscope.protocol.requester import Pace
+from bcapscope.protocol.requester import Event, Pace
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.traffic.observation import Observation
@@ -136,7 +136,7 @@ class Desk:
             OSError: there is none.
         """
         await self.disconnect()
-        session = open_target(target, observer=self._observe, listener=self._recorder.hear)
+        session = open_target(target, observer=self._observe, listener=self._hear)
         self.session = await self._stack.enter_async_context(session)
         self._reach = Reach(self.session, target.service, target.connect, {})
         self.arming = Arming()
@@ -325,6 +325,9 @@ class Desk:
                 await self.invoke("Robot_Execute", *values, who=Who.SCREEN)
 
     # What comes back.
+
+    def _hear(self, event: Event) -> None:
+        self._recorder.hear(event, time.time_ns())
 
     def _observe(self, seen: Observation) -> None:
         self.audit.take(seen, WHO.get())

@@ -44,8 +44,13 @@ class Recorder:
         if call is not None:
             call.add(seen)
 
-    def hear(self, event: Event) -> None:
-        """Take what happened."""
+    def hear(self, event: Event, now: int) -> None:
+        """Take what happened.
+
+        Args:
+            event: as the session tells it.
+            now: ns since 1970-01-01 UTC.
+        """
         call = self._call
         if call is None:
             return
@@ -58,7 +63,7 @@ class Recorder:
         elif isinstance(event, Refused):
             self._end(call, Ending.REFUSED, event.reply, event.attempts, event.took)
         elif isinstance(event, TimedOut):
-            self._end(call, Ending.UNANSWERED, None, event.attempts, call.lasted)
+            self._end(call, Ending.UNANSWERED, None, event.attempts, max(0, now - call.began))
 
     def give_up(self, now: int) -> Record | None:
         """End the call under way: nobody waits for its answer any more.
