@@ -153,7 +153,7 @@ class _Part:
         return self._frame is not None and self._line is not None and self._line.hresult is None
 
     def _begin(self, frame: Frame, now: int) -> None:
-        arguments = tuple(argument.variant for argument in frame.arguments)
+        arguments = frame.variants
         self._frame, self._began = frame, now
         self._line = self._prompter.find(question_of(frame), arguments)
         self._notices.clear()
@@ -177,7 +177,7 @@ class _Part:
         except LocalProtocolError:  # it was damaged when it was recorded
             code, values, known = E_NOTIMPL, (), False
             raw = self._responder.answer(code)
-        arguments = tuple(argument.variant for argument in frame.arguments)
+        arguments = frame.variants
         answer = Answer(code, values[0] if values else None)
         self._told(Report(self._number, frame.code, arguments, answer, self._began, now), known)
         return raw
@@ -260,6 +260,9 @@ class StandIn:
         """Return when `advance` is to be called next at the latest; None if nothing is under way."""
         times = (part.due for part in self._parts.values())
         return min((time for time in times if time is not None), default=None)
+
+    def stood_still(self, now: int) -> None:
+        """Answers wait as long as they did when they were recorded; nothing else goes by the time."""
 
     def _outputs(self, peer: Peer, part: _Part, frames: list[Frame], now: int) -> list[Output]:
         outputs: list[Output] = []

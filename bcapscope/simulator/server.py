@@ -71,6 +71,7 @@ class Answerer(Protocol):
     def reset(self, now: int) -> list[Output]: ...
     def advance(self, now: int) -> list[Output]: ...
     def due(self, now: int) -> int | None: ...
+    def stood_still(self, now: int) -> None: ...
 
 
 class _Connection:
@@ -178,6 +179,7 @@ class Server:
         late = self.now() - due
         if late > _HELD_UP:
             self._stood_still += late
+            self._simulator.stood_still(due)
 
     def _wait(
         self, readers: list[_Source], until: float, due: int | None

@@ -170,6 +170,10 @@ class Simulator:
         times = [due, *(conversation.due(now) for conversation in self._running.values())]
         return min((time for time in times if time is not None), default=None)
 
+    def stood_still(self, now: int) -> None:
+        """Take notice that the time has not gone on for a while, though that of the clients has."""
+        self.machine.slave.pardon(now)
+
     @property
     def clients(self) -> int:
         """Clients that are remembered."""

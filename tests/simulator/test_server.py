@@ -118,14 +118,18 @@ class HeldUp(Simulator):
 
     Attributes:
         was_due: when.
+        told: when it is told that time has not gone on.
         went_on: when it is let go on.
     """
 
-    was_due = went_on = 0
+    was_due = told = went_on = 0
 
     def due(self, now: int) -> int:
         self.was_due = now - 50_000_000
         return self.was_due
+
+    def stood_still(self, now: int) -> None:
+        self.told = now
 
     def advance(self, now: int) -> list[Output]:
         self.went_on = now
@@ -137,6 +141,7 @@ def test_the_time_of_the_controller_stands_still_while_it_gets_no_processor() ->
     server = Server(simulator, "127.0.0.1", 0)
     server.step(0)
     assert 0 <= simulator.went_on - simulator.was_due < 25_000_000
+    assert simulator.told == simulator.was_due
     assert time.monotonic_ns() - server.now() >= 50_000_000
     server.close()
 
