@@ -33,11 +33,6 @@ def times(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def counted(count: int, noun: str, plural: str = "") -> str:
-    """Write a number with its noun, whose plural takes an s unless told."""
-    return f"{count} {noun}" if count == 1 else f"{count} {plural or noun + 's'}"
-
-
 def name_of(call: Exchange) -> str:
     """Name what a call asks: its command, else its function."""
     command = call.question.command

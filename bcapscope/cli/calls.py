@@ -8,11 +8,11 @@ from itertools import chain, starmap
 
 import click
 
-from bcapscope.analysis.speech import counted
 from bcapscope.cli import options
 from bcapscope.cli.output import narrate, palette
 from bcapscope.cli.pairing import settle
 from bcapscope.cli.reading import Reading
+from bcapscope.protocol.wording import counted
 from bcapscope.render.call import CallRenderer, session_text
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.moment import Clock

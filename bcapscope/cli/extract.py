@@ -10,7 +10,6 @@ from typing import NamedTuple, TypeAlias
 
 import click
 
-from bcapscope.analysis.speech import counted
 from bcapscope.analysis.trajectory import Piece, Step, Trajectories, Trajectory
 from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
@@ -18,6 +17,7 @@ from bcapscope.cli.files import NewFile, check_free, force
 from bcapscope.cli.output import narrate
 from bcapscope.cli.pairing import settle
 from bcapscope.cli.reading import Reading
+from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.trajectory import CsvTrajectory, JsonTrajectory
 from bcapscope.traffic.exchange import Exchange

@@ -113,7 +113,7 @@ class RuleWishes:
 
     def words(self) -> list[str]:
         """Tell what is set up, a line each."""
-        from bcapscope.analysis.speech import counted
+        from bcapscope.protocol.wording import counted
         from bcapscope.proxy.intercept import PATIENCE
 
         lines = []

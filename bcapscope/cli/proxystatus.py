@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from bcapscope.analysis.distribution import Distribution, Histogram
-from bcapscope.analysis.speech import counted
+from bcapscope.protocol.wording import counted
 from bcapscope.proxy.ring import SET_POINT, Count, Kind, Record
 
 _NAMES = ((True, "to the controller"), (False, "to the client"))

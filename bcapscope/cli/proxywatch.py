@@ -19,13 +19,13 @@ from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session import IN_SLAVE_MODE
-from bcapscope.analysis.speech import counted
 from bcapscope.cli.output import palette
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxystatus import Delays, losses, rates, totals
 from bcapscope.cli.proxyview import View
 from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes
 from bcapscope.cli.screen import Screen
+from bcapscope.protocol.wording import counted
 from bcapscope.proxy.farewell import Farewells
 from bcapscope.proxy.ring import Kind, Record, RingReader
 from bcapscope.proxy.vigil import Vigil

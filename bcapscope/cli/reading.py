@@ -12,7 +12,6 @@ from typing import BinaryIO, cast
 
 import click
 
-from bcapscope.analysis.speech import counted
 from bcapscope.capture.file import CaptureFile, open_capture
 from bcapscope.capture.live import open_live
 from bcapscope.capture.observer import Observer
@@ -24,6 +23,7 @@ from bcapscope.cli.interrupts import Interrupts
 from bcapscope.cli.output import Output, narrate
 from bcapscope.cli.progress import Progress
 from bcapscope.errors import CaptureError
+from bcapscope.protocol.wording import counted
 from bcapscope.render.counts import counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation

@@ -14,11 +14,11 @@ from io import RawIOBase
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
-from bcapscope.analysis.speech import counted
 from bcapscope.capture.packetfile import is_packet
 from bcapscope.capture.recording import Address, Recording
 from bcapscope.capture.spool import append
 from bcapscope.cli.files import FileRefused
+from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable
 
 MOST_WAITING = 16 << 20

@@ -9,7 +9,6 @@ from contextlib import asynccontextmanager
 
 import click
 
-from bcapscope.analysis.speech import counted
 from bcapscope.cli import options
 from bcapscope.cli.arming import can_ask, confirmed
 from bcapscope.cli.connection import Target, failures_told, optional_target
@@ -29,6 +28,7 @@ from bcapscope.player.realtime import undisturbed
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight import PreflightRenderer
 from bcapscope.render.replay import ReplayRenderer

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.speech import counted
 from bcapscope.player.curve import FIG, Array
 from bcapscope.player.finding import Case, Finding, numbered, span_text
 from bcapscope.player.timing import gaps
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.wording import counted
 
 SAME_INTERVAL = 0.01
 """Share by which intervals may differ and still count as the same."""

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.speech import counted
 from bcapscope.player.checks import RESAMPLE
 from bcapscope.player.curve import Array, unwound
 from bcapscope.player.finding import Case, Finding, numbered
 from bcapscope.player.limits import FASTEST
 from bcapscope.player.motion import Motion, motions
 from bcapscope.protocol.poses import Axis
+from bcapscope.protocol.wording import counted
 from bcapscope.simulator.kinematics import AxisLimit
 
 NEAR = 0.05

@@ -13,9 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
-from bcapscope.analysis.speech import counted
 from bcapscope.errors import BcapError
 from bcapscope.player.trajectory import Trajectory, TrajectoryError
+from bcapscope.protocol.wording import counted
 
 Reader: TypeAlias = Callable[[Path], tuple[Trajectory, ...]]
 

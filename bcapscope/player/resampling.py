@@ -13,13 +13,13 @@ from math import ceil, inf, isfinite
 
 import numpy as np
 
-from bcapscope.analysis.speech import counted
 from bcapscope.player.curve import Array, Curve
 from bcapscope.player.limits import UNKNOWN, Limits
 from bcapscope.player.motion import excess
 from bcapscope.player.timing import gaps
 from bcapscope.player.trajectory import MOST_POINTS, Trajectory, TrajectoryError
 from bcapscope.protocol.poses import Axis
+from bcapscope.protocol.wording import counted
 
 RAMP = 0.25
 """Seconds that a start or a stop takes unless told otherwise."""

@@ -11,7 +11,6 @@ from itertools import chain, islice
 
 import numpy as np
 
-from bcapscope.analysis.speech import counted
 from bcapscope.player import timing
 from bcapscope.player.curve import Array
 from bcapscope.player.layout import Layout, Wishes, layout_of_numbers, layout_of_titles, titles_text
@@ -19,6 +18,7 @@ from bcapscope.player.timing import Timing
 from bcapscope.player.titles import COUNTER
 from bcapscope.player.trajectory import FEWEST, MOST_POINTS, Column, Source, Trajectory, TrajectoryError
 from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.wording import counted
 
 HEAD = 32
 """Lines among which the titles are looked for."""

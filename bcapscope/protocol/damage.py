@@ -14,6 +14,7 @@ from bcapscope.protocol.misread import near_name
 from bcapscope.protocol.repair import Edit, Repair, repair
 from bcapscope.protocol.shape import reach
 from bcapscope.protocol.variant import ARRAY, Variant, vt_name
+from bcapscope.protocol.wording import counted
 
 LONGEST_WORD = 60
 """Characters of a string that a sentence shows."""
@@ -76,7 +77,7 @@ class _Sentence:
     def _cut(self, edits: tuple[Edit, ...], missing: int) -> Problem:
         size = len(self._raw)
         inside = self._where(len(self._frame.raw) - 1)
-        rest = f"{_count(missing, 'byte')} missing at the end; what is there reads {self._reading()}"
+        rest = f"{counted(missing, 'byte')} missing at the end; what is there reads {self._reading()}"
         whole = len(self._frame.raw) + missing
         if not edits:
             return Problem(size, "cut", f"cut after {size} of {whole} bytes, in {inside}; {rest}")
@@ -101,11 +102,11 @@ class _Sentence:
         surplus = [edit for edit in edits if not edit.meant]
         parts = []
         if lost:
-            parts.append(f"{_count(sum(len(edit.meant) for edit in lost), self._noun(lost))} lost: ")
+            parts.append(f"{counted(sum(len(edit.meant) for edit in lost), self._noun(lost))} lost: ")
             parts[-1] += ", ".join(map(self._place, lost))
         if surplus:
             parts.append(
-                f"{_count(sum(len(edit.found) for edit in surplus), self._noun(surplus))} too many: "
+                f"{counted(sum(len(edit.found) for edit in surplus), self._noun(surplus))} too many: "
             )
             parts[-1] += ", ".join(map(self._place, surplus))
         return "; ".join(parts)
@@ -185,7 +186,7 @@ def _alone(argument: bytes) -> Variant:
 def _shown(variant: Variant) -> str:
     name, value = vt_name(variant.vt), variant.value
     if variant.vt & ARRAY:
-        return f"{name} of {_count(variant.elements, 'element')}"
+        return f"{name} of {counted(variant.elements, 'element')}"
     if value is None:
         return name
     return f"{name} {_word(value) if isinstance(value, str) else repr(value)}"
@@ -196,7 +197,3 @@ def _word(text: str) -> str:
     short = text[:LONGEST_WORD]
     plain = short.isascii() and short.isprintable() and short and not short.isspace()
     return (short if plain else ascii(short)) + ("…" if len(text) > LONGEST_WORD else "")
-
-
-def _count(number: int, noun: str) -> str:
-    return f"1 {noun}" if number == 1 else f"{number} {noun}s"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from bcapscope.analysis.speech import counted
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
+from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.moment import Clock, time_writer
 from bcapscope.render.palette import PLAIN, Palette

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bcapscope.render.columns import display_width
+from bcapscope.protocol.wording import display_width
 from bcapscope.render.columns import wrapped as broken
 from bcapscope.render.palette import Palette
 from bcapscope.render.tongue import Tongue, english

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Iterator, Sequence
+
+from bcapscope.protocol.wording import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
 """Characters of East Asian scripts that a terminal gives two columns to, and that text is broken beside."""
@@ -14,14 +15,6 @@ _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょ�
 
 _PIECES = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
 """What lines are made of: words and single wide characters, each with the spaces before it."""
-
-
-def display_width(text: str) -> int:
-    """Count the columns that a terminal gives to `text`: two for wide characters, none for combining ones."""
-    return sum(
-        0 if unicodedata.combining(char) else 2 if unicodedata.east_asian_width(char) in "WF" else 1
-        for char in text
-    )
 
 
 def columns(rows: Sequence[Sequence[str]], right: str) -> Iterator[str]:

@@ -8,9 +8,9 @@ import orjson
 
 from bcapscope.analysis.comparison import Comparison, Difference, Lone, RuleDifference, Side, Value
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.speech import counted
 from bcapscope.analysis.statistics import OTHERS
 from bcapscope.protocol.functions import function_name
+from bcapscope.protocol.wording import counted
 from bcapscope.render.columns import columns, wrapped
 from bcapscope.render.escape import printable
 from bcapscope.render.palette import PLAIN, Palette

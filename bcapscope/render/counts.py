@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.speech import counted
 from bcapscope.capture.counts import Counts
+from bcapscope.protocol.wording import counted
 
 
 def counts_text(counts: Counts) -> str:

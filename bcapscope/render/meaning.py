@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from itertools import islice
 
-from bcapscope.analysis.speech import counted
 from bcapscope.protocol.fields import HRESULT, Field
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.variant import VT, Value, vt_name
+from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import quoted
 from bcapscope.render.number import cy_text, date_text, single_text
 

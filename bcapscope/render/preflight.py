@@ -8,11 +8,11 @@ from math import isfinite
 import orjson
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.speech import counted
 from bcapscope.player.checks_motion import Figures
 from bcapscope.player.finding import Finding
 from bcapscope.player.preflight import Preflight
 from bcapscope.player.trajectory import Column, Trajectory
+from bcapscope.protocol.wording import counted
 from bcapscope.render.columns import columns, wrapped
 from bcapscope.render.escape import printable
 from bcapscope.render.palette import PLAIN, Palette

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 from bcapscope.analysis.account import Account, Damaged
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.moments import SetPointFact
-from bcapscope.analysis.speech import counted, span, times
+from bcapscope.analysis.speech import span, times
 from bcapscope.analysis.statistics import OTHERS, Figures, Row
 from bcapscope.analysis.stay import ExitReason, Stay
 from bcapscope.protocol.hresult import describe, hresult_name
+from bcapscope.protocol.wording import counted
 from bcapscope.render import report_calls, report_stays
 from bcapscope.render.moment import utc_text
 from bcapscope.render.report_figure import Picture

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import orjson
 
 from bcapscope.analysis.distribution import Distribution
-from bcapscope.analysis.speech import counted
 from bcapscope.analysis.statistics import ELSEWHERE, OTHERS, Figures, Row, Statistics
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import hresult_name
+from bcapscope.protocol.wording import counted
 from bcapscope.render.columns import columns
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import epoch_text, utc_text

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from bcapscope.analysis.finding import Seen, Severity
-from bcapscope.analysis.speech import counted, span
+from bcapscope.analysis.speech import span
+from bcapscope.protocol.wording import counted
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.tongue import Tongue, english
 

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.speech import counted
 from bcapscope.errors import BcapError
 from bcapscope.player.curve import Array
 from bcapscope.player.finding import Finding, numbered, span_text
@@ -20,6 +19,7 @@ from bcapscope.player.trajectory import FEWEST, Source, Trajectory
 from bcapscope.protocol.poses import AXES, numbers
 from bcapscope.protocol.setpoints import split_set_point
 from bcapscope.protocol.slavemode import PoseType, mode_pose_type, mode_value
+from bcapscope.protocol.wording import counted
 from bcapscope.replay.script import Line, Script
 
 _SHORTEST = 0.001

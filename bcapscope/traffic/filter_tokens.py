@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import difflib
 import re
-import unicodedata
 from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
+
+from bcapscope.protocol.wording import display_width
 
 LONGEST_EXPRESSION = 8192
 """Characters; what people and rule files write is a hundredth of it."""
@@ -40,20 +41,12 @@ class FilterError(ValueError):
         after = _printable(self.expression[self.position : stop]) + (
             "…" if stop < len(self.expression) else ""
         )
-        return f"{self.message}\n  {before}{after}\n  {' ' * _columns(before)}^"
+        return f"{self.message}\n  {before}{after}\n  {' ' * display_width(before)}^"
 
 
 def _printable(text: str) -> str:
     """Keep a text to one line that does nothing to a terminal, as many characters as before."""
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
-
-
-def _columns(text: str) -> int:
-    """Count terminal columns: two for an East Asian wide character, none for a combining one."""
-    return sum(
-        0 if unicodedata.category(c) in ("Mn", "Me") else 2 if unicodedata.east_asian_width(c) in "WF" else 1
-        for c in text
-    )
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.analysis.speech import Speech, counted, shown, span, times
+from bcapscope.analysis.speech import Speech, shown, span, times
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 
 
@@ -31,9 +31,6 @@ def test_durations(nanoseconds: int, words: str) -> None:
 
 def test_counts() -> None:
     assert [times(1), times(2), times(3)] == ["once", "twice", "3 times"]
-    assert counted(1, "retry", "retries") == "1 retry"
-    assert counted(2, "retry", "retries") == "2 retries"
-    assert counted(0, "frame") == "0 frames"
 
 
 def test_long_names_are_cut() -> None:

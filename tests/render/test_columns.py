@@ -6,15 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.render.columns import columns, display_width, wrapped
-
-
-@pytest.mark.parametrize(
-    ("text", "width"),
-    [("", 0), ("slvMove", 7), ("軸１", 4), ("e\u0301", 1), ("ｶ", 1), ("…", 1), ("→ ×", 3)],
-)
-def test_display_width(text: str, width: int) -> None:
-    assert display_width(text) == width
+from bcapscope.protocol.wording import display_width
+from bcapscope.render.columns import columns, wrapped
 
 
 def test_columns_are_as_wide_as_their_widest_cell() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.analysis.finding import Finding, Seen, Severity
-from bcapscope.render.columns import display_width
+from bcapscope.protocol.wording import display_width
 from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record, rule_table
 from bcapscope.render.palette import ANSI
 

@@ -12,7 +12,7 @@ from bcapscope.player.limits import SIMULATED, UNKNOWN
 from bcapscope.player.preflight import check
 from bcapscope.player.reading import read
 from bcapscope.player.trajectory import Column, Source
-from bcapscope.render.columns import display_width
+from bcapscope.protocol.wording import display_width
 from bcapscope.render.palette import ANSI
 from bcapscope.render.preflight import PreflightRenderer, preflight_record, source_lines, trajectory_line
 from tests.cli.run import CAPTURES

@@ -6,11 +6,12 @@ from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, Why, refusal
 from bcapscope.analysis.rules.rule import SECOND, Kind, Report, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, counted
+from bcapscope.analysis.speech import Speech, called
 from bcapscope.protocol.commands import command
 from bcapscope.protocol.effects import Effect, function_effect
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.hresult import E_ROBOTISBUSY, E_TIMEOUT, describe
+from bcapscope.protocol.wording import counted
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.question import Question

@@ -11,12 +11,13 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.motion import Jump
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import Incident, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, counted, span
+from bcapscope.analysis.speech import Speech, called, span
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.hresult import describe
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.setpoints import split_set_point
 from bcapscope.protocol.slavemode import PoseType, mode_pose_type
+from bcapscope.protocol.wording import counted
 from bcapscope.traffic.exchange import Exchange
 
 _ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"

@@ -10,9 +10,10 @@ from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, Why, refusal
 from bcapscope.analysis.rules.rule import MS, Incident, Kind, Report, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, counted, name_of, span
+from bcapscope.analysis.speech import Speech, called, name_of, span
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
+from bcapscope.protocol.wording import counted
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.question import Question
 

@@ -7,8 +7,9 @@ from itertools import pairwise
 from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import MS, SECOND, Incident, Report, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, counted, name_of, span, times
+from bcapscope.analysis.speech import Speech, called, name_of, span, times
 from bcapscope.protocol.slavemode import PERIOD_MS
+from bcapscope.protocol.wording import counted
 from bcapscope.traffic.exchange import Exchange, FrameObservation, Stray
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.verdict import Verdict

@@ -5,10 +5,11 @@ from __future__ import annotations
 from bcapscope.analysis.client import ID, Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import MS, Incident, Kind, Report, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, counted, name_of, span
+from bcapscope.analysis.speech import Speech, called, name_of, span
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.guard import request_effect
+from bcapscope.protocol.wording import counted
 from bcapscope.traffic.convention import Convention
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation, Transport

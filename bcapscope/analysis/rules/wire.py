@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from bcapscope.analysis.client import Client, Clients
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import SECOND, Incident, Report, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, counted
+from bcapscope.analysis.speech import Speech, called
 from bcapscope.protocol.arguments import Problem
 from bcapscope.protocol.frame import LARGEST_UDP_FRAME, SOH, Frame, Malformed
+from bcapscope.protocol.wording import counted
 from bcapscope.traffic.exchange import Exchange, FrameObservation
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections.abc import Collection, Mapping
 
 from bcapscope.capture.journal import Journal
-from bcapscope.render.columns import display_width
+from bcapscope.protocol.wording import display_width
 from bcapscope.render.escape import printable
 from bcapscope.render.line import LineRenderer
 from bcapscope.render.moment import Clock

@@ -1,0 +1,24 @@
+"""How numbers and texts are put for people, the same everywhere."""
+
+from __future__ import annotations
+
+import unicodedata
+
+
+def counted(count: int, noun: str, plural: str = "") -> str:
+    """Write a number with its noun, whose plural takes an s unless told."""
+    return f"{count} {noun}" if count == 1 else f"{count} {plural or noun + 's'}"
+
+
+def display_width(text: str) -> int:
+    """Count the columns that a terminal gives to `text`: two for wide characters, none for combining ones."""
+    if text.isascii():
+        return len(text)
+    return sum(
+        0
+        if unicodedata.category(char) in ("Mn", "Me")
+        else 2
+        if unicodedata.east_asian_width(char) in "WF"
+        else 1
+        for char in text
+    )
