@@ -31,10 +31,10 @@ def variant_of(value: object) -> Variant:
         return Variant.array(VT.UI1, value)
     if isinstance(value, Sequence) and not isinstance(value, str):
         return _array(value)
-    vt = _scalar_type(value)
-    if vt is None:
+    scalar = _scalar(value)
+    if scalar is None:
         raise LocalProtocolError(f"b-CAP has no type for a {type(value).__name__}")
-    return Variant(vt, value)  # type: ignore[arg-type]  # it has one of the types that were asked for
+    return scalar
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
@@ -73,23 +73,28 @@ def _typed(type_: str, value: object) -> Variant:
     return Variant(_TYPES[type_], value)  # type: ignore[arg-type]  # what does not fit is found when packed
 
 
-def _scalar_type(value: object) -> VT | None:
-    if isinstance(value, bool):
-        return VT.BOOL
-    if isinstance(value, int):
-        return VT.I4 if -(2**31) <= value < 2**31 else VT.I8
-    if isinstance(value, float):
-        return VT.R8
-    return VT.BSTR if isinstance(value, str) else None
+def _scalar(value: object) -> Variant | None:
+    match value:
+        case bool():
+            return Variant(VT.BOOL, value)
+        case int():
+            return Variant(VT.I4 if -(2**31) <= value < 2**31 else VT.I8, value)
+        case float():
+            return Variant(VT.R8, value)
+        case str():
+            return Variant(VT.BSTR, value)
+    return None
 
 
 def _array(values: Sequence[object]) -> Variant:
-    types = {_scalar_type(value) for value in values}
-    if types and types <= {VT.I4, VT.I8, VT.R8} and VT.R8 in types:
-        return Variant.array(VT.R8, tuple(map(float, values)))  # type: ignore[arg-type]  # numbers, as just seen
-    if types == {VT.I4, VT.I8}:
-        types = {VT.I8}
-    if len(types) == 1 and None not in types:
-        (vt,) = types
-        return Variant.array(vt or VT.EMPTY, tuple(values))  # type: ignore[arg-type]  # all of this one type
+    scalars = [scalar for scalar in map(_scalar, values) if scalar is not None]
+    types = {scalar.vt for scalar in scalars}
+    if len(scalars) == len(values):
+        numbers = tuple(scalar.value for scalar in scalars if isinstance(scalar.value, int | float))
+        if VT.R8 in types and types <= {VT.I4, VT.I8, VT.R8}:
+            return Variant.array(VT.R8, tuple(map(float, numbers)))
+        if types == {VT.I4, VT.I8}:
+            return Variant.array(VT.I8, numbers)
+        if len(types) == 1:
+            return Variant.array(types.pop(), tuple(scalar.value for scalar in scalars))
     return Variant.array(VT.VARIANT, tuple(map(variant_of, values)))
