@@ -74,14 +74,15 @@ def read_script(lines: Iterable[str], target: Target) -> list[Request]:
         click.UsageError: a line makes no sense, or is no text.
     """
     requests = []
-    number = 0
+    number = 1
     try:
-        for number, line in enumerate(lines, 1):  # noqa: B007 - the handlers tell it
+        for line in lines:
             words = shlex.split(line, comments=True)
             if words:
                 requests.append(read_request(words, target))
+            number += 1
     except UnicodeError:
-        raise click.UsageError(f"line {number + 1} on: this is no UTF-8") from None
+        raise click.UsageError(f"line {number} on: this is no UTF-8") from None
     except (ValueError, click.UsageError) as error:
         reason = error.message if isinstance(error, click.UsageError) else str(error).lower()
         raise click.UsageError(f"line {number}: {reason}") from None
