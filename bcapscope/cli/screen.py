@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import select
 import shutil
 import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
@@ -170,7 +170,7 @@ def _written(stream: TextIO, data: bytes) -> Iterator[bytes]:
     while at < len(data):
         count = raw.write(data[at : at + _AT_ONCE])
         if not count:  # whoever gave us the stream made it one that does not wait
-            time.sleep(0.01)
+            select.select((), (raw,), ())
             continue
         yield data[at : at + count]
         at += count

@@ -61,6 +61,11 @@ def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
         os.close(writing)
 
 
+def test_a_pipe_that_does_not_wait_is_waited_for() -> None:
+    out, err = ran('it.show(["x" * 99] * 1000)', "import os; os.set_blocking(1, False)")
+    assert (out, err) == (("x" * 99 + "\n") * 1000, "")
+
+
 def test_what_there_was_no_time_for_is_counted() -> None:
     out, err = ran('it.show(["x"] * 30)', "screen.MOST_WAITING = 20")
     assert out == "x\n" * 20
