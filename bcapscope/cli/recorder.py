@@ -140,7 +140,10 @@ class Recorder:
         self._ways -= ways
         for way in ways:
             self._gaps.pop(way, None)
-        forget: _Step = lambda recording: recording.ended(client, server)  # noqa: E731 - as its neighbours
+
+        def forget(recording: Recording) -> None:
+            recording.ended(client, server)
+
         if self._missing:
             self._late.append(forget)
         else:
