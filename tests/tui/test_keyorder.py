@@ -10,6 +10,7 @@ import pytest
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Event, Key, Paste
+from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widget import Widget
 from textual.widgets import Input
@@ -38,7 +39,10 @@ class Listing(Widget, can_focus=True):
         self.screen.query_one("#find").focus()
 
     def action_ask(self) -> None:
-        self.app.push_screen(Asking())
+        self.post_message(self.Asked())
+
+    class Asked(Message):
+        """A dialog is wanted."""
 
     async def action_remove(self) -> None:
         await self.remove()
@@ -46,6 +50,9 @@ class Listing(Widget, can_focus=True):
 
 class Room(KeyOrder):
     """A list and a field."""
+
+    def on_listing_asked(self) -> None:
+        self.push_screen(Asking())
 
     def compose(self) -> ComposeResult:
         yield Listing()
