@@ -109,10 +109,14 @@ def command(
 
     As server, a call is answered as the next one like it was in the recording.
 
-    Exit codes: 0 all went as recorded; 2 the command line makes no sense; 4 nothing to play, or the address
-    cannot be listened on; 6 the capture cannot be written, or lacks something; 8 a result differs; 9 no
+    Exit codes: 0 all went as recorded; 2 the command line makes no sense; 4 the capture cannot be read, or
+    the address not be listened on; 5 there are no calls to play; 6 the capture cannot be written, or lacks something; 8 a result differs; 9 no
     answer; 10 nobody said that a robot may move; 11 the set points are not fit to be played.
     """
+    if side == "client" and not target.host:
+        raise click.UsageError("which HOST is to be called?")
+    if side == "server" and target.host:
+        raise click.UsageError("a server calls nobody: leave HOST out; --listen says where it answers")
     script = _script(Reading([capture], ()), wanted, client)
     if side == "server":
         serving = Serving(quiet=quiet, record=record)
@@ -123,8 +127,6 @@ def command(
             serving.serve(server)
         serving.end(_served(serving.log.calls, standin.unknown))
         return
-    if not target.host:
-        raise click.UsageError("which HOST is to be called?")
     flight = _Flight(script, limits, color, quiet)
     flight.check(UNKNOWN)
     stage = _Stage(script, flight, keep_going, anywhere, _Teller(as_json, quiet, color))

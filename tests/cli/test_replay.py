@@ -83,6 +83,7 @@ def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
     ("words", "code", "told"),
     [
         ((SESSION, "--as", "client"), Exit.USAGE, "which HOST is to be called?"),
+        ((SESSION, "127.0.0.1", "--as", "server"), Exit.USAGE, "leave HOST out"),
         ((SESSION,), Exit.USAGE, "--as"),
         ((CAPTURES / "none.pcap", "--as", "server"), Exit.UNREADABLE, "cannot be opened"),
         ((SESSION, "127.0.0.1", "--as", "client", "--client", "1.2.3.4"), Exit.NOTHING, "no calls"),
