@@ -15,7 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from math import cos, pi
 from statistics import median
@@ -26,7 +26,7 @@ import msgspec
 from bcapscope.client.target import Target
 from bcapscope.player.channel import SocketChannel
 from bcapscope.player.lateness import Lateness, Spread
-from bcapscope.player.messages import Outcome, Pacing, Plan, Question, Readiness
+from bcapscope.player.messages import Outcome, Pacing, Plan, Question
 from bcapscope.player.process import Player
 from bcapscope.player.realtime import undisturbed
 from tests.bench.jobs import ROOT
@@ -92,24 +92,27 @@ def wave(target: Target, period: int, count: int, realtime: bool) -> Plan:
     return Plan(target=target, mode=Pacing.ASYNC, period=period, points=points, realtime=realtime)
 
 
-def play(plan: Plan) -> tuple[Spread, bool]:
-    """Play; return the lateness and whether there was real-time priority.
+def has_priority() -> bool:
+    """Tell whether the system gives real-time priority."""
+    with undisturbed() as grade:
+        return grade.realtime
+
+
+def play(plan: Plan) -> Spread:
+    """Play; return the lateness.
 
     Raises:
         SystemExit: it did not get to the end.
     """
-    priority = False
     with Player(plan) as player:
         while player.ended is None:
             for message in player.wait(1.0):
                 if isinstance(message, Question):
                     player.answer("yes")
-                elif isinstance(message, Readiness):
-                    priority = message.realtime
     ended = player.ended
     if ended.outcome is not Outcome.DONE:
         raise SystemExit(f"{ended.outcome}: {ended.reason}")
-    return ended.lateness, priority
+    return ended.lateness
 
 
 class Round(NamedTuple):
@@ -124,6 +127,12 @@ class Round(NamedTuple):
     stolen: float
 
 
+def measured(measure: Callable[[], Spread]) -> Round:
+    """Measure, and watch the host meanwhile."""
+    before = stolen()
+    return Round(measure(), stolen() - before)
+
+
 def line(name: str, rounds: list[Round]) -> str:
     """Write a line of the table: medians of the rounds and the greatest of all, µs; what was stolen, ms."""
     fields = ("p50", "p99", "p999", "most")
@@ -136,11 +145,17 @@ def line(name: str, rounds: list[Round]) -> str:
 HEAD = " " * 38 + "".join(f"{title:>10}" for title in ("p50", "p99", "p99.9", "max", "greatest", "stolen"))
 
 
+def options(doc: str | None, seconds: float, rounds: int) -> argparse.ArgumentParser:
+    """Make the command line: how long, and how often unless told."""
+    parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
+    parser.add_argument("--seconds", type=float, default=seconds, help="of each measurement")
+    parser.add_argument("--rounds", type=int, default=rounds)
+    return parser
+
+
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=2.0, help="of each measurement")
-    parser.add_argument("--rounds", type=int, default=5)
+    parser = options(__doc__, seconds=2.0, rounds=5)
     parser.add_argument("--empty", nargs=3, type=int, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.empty:
@@ -156,24 +171,19 @@ def main() -> None:
         target = stack.enter_context(simulator())
         for _ in range(BUSY):
             stack.enter_context(running("-c", "while True: pass"))
+        grades = (True, False) if has_priority() else (False,)
         for period in PERIODS:
-            for wanted in (True, False):
+            for wanted in grades:
                 _measure(target, period, round(chosen.seconds * 1e9 / period), chosen.rounds, wanted)
 
 
 def _measure(target: Target, period: int, count: int, rounds: int, wanted: bool) -> None:
     bare: list[Round] = []
     ours: list[Round] = []
+    plan = wave(target, period, count, wanted)
     for _ in range(rounds):
-        before = stolen()
-        spread = empty_loop(period, count, wanted)
-        bare.append(Round(spread, stolen() - before))
-        before = stolen()
-        spread, priority = play(wave(target, period, count, wanted))
-        ours.append(Round(spread, stolen() - before))
-        if wanted and not priority:
-            print("no real-time priority here")
-            return
+        bare.append(measured(lambda: empty_loop(period, count, wanted)))
+        ours.append(measured(lambda: play(plan)))
     name = f"{period / 1e6:g} ms, {'real-time priority' if wanted else 'without'}"
     print(line(f"{name}, empty loop", bare))
     print(line(f"{name}, play", ours), flush=True)

@@ -30,7 +30,7 @@ from bcapscope.tui.screens.place import Place
 from bcapscope.tui.screens.traffic import TrafficScreen
 from bcapscope.tui.tester.slavelive import SlaveLive
 from bcapscope.tui.traffic.feed import Feed
-from tests.bench.play import HEAD, Round, line, play, simulator, stolen, wave
+from tests.bench.play import HEAD, Round, has_priority, line, measured, options, play, simulator, wave
 from tests.bench.screen import LIVE_RATE, growing
 from tests.bench.terminal import Terminal
 
@@ -100,7 +100,8 @@ def watched(plan: Plan, folder: Path, limit: float) -> Spread:
 
 def measure(target: Target, seconds: float, rounds: int, folder: Path) -> None:
     """Play with and without, in alternation, and print both."""
-    plan = wave(target, PERIOD, round(seconds * 1e9 / PERIOD), True)
+    priority = has_priority()
+    plan = wave(target, PERIOD, round(seconds * 1e9 / PERIOD), priority)
     print(
         f"a set point each {PERIOD / 1e6:g} ms, {rounds} rounds of {seconds:g} s in turns; lateness in µs; "
         f"the busy screen draws {SIZE[0]} x {SIZE[1]} and follows {LIVE_RATE} frames/s"
@@ -109,11 +110,8 @@ def measure(target: Target, seconds: float, rounds: int, folder: Path) -> None:
     alone: list[Round] = []
     busy: list[Round] = []
     for _ in range(rounds):
-        before = stolen()
-        spread, priority = play(plan)
-        alone.append(Round(spread, stolen() - before))
-        before = stolen()
-        busy.append(Round(watched(plan, folder, seconds + 60), stolen() - before))
+        alone.append(measured(lambda: play(plan)))
+        busy.append(measured(lambda: watched(plan, folder, seconds + 60)))
     print(line(f"no screen{'' if priority else ' (no real-time priority)'}", alone))
     print(line("the screen is busy", busy))
     print(f"{'times as late':38}" + "".join(f"{_ratio(point, busy, alone):10.2f}" for point in _POINTS))
@@ -126,9 +124,7 @@ def _ratio(point: str, busy: list[Round], alone: list[Round]) -> float:
 
 def main() -> None:
     """Measure as the command line asks."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
-    parser.add_argument("--rounds", type=int, default=3)
+    parser = options(__doc__, seconds=20.0, rounds=3)
     parser.add_argument("--watch", nargs=3, type=Path, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.watch:
