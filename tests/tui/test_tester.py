@@ -6,6 +6,7 @@ import asyncio
 from pathlib import Path
 
 import numpy as np
+from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Button, Input, Select
 
@@ -204,7 +205,8 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
         field = here.query_one("#raw .value", Input)
         field.value = "01 1"
         await answered(pilot, "#raw ResultView", "Pairs of hex")
-        field.value = "01 00 00 00 00 34 12 00 00 13 00 00 00 00 00 04"
+        field.value = ""
+        field.post_message(Paste("01 00 00 00 00 34 12 00\n00 13 00 00 00 00 00 04\n"))
         await answered(pilot, "#raw ResultView", "Controller_GetAttribute, serial 4660")
         await pilot.press("enter")
         await answered(pilot, "#raw ResultView", "E_")

@@ -231,7 +231,7 @@ class Desk:
             self._check_armed()
         WHO.set(Who.USER)
         await self._guarded(caller.send_raw(raw, session.paces.others.timeout / 1e9))
-        self._recorder.settle()
+        self._recorder.settle(time.time_ns())
         return self.last
 
     @property

@@ -37,7 +37,7 @@ def history_line(record: Record, palette: Palette) -> str:
     """Write a call: number, time of day (UTC), who made it unless the user did, call, result, time."""
     color = palette
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_MARKS[record.who]}"
-    name = f"{call_name(record.function_id, record.arguments)} {_given(record)}".rstrip()
+    name = f"{call_name(record.function_id, record.arguments)}{_given(record)}"
     if record.reply is not None:
         text = AnswerRenderer(palette).line(
             name, record.function_id, record.reply, record.took, record.attempts
@@ -53,8 +53,9 @@ def _given(record: Record) -> str:
     function = FUNCTIONS.get(record.function_id)
     named = function is not None and takes_handle(function)
     first = named + (record.function_id in COMMAND_FUNCTIONS)
-    text = " ".join(filter(None, map(bare_text, record.arguments[first:])))
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    text = ", ".join(filter(None, map(bare_text, record.arguments[first:])))
+    text = text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    return text and f"({text})"
 
 
 def chooser(text: str) -> Chooser:

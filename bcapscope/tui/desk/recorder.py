@@ -77,8 +77,12 @@ class Recorder:
         self._end(call, Ending.GIVEN_UP, None, (), max(0, now - call.began))
         return self.last
 
-    def settle(self) -> None:
-        """End a call that was sent as raw bytes: its reply is the frame that came last, if any came."""
+    def settle(self, now: int) -> None:
+        """End a call that was sent as raw bytes: its reply is the frame that came last, if any came.
+
+        Args:
+            now: ns since 1970-01-01 UTC.
+        """
         call = self._call
         if call is None:
             return
@@ -86,7 +90,7 @@ class Recorder:
         reply = next((item for item in reversed(came) if isinstance(item, Frame)), None)
         attempts = (Attempt(0, 0, 0),)
         if reply is None:
-            self._end(call, Ending.UNANSWERED, None, attempts, call.lasted)
+            self._end(call, Ending.UNANSWERED, None, attempts, max(0, now - call.began))
         else:
             ending = Ending.REFUSED if is_failure(reply.code) else Ending.ANSWERED
             self._end(call, ending, reply, attempts, call.lasted)

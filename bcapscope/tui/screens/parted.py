@@ -13,8 +13,8 @@ from bcapscope.tui.words import say
 
 _PARTS = "#left .box, #function, #raw, #right"
 _FIRST = "Input, HexView, Lines, Button"
-_LAST = "#slave-mode"
-"""It stands above the fields of its part, and has a key of its own."""
+_LAST = "#slave-mode, #clear"
+"""They stand above what their part is for."""
 
 
 class Parted(Place):

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
+from textual.events import Paste
 from textual.widgets import Button, Input
 
 from bcapscope.protocol.frame import Frame, Problem, parse_datagram
@@ -23,6 +24,16 @@ LONGEST = 65_507
 _EXAMPLE = "01 10 00 00 00 01 00 00 00 02 00 00 00 00 00 04"
 
 
+class BytesField(Input):
+    """A field for bytes, which are copied from places where they stand in several lines."""
+
+    def _on_paste(self, event: Paste) -> None:
+        """Take all lines as one."""
+        event.prevent_default()
+        event.stop()
+        super()._on_paste(Paste(" ".join(event.text.split())))
+
+
 class RawForm(Vertical):
     """A field for bytes in hex; says what they are while they are typed."""
 
@@ -30,7 +41,7 @@ class RawForm(Vertical):
         """Put the field above its button."""
         with Horizontal(classes="row"):
             yield Caption("tester.bytes")
-            yield Input(placeholder=_EXAMPLE, classes="value")
+            yield BytesField(placeholder=_EXAMPLE, classes="value")
         with Horizontal(classes="row"):
             yield Tick(say("tester.raw.length"), True)
             yield Button(say("tester.send"), compact=True, variant="primary", classes="execute")
