@@ -11,7 +11,7 @@ import ipaddress
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from bcapscope.cli.exits import Exit
@@ -72,15 +72,12 @@ class Serving:
         except ListenError as error:
             narrate(f"{error}")
             sys.exit(Exit.UNREADABLE)
-        try:
+        with closing(server):
             if self._record is not None:
                 self._recorder = Recorder(open_capture(Path(self._record)), self._record, self.tell)
                 server.tap = self._recorder
-            yield server
-        except KeyboardInterrupt:
-            pass
-        finally:
-            server.close()
+            with suppress(KeyboardInterrupt):
+                yield server
 
     def serve(
         self, server: Server, take: Callable[[int], None] = _ignore, watched: list[int] | None = None
