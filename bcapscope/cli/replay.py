@@ -110,8 +110,9 @@ def command(
     As server, a call is answered as the next one like it was in the recording.
 
     Exit codes: 0 all went as recorded; 2 the command line makes no sense; 4 the capture cannot be read, or
-    the address not be listened on; 5 there are no calls to play; 6 the capture cannot be written, or lacks something; 8 a result differs; 9 no
-    answer; 10 nobody said that a robot may move; 11 the set points are not fit to be played.
+    the address not be listened on; 5 there are no calls to play; 6 the capture cannot be written, or lacks
+    something; 8 a result differs; 9 no answer; 10 nobody said that a robot may move; 11 the set points are
+    not fit to be played.
     """
     if side == "client" and not target.host:
         raise click.UsageError("which HOST is to be called?")
