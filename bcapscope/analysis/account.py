@@ -12,7 +12,6 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, Seen
 from bcapscope.analysis.marks import MOST_MARKS, MOST_SPELLS, PAUSE_NS, Mark, MarkKind, Marks
 from bcapscope.analysis.rules.rule import all_seen
-from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.statistics import Statistics, Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.arguments import Problem
@@ -132,8 +131,7 @@ class Accountant:
             chosen: tells which calls are asked about; None for all. What is damaged is told all the same.
         """
         self._chosen = chosen
-        self._diagnosis = Diagnosis(chosen, self._keep if chosen is None else None)
-        self._watcher = None if chosen is None else ChosenStays(chosen)
+        self._diagnosis = Diagnosis(chosen, self._keep)
         self._summary = Summary()
         self._start: int | None = None
         self._end = 0
@@ -163,9 +161,6 @@ class Accountant:
             self._strays += 1
             self._look_at(settled.seen)
             return
-        if self._watcher is not None:
-            for stay in self._watcher.take(settled):
-                self._keep(stay)
         for seen in all_seen(settled):
             self._look_at(seen)
         if self._chosen is None or self._chosen(settled):
@@ -180,8 +175,6 @@ class Accountant:
         if self._start is None:
             return None
         findings = self._diagnosis.finish(ended)
-        for stay in () if self._watcher is None else self._watcher.finish(ended):
-            self._keep(stay)
         lanes = sorted(self._lanes.values(), key=lambda lane: -lane.calls)
         chains = sorted((chain for _, chain in self._chains), key=lambda chain: chain.request.time)
         return Account(

@@ -13,7 +13,7 @@ from bcapscope.protocol.slavemode import Generation, SlaveMode, mode_value, slav
 from bcapscope.protocol.variant import Value, Variant
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.handles import Thing
-from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.observation import Closing, Conversation, Direction
 from bcapscope.traffic.question import MOST_CONVERSATIONS, Question
 
 MOST_HANDLES = 1024
@@ -161,6 +161,12 @@ class Client:
     def open_session(self) -> bool:
         """Whether it opened something that it has not closed."""
         return (self.service is not None or self.connected is not None) and self.closed is None
+
+    @property
+    def hung_up(self) -> Closing | None:
+        """How the controller ended its connection; None where it did not, or the client did first."""
+        closing = self.conversation.closing
+        return closing if closing is not None and closing.by is Direction.RESPONSE else None
 
     @property
     def seen_from_start(self) -> bool:

@@ -12,7 +12,7 @@ from bcapscope.analysis.finding import Finding, Seen
 from bcapscope.analysis.rules import WATCHERS
 from bcapscope.analysis.rules.rule import Kind, all_seen, overrides
 from bcapscope.analysis.rules.wire import LARGE
-from bcapscope.analysis.slave import SlaveWatcher
+from bcapscope.analysis.slave import ChosenStays, SlaveWatcher
 from bcapscope.analysis.speech import Speech
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.frame import Malformed
@@ -47,7 +47,7 @@ class Diagnosis:
         Args:
             chosen: tells which calls are asked about; None for all. What is found is told if it concerns one
                 of them or is what that follows from; all calls count for what happened before and after.
-            heed: is given each stay in slave mode, with all its set points, for who wants those as well.
+            heed: is given each stay in slave mode of the calls asked about, for who wants those as well.
         """
         self._book = Casebook()
         self._choice = None if chosen is None else Choice(chosen, self._book.report)
@@ -60,8 +60,11 @@ class Diagnosis:
         self._odd = [each.odd for each in overrides(watchers, "odd")]
         self._strays = [each.stray for each in overrides(watchers, "stray")]
         self._stays: list[Callable[[Stay], object]] = [each.stay for each in overrides(watchers, "stay")]
-        if heed is not None:
+        self._asked: ChosenStays | None = None
+        if heed is not None and chosen is None:
             self._stays.append(heed)
+        elif heed is not None:
+            self._asked, self._heed = ChosenStays(chosen), heed
         self._gone = [each.gone for each in overrides(watchers, "gone")]
         self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
         self._forgetters = [each.forget for each in overrides(watchers, "forget")]
@@ -92,6 +95,8 @@ class Diagnosis:
         if self._choice is not None:
             self._choice.settle(settled)
         if isinstance(settled, Exchange):
+            if self._asked is not None:
+                self._hand_over(self._asked.take(settled))
             if settled.question is self._question and settled.conversation is self._conversation:
                 reply, frame = settled.reply, settled.request.item
                 if (
@@ -142,6 +147,10 @@ class Diagnosis:
             for tell in self._stays:
                 tell(stay)
 
+    def _hand_over(self, stays: Sequence[Stay]) -> None:
+        for stay in stays:
+            self._heed(stay)
+
     def forget(self, conversation: Conversation) -> None:
         """Let go of a conversation that is over, all of whose calls were taken."""
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
@@ -163,6 +172,8 @@ class Diagnosis:
         if self._choice is not None:
             self._choice.close()
         self._tell(self._slave.finish(self._end))
+        if self._asked is not None:
+            self._hand_over(self._asked.finish(self._end))
         for client in self._clients:
             self._goodbye(client)
         return self._book.findings(self._speech)

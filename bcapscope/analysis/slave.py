@@ -120,10 +120,7 @@ class SlaveWatcher:
 
     def forget(self, conversation: Conversation) -> tuple[Stay, ...]:
         """Return the stays of a client that were not given out yet, and forget it: it is gone."""
-        waiting = (course for known in self._controllers.values() for course in known.waiting.values())
-        for course in [
-            each for each in (*self._courses.values(), *waiting) if each.conversation is conversation
-        ]:
+        for course in [each for each in self._running if each.conversation is conversation]:
             self._close(course, Exit(ExitReason.SILENT, course.last_seen, (), None, None))
         for key in [key for key in self._over if key[0] is conversation]:
             del self._over[key]
@@ -137,14 +134,19 @@ class SlaveWatcher:
         Args:
             ended: when, nanoseconds since 1970; the last frame of a call at the earliest.
         """
-        waiting = (course for known in self._controllers.values() for course in known.waiting.values())
-        courses = (*self._courses.values(), *waiting)
+        courses = self._running
         ends = [course.last_seen for course in courses]
         seen = max((self._seen, ended, *ends))
         for course, last in zip(courses, ends, strict=True):
             reason = ExitReason.SILENT if seen - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
             self._close(course, Exit(reason, last, (), None, None))
         return tuple(sorted(self._release(None), key=lambda stay: stay.number))
+
+    @property
+    def _running(self) -> Sequence[Course]:
+        """The stays that have not ended, and after them those that have no set point so far."""
+        waiting = (course for known in self._controllers.values() for course in known.waiting.values())
+        return (*self._courses.values(), *waiting)
 
     # set points
 

@@ -8,7 +8,6 @@ import click
 
 from bcapscope.analysis.comparison import MOST_STAYS, Side, compare
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.slave import ChosenStays
 from bcapscope.analysis.statistics import Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.cli import options
@@ -67,21 +66,15 @@ def _side(path: str, reading: Reading, wanted: Filter | None) -> Side:
     """Read a capture to its end, once."""
     stays: list[Stay] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis = Diagnosis(chosen, stays.append if chosen is None else None)
-    watcher = None if chosen is None else ChosenStays(chosen)
-    summary = Summary()
+    diagnosis, summary = Diagnosis(chosen, stays.append), Summary()
 
     def take(settled: Settled) -> None:
         diagnosis.take(settled)
-        if isinstance(settled, Exchange):
-            if watcher is not None:
-                stays.extend(watcher.take(settled))
-            if chosen is None or chosen(settled):
-                summary.take(settled)
+        if isinstance(settled, Exchange) and (chosen is None or chosen(settled)):
+            summary.take(settled)
         del stays[MOST_STAYS:]
 
     follow(reading, diagnosis.take_observation, take)
     findings = diagnosis.finish(reading.ended)
-    stays.extend(() if watcher is None else watcher.finish(reading.ended))
     first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]
     return Side(path, summary.statistics(), tuple(first), findings)

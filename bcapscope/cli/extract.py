@@ -33,13 +33,8 @@ _WRITERS: dict[str, Callable[[Trajectory], Writer]] = {".csv": CsvTrajectory, ".
 
 @click.command(short_help="Write the trajectories of slave mode to CSV or JSON.")
 @options.captures
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Where to; the name ends in .csv or .json. Of several stays each gets its number in the name.",
+@options.output_option(
+    "Where to; the name ends in .csv or .json. Of several stays each gets its number in the name."
 )
 @options.ports
 @click.option("--client", metavar="ADDRESS", help="Only what this client sent, by address, or address:port.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -83,3 +84,14 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
         help="Show only what this is true for, such as 'command ~ \"slv\" and hresult != S_OK'; see "
         "`bcapscope fields`.",
     )
+
+
+def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
+    """Make the option ``--output`` for the path of what a command writes.
+
+    Args:
+        help_: where to.
+        allow_dash: ``-`` is standard output.
+    """
+    kind = click.Path(path_type=Path, allow_dash=allow_dash)
+    return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)

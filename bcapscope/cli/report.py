@@ -25,14 +25,7 @@ _INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscop
 
 @click.command(short_help="Write a page with findings, figures and pictures, to mail.")
 @options.captures
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FILE",
-    type=click.Path(path_type=Path, allow_dash=True),
-    help="Where to, such as report.html; - is standard output.",
-)
+@options.output_option("Where to, such as report.html; - is standard output.", allow_dash=True)
 @options.ports
 @options.filter_option(RecordKind.CALL)
 @force

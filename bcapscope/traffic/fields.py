@@ -141,14 +141,7 @@ FIELDS: tuple[Field, ...] = (
     Field(
         "duplicates", FieldType.NUMBERS, "", _CALL, "frame numbers of exact copies of requests and replies"
     ),
-    Field(
-        "outcome",
-        FieldType.TEXT,
-        "",
-        _CALL,
-        "how it ended",
-        tuple(Outcome),
-    ),
+    Field("outcome", FieldType.TEXT, "", _CALL, "how it ended", tuple(Outcome)),
     Field("latency", FieldType.DURATION, "", _CALL, "from the first request to the accepted reply"),
     Field(
         "latency_ms",

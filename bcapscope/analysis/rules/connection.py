@@ -6,7 +6,7 @@ from bcapscope.analysis.client import ID, Client
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import SECOND, Incident, Rule, Watcher, last_time
 from bcapscope.analysis.speech import Speech, called, span
-from bcapscope.traffic.observation import Closing, Direction
+from bcapscope.traffic.observation import Closing
 
 HUNG_UP = Rule(
     "controller-hung-up",
@@ -26,10 +26,9 @@ class Connection(Watcher):
     rules = (HUNG_UP,)
 
     def gone(self, client: Client, ended: int) -> None:
-        closing = client.conversation.closing
-        if closing is None or closing.by is Direction.REQUEST:
-            return
-        if client.closed is None and client.last.question.function_id != ID["Service_Stop"]:
+        closing = client.hung_up
+        stopped = client.closed is not None or client.last.question.function_id == ID["Service_Stop"]
+        if closing is not None and not stopped:
             self._hung_up(client, closing)
 
     def _hung_up(self, client: Client, closing: Closing) -> None:

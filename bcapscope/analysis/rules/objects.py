@@ -77,7 +77,7 @@ class Objects(Watcher):
         elif function.creates is not None and isinstance(result_of(call), int):
             name = text_argument(call, 0 if function.creates is ObjectClass.CONTROLLER else 1)
             self._opened(call, function.creates, name)
-        elif function.releases is not None and thing is not None and (call.reply or call.let_go):
+        elif function.releases is not None and thing is not None and _is_over(call):
             tally = self._tallies.get((call.conversation, thing.kind, thing.name))
             if tally is not None:
                 tally.open -= 1
@@ -114,6 +114,11 @@ class Objects(Watcher):
     def _forget(self, conversation: Conversation) -> None:
         for key in [key for key in self._tallies if key[0] is conversation]:
             del self._tallies[key]
+
+
+def _is_over(call: Exchange) -> bool:
+    """Tell whether a release was answered, or may have been."""
+    return call.reply is not None or call.let_go
 
 
 def _bad_handle(call: Exchange, client: Client, clients: Clients) -> Why | None:

@@ -14,7 +14,7 @@ from bcapscope.analysis.stay import ExitReason, Stay
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.observation import Conversation, Direction
+from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.question import Question
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
@@ -165,9 +165,7 @@ class Session(Watcher):
             return
         if stay is not None and ended - stay.exit.time >= _FORGOTTEN:
             self._left_on(stay)
-        closing = client.conversation.closing
-        hung_up = closing is not None and closing.by is Direction.RESPONSE
-        if hung_up or not client.open_session:
+        if client.hung_up or not client.open_session:
             return
         silent = last_time(client.last)
         follower = _follower(client, self.clients, silent)
