@@ -101,6 +101,13 @@ class Talker:
         """Enter slave mode."""
         self.execute(ms, "slvChangeMode", i4(mode))
 
+    def drive(self, points: int) -> float:
+        """Open, get ready, enter slave mode, send set points from 50 ms on; return when the next one is due."""
+        self.open()
+        self.ready()
+        self.enter(40)
+        return self.move(50, points)
+
     def point(self, ms: float, first: float, code: int = 0, takes: float = 0.7) -> None:
         """Send a set point and answer with the same pose."""
         pose = r8s(first, *HOME[1:])
@@ -196,7 +203,4 @@ def _time(ms: float) -> int:
 def good(story: Story) -> None:
     """A whole session in which nothing is wrong."""
     client = story.client()
-    client.open()
-    client.ready()
-    client.enter(40)
-    client.leave(client.move(50, 60))
+    client.leave(client.drive(60))

@@ -49,10 +49,7 @@ def diagnosed(
 def lost_mode(story: Story) -> None:
     """A reply comes too late, slave mode is lost for it; at the end the client goes without a word."""
     client = story.client()
-    client.open()
-    client.ready()
-    client.enter(40)
-    client.move(50, 10)
+    client.drive(10)
     asked = client.ask(130, "Robot_Execute", ROBOT, text("slvMove"), r8s(0.5, *HOME[1:]), serial=4711)
     client.ask(146, "Robot_Execute", ROBOT, text("slvMove"), r8s(0.55, *HOME[1:]), serial=4712)
     client.answer(149, asked, r8s(0.5, *HOME[1:]))

@@ -81,10 +81,7 @@ def test_a_controller_that_never_answers_is_told_though_calls_are_let_go(
 def test_a_late_reply_is_the_first_cause_of_a_lost_slave_mode() -> None:
     def play(story: Story) -> None:
         client = story.client()
-        client.open()
-        client.ready()
-        client.enter(40)
-        client.move(50, 10)
+        client.drive(10)
         asked = client.ask(130, "Robot_Execute", ROBOT, text("slvMove"), r8s(0.5, *HOME[1:]), serial=4711)
         client.ask(146, "Robot_Execute", ROBOT, text("slvMove"), r8s(0.55, *HOME[1:]), serial=4712)
         client.answer(149, asked, r8s(0.5, *HOME[1:]))

@@ -49,13 +49,18 @@ def test_a_leak_is_found_among_many_names(monkeypatch: pytest.MonkeyPatch) -> No
     assert [incident.rule.id for incident in found] == ["handle-leak"]
 
 
-def test_stays_of_clients_that_are_forgotten_are_not_kept() -> None:
+def left_on(until: float) -> Plan:
+    """A client falls silent in slave mode; another one is heard at a later time, in ms."""
     plan = Plan()
     silent, other = plan.driver(), plan.driver(50002)
     silent.change(0, ENTER)
     silent.moves([8.0, 16.0])
-    other.execute(9000, "CurJnt")
-    (stay,) = plan.stays()
+    other.execute(until, "CurJnt")
+    return plan
+
+
+def test_stays_of_clients_that_are_forgotten_are_not_kept() -> None:
+    (stay,) = left_on(9000).stays()
     assert stay.exit.reason is ExitReason.SILENT
     watcher = Session(lambda incident: None, Clients(lambda client: None))
     watcher.stay(stay)
@@ -77,13 +82,8 @@ def test_of_clients_that_are_gone_the_latest_few_are_remembered() -> None:
 
 
 def test_a_diagnosis_lets_go_of_a_client_that_is_gone_and_tells_what_it_left_on() -> None:
-    plan = Plan()
-    silent, other = plan.driver(), plan.driver(50002)
-    silent.change(0, ENTER)
-    silent.moves([8.0, 16.0])
-    other.execute(60_000, "CurJnt")
     diagnosis = Diagnosis()
-    *calls, last = plan.track()
+    *calls, last = left_on(60_000).track()
     for call in calls:
         diagnosis.take(call)
     assert isinstance(last, Exchange)

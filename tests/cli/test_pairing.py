@@ -24,11 +24,7 @@ def captured(story: Story, goes_on_for: float) -> bytes:
 
 def in_slave_mode() -> Story:
     story = Story()
-    client = story.client()
-    client.open()
-    client.ready()
-    client.enter(40)
-    client.move(50, 10)
+    story.client().drive(10)
     return story
 
 

@@ -15,10 +15,7 @@ def _after_error(*commands: str, code: int = 0) -> Play:
 
     def play(story: Story) -> None:
         client = story.client()
-        client.open()
-        client.ready()
-        client.enter(40)
-        at = client.move(50, 10)
+        at = client.drive(10)
         client.point(at + 64, 0.5, _UNDERFLOW)
         at += 80
         for number, command in enumerate(commands, 1):

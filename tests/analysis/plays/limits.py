@@ -17,10 +17,7 @@ def _ends_with(point: tuple[float, ...], code: int) -> Play:
 
     def play(story: Story) -> None:
         client = story.client()
-        client.open()
-        client.ready()
-        client.enter(40)
-        at = client.move(50, 10)
+        at = client.drive(10)
         client.execute(at, "slvMove", r8s(*point), EMPTY if code else r8s(*point), code=code)
         if not code:
             client.leave(client.move(at + 8, 10, first=point[0] + 0.05))

@@ -38,10 +38,7 @@ def _pause(
 def _waits_for_reply(story: Story) -> None:
     """The reply comes 19 ms after the set point, the client had given up at 16 ms; the buffer ran empty."""
     client = story.client()
-    client.open()
-    client.ready()
-    client.enter(40)
-    client.move(50, 10)
+    client.drive(10)
     pose = r8s(0.5, *HOME[1:])
     first = client.ask(130, "Robot_Execute", ROBOT, text("slvMove"), pose, serial=4711)
     again = client.ask(146, "Robot_Execute", ROBOT, text("slvMove"), pose, reserved=first)

@@ -13,10 +13,7 @@ _MOVE = (ROBOT, text("slvMove"), _POSE)
 
 def _in_slave_mode(story: Story) -> Talker:
     client = story.client()
-    client.open()
-    client.ready()
-    client.enter(40)
-    client.move(50, 4)
+    client.drive(4)
     return client
 
 

@@ -68,10 +68,7 @@ def _restarts_without_closing(story: Story) -> None:
 def _releases_in_slave_mode(leaves: bool) -> Play:
     def play(story: Story) -> None:
         client = story.client()
-        client.open()
-        client.ready()
-        client.enter(40)
-        end = client.move(50, 20)
+        end = client.drive(20)
         if leaves:
             client.execute(end, "slvChangeMode", i4(0))
         client.close(end + 5)
@@ -81,10 +78,7 @@ def _releases_in_slave_mode(leaves: bool) -> Play:
 
 def _dies_in_slave_mode(story: Story) -> None:
     client = story.client()
-    client.open()
-    client.ready()
-    client.enter(40)
-    client.move(50, 20)
+    client.drive(20)
     other = story.client(50002, host="192.168.0.11")
     other.open(12000)
     other.close(12100)

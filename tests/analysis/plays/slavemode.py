@@ -12,10 +12,7 @@ _NOT_IN, _REFUSED, _INVALID = 0x83500121, 0x83501032, 0x80070057
 
 def _in_slave_mode(story: Story, points: int = 10) -> Talker:
     client = story.client()
-    client.open()
-    client.ready()
-    client.enter(40)
-    client.move(50, points)
+    client.drive(points)
     return client
 
 
