@@ -102,7 +102,7 @@ class Talker:
         self.execute(ms, "slvChangeMode", i4(mode))
 
     def drive(self, points: int) -> float:
-        """Open, get ready, enter slave mode, send set points from 50 ms on; return when the next one is due."""
+        """Open, enter slave mode and send set points from 50 ms on; return when the next one is due."""
         self.open()
         self.ready()
         self.enter(40)
