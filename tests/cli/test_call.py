@@ -16,7 +16,7 @@ from bcapscope.cli.exits import Exit
 from bcapscope.protocol.hresult import E_HANDLE, S_OK
 from bcapscope.protocol.simulated import SIMULATOR_TEXT
 from bcapscope.protocol.variant import VT, Variant
-from tests.cli.run import Ran, run
+from tests.cli.run import Ran, run_here
 from tests.client.peer import Peer
 from tests.client.server import udp_server
 
@@ -37,7 +37,7 @@ def _call(*words: str, simulator: bool = False) -> tuple[Ran, list[tuple[object,
             _as_simulator(peer)
 
     with udp_server(prepare) as server:
-        ran = run("call", "127.0.0.1", "--port", str(server.port), *words)
+        ran = run_here("call", "127.0.0.1", "--port", str(server.port), *words)
     executed = [call for peer in server.peers.values() for call in peer.executed]
     return ran, executed
 
@@ -229,16 +229,16 @@ def test_hex() -> None:
     ],
 )
 def test_what_makes_no_sense(words: tuple[str, ...], reason: str) -> None:
-    ran = run("call", "127.0.0.1", *words)
+    ran = run_here("call", "127.0.0.1", *words)
     assert ran.code == Exit.USAGE
     assert reason in ran.err
 
 
 def test_nobody_listens() -> None:
-    ran = run("call", "127.0.0.1", "--tcp", "--port", "1", "Service_Start")
+    ran = run_here("call", "127.0.0.1", "--tcp", "--port", "1", "Service_Start")
     assert ran.code == Exit.UNANSWERED
     assert ran.err == "bcapscope: 127.0.0.1:1 over TCP: connection refused\n"
-    ran = run("call", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "0", "Service_Start")
+    ran = run_here("call", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "0", "Service_Start")
     assert ran.code == Exit.UNANSWERED
     assert ran.err.startswith("bcapscope: 127.0.0.1:1 over UDP: Service_Start was not answered")
     assert "connection refused at" in ran.err

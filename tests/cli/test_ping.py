@@ -14,7 +14,7 @@ from bcapscope.cli.exits import Exit
 from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
 from bcapscope.protocol.simulated import SIMULATOR_TEXT
 from bcapscope.protocol.variant import VT, Variant
-from tests.cli.run import run
+from tests.cli.run import run_here
 from tests.client.peer import Peer
 from tests.client.server import udp_server
 
@@ -26,7 +26,7 @@ def test_what_is_there_and_how_fast() -> None:
         peer.answers["Variable_GetValue"] = S_OK, (Variant(VT.BSTR, "1.2\x1b[31m"),)
 
     with udp_server(prepare) as server:
-        ran = run("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
+        ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
     assert ran.code == Exit.OK
     first, calls, spread, *verdicts = ran.lines
     said = "1.2\\x1b[31m"
@@ -50,7 +50,7 @@ def test_json_and_the_simulator() -> None:
         peer.answers["Variable_GetValue"] = S_OK, (Variant(VT.BSTR, SIMULATOR_TEXT),)
 
     with udp_server(prepare) as server:
-        ran = run("ping", "127.0.0.1", "--port", str(server.port), "--json", *_FEW)
+        ran = run_here("ping", "127.0.0.1", "--port", str(server.port), "--json", *_FEW)
     record = json.loads(ran.out)
     assert record["simulator"] is True
     assert record["calls"] == 5
@@ -63,7 +63,7 @@ def test_a_controller_that_refuses_the_connection_answers_all_the_same() -> None
         peer.answers["Controller_Connect"] = E_INVALIDARG, ()
 
     with udp_server(prepare) as server:
-        ran = run("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
+        ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
     assert ran.code == Exit.OK
     assert "not connected to: Controller_Connect was refused: E_INVALIDARG" in ran.out
     assert "5 calls, 0 lost" in ran.out
@@ -75,14 +75,14 @@ def test_losses_are_counted_and_not_repeated() -> None:
 
     with udp_server(prepare) as server:
         words = ("--timeout", "250", *_FEW)
-        ran = run("ping", "127.0.0.1", "--port", str(server.port), *words)
+        ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *words)
     assert ran.code == Exit.UNANSWERED
     assert "5 calls, 5 lost" in ran.lines
     assert ran.lines[-1] == "not fit for set points each 1 ms: nothing was answered"
 
 
 def test_nobody_is_there() -> None:
-    ran = run("ping", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "1")
+    ran = run_here("ping", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "1")
     assert ran.code == Exit.UNANSWERED
     assert "Service_Start was not answered in time, 2 tries" in ran.err
     assert ran.out == ""
