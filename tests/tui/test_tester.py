@@ -339,14 +339,23 @@ def test_tabs_and_views_are_a_key_or_a_command_away(tmp_path: Path) -> None:
     drive(make_tester(tmp_path, "127.0.0.1", 9), act)
 
 
-def test_a_name_that_was_begun_is_completed_first(tmp_path: Path) -> None:
+def test_a_name_that_was_begun_is_completed_first_and_its_parameter_asked_for(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         await connected(pilot)
+        value = screen(pilot).query_one("#execute TypedValue .value", Input)
         await execute(pilot, "slvgetm")
         assert screen(pilot).query_one(COMMAND, Input).value == "slvGetMode"
         assert result(pilot, RESULT).startswith("tells the slave mode")
         await pilot.press("enter")
         await answered(pilot, RESULT, "0")
+        await execute(pilot, "slvMove")
+        await until(pilot, lambda: pilot.app.focused is value)
+        await pilot.press("1", "enter")
+        await answered(pilot, RESULT, "0x83500121")
+        for command, parameter in (("slvGetMode", ""), ("slvMove", "1")):  # what it was sent with comes back
+            await focus(pilot, COMMAND)
+            await write(pilot, command)
+            await until(pilot, lambda parameter=parameter: value.value == parameter)  # type: ignore[misc]
         await finish(pilot)
 
     drive(make_tester(tmp_path), act)

@@ -90,13 +90,19 @@ class CommandForm(Vertical):
 
     @on(Input.Submitted, ".command")
     def _finish(self, message: Input.Submitted) -> None:
-        """Complete a name that was begun; execute one that is known, or that nothing known begins with."""
+        """Complete a name that was begun; execute one that is known, or that nothing known begins with.
+
+        Where the parameter of it is still to be typed, go there.
+        """
         begun = message.value.strip().casefold()
         names = [each.name for each in commands(self.function.id) if each.name.casefold().startswith(begun)]
         if begun and names and begun not in map(str.casefold, names):
             message.stop()
             message.input.value = names[0]
             message.input.cursor_position = len(names[0])
+        elif begun and self.query_one(TypedValue).is_missing:
+            message.stop()
+            self.query_one(TypedValue).query_one(Input).focus()
         else:
             self._execute(message)
 

@@ -60,6 +60,12 @@ class TypedValue(Horizontal):
         return self.vt, self.query_one(Input).value
 
     @property
+    def is_missing(self) -> bool:
+        """A value is to be typed, and none was."""
+        vt, text = self.typed
+        return not text and vt not in (VT.EMPTY, VT.NULL, VT.BSTR)
+
+    @property
     def checked(self) -> Checked:
         """What stands there comes to."""
         return check(self.vt, self.query_one(Input).value)
