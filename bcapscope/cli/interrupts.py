@@ -29,7 +29,7 @@ class Interrupts:
         try:
             self._waiting = True
             found = read()
-            self._waiting = False
+            self._waiting = False  # what was read is safe before the block is left
         except KeyboardInterrupt:
             return otherwise
         finally:

@@ -16,6 +16,7 @@ from bcapscope.protocol.variant import (
     Variant,
     vt_name,
 )
+from bcapscope.protocol.wording import counted
 
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
@@ -172,7 +173,7 @@ class ArgumentReader:
         return b""
 
     def _promise(self, count: int, vt: int, fits: int) -> None:
-        elements = "1 element" if count == 1 else f"{count} elements"
+        elements = counted(count, "element")
         self._lose(self.pos, "data", f"{elements} of {vt_name(vt)} promised, bytes for {fits}")
 
     def _numbers(self, base: int, count: int) -> tuple[Value, ...]:

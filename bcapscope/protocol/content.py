@@ -8,6 +8,7 @@ from enum import Enum
 
 from bcapscope.protocol.arguments import Argument, ArgumentReader, Number, Problem
 from bcapscope.protocol.checksum import crc16
+from bcapscope.protocol.wording import counted
 
 SOH = 0x01
 EOT = 0x04
@@ -101,7 +102,7 @@ class Content:
         elif plain and len(tail) == 2 and tail == crc16(body[1 : end - 2]).to_bytes(2, "little"):
             self.framing = Framing.SERIAL_LINE
         else:
-            count = "1 byte" if len(tail) == 1 else f"{len(tail)} bytes"
+            count = counted(len(tail), "byte")
             reader.problems.append(
                 Problem(reader.pos, "left-over", f"{count} left over behind the last argument")
             )

@@ -9,6 +9,7 @@ from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import describe, hresult_name, is_failure
 from bcapscope.protocol.layout import flatten
 from bcapscope.protocol.roles import result_role
+from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.phrase import PhraseBuilder
@@ -47,7 +48,7 @@ class AnswerRenderer:
         retries = len(attempts) - 1
         builder.text(f"  {color.dim}{took / 1e6:.3f} ms{color.reset}")
         if retries:
-            builder.text(f" after {retries} {'retry' if retries == 1 else 'retries'}")
+            builder.text(f" after {counted(retries, 'retry', 'retries')}")
         return builder.done().fill((), flatten(reply.arguments))
 
     def record(

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.buffer import Buffer
 from bcapscope.analysis.clock import ClockFacts
+from bcapscope.protocol.wording import counted
 from bcapscope.render.captioned import captioned, frames_text, more, times_text
 from bcapscope.render.palette import Palette
 from bcapscope.render.tongue import Tongue, english
@@ -15,7 +16,7 @@ _MOMENTS_SHOWN = 8
 
 def buffer_lines(buffer: Buffer, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write what a model predicts of the buffer, and what the controller reported."""
-    slots = "1 slot" if buffer.slots == 1 else f"{buffer.slots} slots"
+    slots = counted(buffer.slots, "slot")
     yield captioned("buffer", f"{slots}; levels are predicted, by a model", palette, tongue)
     yield from (more(f"- {tongue(assumption)}") for assumption in buffer.assumptions)
     if buffer.smallest_slack_ms is not None:

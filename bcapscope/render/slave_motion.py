@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.distribution import Distribution
 from bcapscope.analysis.motion import AxisMotion, Motion, Peak
+from bcapscope.protocol.wording import counted
 from bcapscope.render.captioned import captioned, frames_text, more, times_text, wrapped
 from bcapscope.render.columns import columns
 from bcapscope.render.palette import Palette
@@ -86,7 +87,7 @@ def _oddities(motion: Motion, palette: Palette, tongue: Tongue) -> Iterator[str]
         yield more(f"first point {_distance(motion)} from where the robot stood,", tongue)
         yield more(f"by {motion.first_distance_known_by}", tongue)
     if motion.repeated:
-        points = "1 point" if motion.repeated == 1 else f"{motion.repeated} points"
+        points = counted(motion.repeated, "point")
         text = f"{points} equal to the one before"
         if motion.stutters:
             frames = frames_text(motion.stutter_list, motion.stutters)
@@ -94,7 +95,7 @@ def _oddities(motion: Motion, palette: Palette, tongue: Tongue) -> Iterator[str]
         yield from wrapped(text, tongue=tongue)
     if motion.jumps:
         first = motion.jump_list[0]
-        steps = "1 step" if motion.jumps == 1 else f"{motion.jumps} steps"
+        steps = counted(motion.jumps, "step")
         text = f"{steps} far larger than those beside, the first {first.step:.4g} on {first.axis}"
         frames = frames_text([jump.frame for jump in motion.jump_list], motion.jumps)
         yield from wrapped(f"{text}; {frames}", palette.problem, palette.reset, tongue)
