@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -20,13 +21,24 @@ for name in sys.argv[1:]:
         sys.exit(f"{name} imports scapy")
 """
 
+# Presses Ctrl-C where click is looked for.
+_CTRL_C_WHILE_LOADED = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "click":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+from bcapscope.__main__ import main
+main()
+"""
+
 
 def _modules() -> set[str]:
-    """Return the full names of all modules of the package, the one that runs on import left out."""
+    """Return the full names of all modules of the package."""
     (root,) = bcapscope.__path__
     paths = (path.relative_to(Path(root).parent) for path in Path(root).rglob("*.py"))
-    names = {".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in paths}
-    return names - {"bcapscope.__main__"}
+    return {".".join(path.with_suffix("").parts).removesuffix(".__init__") for path in paths}
 
 
 def _imported_by(*args: str) -> set[str]:
@@ -45,6 +57,12 @@ def test_help_imports_nothing_heavy() -> None:
 
 def test_version_imports_nothing_heavy() -> None:
     assert not _imported_by("--version") & HEAVY
+
+
+def test_ctrl_c_while_it_is_loaded_ends_it_without_a_word() -> None:
+    argv = [sys.executable, "-c", _CTRL_C_WHILE_LOADED]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
 
 
 def test_scapy_is_imported_only_by_the_modules_that_need_it() -> None:
