@@ -66,6 +66,7 @@ class Proxy:
         self._wishes = wishes
         self._ends = ends
         self._memory = _share(HEADER + RING_SIZE)
+        self._is_named = True
         assert self._memory.buf is not None
         self._ring = RingWriter(self._memory.buf[: HEADER + RING_SIZE])
         self.relay = Relay(self._ring, policy)
@@ -115,6 +116,7 @@ class Proxy:
         if answer != READY:
             raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
         self._watched = True
+        self._forget_name()
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
             self.relay.watch(self._link.fileno(), lambda _: self._hear())
 
@@ -165,7 +167,16 @@ class Proxy:
             self._watcher = None
         self._ring.release()
         self._memory.close()
-        self._memory.unlink()
+        self._forget_name()
+
+    def _forget_name(self) -> None:
+        """Take the name off the shared memory, which then goes with its users, however these end.
+
+        A hang-up also ends Python's own process that would else remove it.
+        """
+        if self._is_named:
+            self._is_named = False
+            self._memory.unlink()
 
     def _end_early(self) -> None:
         """Give up before it began, if that is asked for."""

@@ -27,10 +27,13 @@ from bcapscope.protocol.variant import VT, Variant
 from bcapscope.proxy.control_client import ControlClient
 from bcapscope.traffic.observation import Observation
 from tests.cli.proxying import PATIENCE, persistent_talk, proxy, recording, simulator, talk
-from tests.cli.run import run
+from tests.cli.run import run, run_here
 
 POINTS = int(os.environ.get("BCAPSCOPE_POINTS", "60"))
 """Set points of each session; 2000 take a minute."""
+
+PAUSE = 0.002
+"""Seconds between calls where it does not matter how many there are."""
 
 CONVENTIONS = (Convention.SEED, Convention.OWN, Convention.CHAIN, Convention.TCP0, Convention.TCP1)
 
@@ -77,7 +80,7 @@ def spoken(seen: list[Observation], server: int) -> dict[tuple[int, str], bytes]
 
 def calls_of(path: Path, port: int) -> list[tuple[int, int | None]]:
     """Return of each call, as `calls` tells it, how often it was tried and its result."""
-    ran = run("calls", path, "-p", str(port), "--json")
+    ran = run_here("calls", path, "-p", str(port), "--json")
     records = [each for each in map(json.loads, ran.lines) if each["server"] == f"127.0.0.1:{port}"]
     records.sort(key=lambda each: each["call"])
     return [(len(each["serials"]), each["hresult"]) for each in records]
@@ -115,7 +118,9 @@ def test_sessions_with_faults(controller: tuple[int, Path], tmp_path: Path) -> N
     calls = [call for each in talks for call in each.calls]
     assert calls_of(path, port) == calls
     assert sum(tries > 1 for tries, _ in calls) > len(calls) // 50
-    comments = [line for line in run("decode", path, "-p", str(port), "-p", str(to)).lines if "# " in line]
+    comments = [
+        line for line in run_here("decode", path, "-p", str(port), "-p", str(to)).lines if "# " in line
+    ]
     assert comments
 
 
@@ -127,9 +132,9 @@ ON_TCP = (Convention.TCP0, Convention.TCP1)
     [
         (ON_TCP, ["delay=1ms±1ms", "duplicate 3%"]),
         (ON_TCP, ["close 2% if command == slvMove", "close=fin 2% reply if command == slvMove"]),
-        (ON_TCP, ["corrupt 2% if command == slvMove", "truncate 2% if command == slvMove"]),
-        (ON_TCP[:1], ["half-open times 1 after 900ms if command == slvMove"]),
-        (ON_TCP[1:], ["half-open times 1 after 900ms if command == slvMove"]),
+        (ON_TCP, ["corrupt 2% times 2 if command == slvMove", "truncate 2% times 2 if command == slvMove"]),
+        (ON_TCP[:1], ["half-open 10% times 1 if command == slvMove"]),
+        (ON_TCP[1:], ["half-open 10% times 1 if command == slvMove"]),
     ],
     ids=["late and twice", "closed", "damaged", "half-open tcp0", "half-open tcp1"],
 )
@@ -160,8 +165,8 @@ def test_streams_with_faults(tmp_path: Path, conventions: tuple[Convention, ...]
         assert calls_of(path, port) == calls
 
 
-def flood(port: int, seconds: float) -> tuple[int, float]:
-    """Ask as fast as answers come; return how often, and when the last time was, since 1970."""
+def flood(port: int, seconds: float, pause: float = 0.0) -> tuple[int, float]:
+    """Ask as fast as answers come, or after a pause; return how often, and when last, since 1970."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.connect(("127.0.0.1", port))
         sock.settimeout(PATIENCE)
@@ -170,6 +175,8 @@ def flood(port: int, seconds: float) -> tuple[int, float]:
             count += 1
             sock.send(encode(count % 65535 + 1, 0, 17))
             sock.recv(4096)
+            if pause:
+                time.sleep(pause)
         return count, time.time()
 
 
@@ -194,7 +201,7 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
     seen = observed(path, {process.port, to})
     assert seen[-1].time / 1e9 > last - 1.0
     assert len(seen) >= 4 * count - 8  # both legs of requests and replies of all but the last second
-    assert run("decode", path).code in (0, 3)
+    assert run_here("decode", path).code in (0, 3)
 
 
 def watcher_of(pid: int) -> int:
@@ -250,15 +257,15 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
     path = tmp_path / "full.pcapng"
     reading, writing = os.pipe()
     with proxy(to, *recording(path), stdout=writing) as process:
-        resource.prlimit(watcher_of(process.popen.pid), resource.RLIMIT_FSIZE, (100_000, 100_000))
+        resource.prlimit(watcher_of(process.popen.pid), resource.RLIMIT_FSIZE, (20_000, 20_000))
         os.close(writing)
         os.close(reading)
-        flood(process.port, 0.8)
+        flood(process.port, 0.8, PAUSE)
         process.wait_for("full.pcapng is not written any more: file too large")
         process.wait_for("standard output is closed")
         assert flood(process.port, 0.1)[0]
         process.end(signal.SIGINT)
-    assert run("decode", path).code == 0  # whole blocks only
+    assert run_here("decode", path).code == 0  # whole blocks only
 
 
 def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int, Path]) -> None:
@@ -266,11 +273,21 @@ def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int,
     with proxy(to, "-q") as process:
         flood(process.port, 0.1)
         process.popen.send_signal(signal.SIGHUP)
-        assert flood(process.port, 1.5)[0]
+        assert flood(process.port, 1.5, PAUSE)[0]
         assert process.popen.poll() is None
         process.end(signal.SIGINT)
     with proxy(to, "-q") as process:
         process.end(signal.SIGHUP)
+
+
+@pytest.mark.skipif(not Path("/dev/shm").exists(), reason="shared memory is seen in /dev/shm")
+def test_memory_of_a_proxy_that_is_killed_goes_with_it(controller: tuple[int, Path]) -> None:
+    with proxy(controller[0], "-q") as process:
+        shared = Path(f"/proc/{process.popen.pid}/maps").read_text(encoding="utf-8")
+        names = [line.split("/dev/shm/")[1] for line in shared.splitlines() if "/dev/shm/" in line]
+        assert names
+        assert all(name.endswith("(deleted)") for name in names)
+        process.end(signal.SIGINT)
 
 
 @pytest.mark.skipif(not Path("/proc").exists(), reason="processes are found by /proc")
@@ -295,7 +312,7 @@ def test_ctrl_c_while_it_starts_ends_it_without_a_word() -> None:
 def test_a_ring_of_files(controller: tuple[int, Path], tmp_path: Path) -> None:
     to, _ = controller
     with proxy(to, "-q", *recording(tmp_path / "r.pcapng"), "--ring", "3x30kB") as process:
-        flood(process.port, 1.0)
+        flood(process.port, 1.0, PAUSE)
         process.end(signal.SIGINT)
     files = sorted(tmp_path.iterdir())
     assert len(files) == 3
