@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator
 
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
-from bcapscope.protocol.wording import counted
+from bcapscope.protocol.wording import counted, display_width
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.moment import Clock, time_writer
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.phrase import LONGEST_STRING
+from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.exchange import Event, Exchange, Role, Stray
 from bcapscope.traffic.handles import Ending, Session, Thing, name_asked
 from bcapscope.traffic.observation import Direction, Flow
@@ -23,6 +24,9 @@ _MOST_NAMED = 6
 _BRACKETS = {True: "└─", False: "├─"}
 
 
+_ROLE_WIDTH = 10
+
+
 class CallRenderer:
     """Writes calls as lines or trees, in the order in which they settle."""
 
@@ -31,6 +35,7 @@ class CallRenderer:
         clock: Clock = Clock.RELATIVE,
         palette: Palette = PLAIN,
         ends: Callable[[Flow], str] | None = None,
+        tongue: Tongue = english,
     ) -> None:
         """Choose the looks.
 
@@ -38,10 +43,12 @@ class CallRenderer:
             clock: how the time is told.
             palette: colours.
             ends: writes who spoke to whom, harmless; addresses and transport unless given.
+            tongue: of the words.
         """
         self._ends = ends or _addresses
         self._time = time_writer(clock)
         self._palette = palette
+        self._tongue = tongue
 
     def begin(self, time: int) -> None:
         """Count relative times from `time`, not from the first line."""
@@ -64,7 +71,7 @@ class CallRenderer:
         )
         if call.latency is not None:
             text += f"  {color.number}{milliseconds(call.latency)} ms{color.reset}"
-        return f"{text}{self._troubles(call)}  {color.dim}{frames_text(call)}{color.reset}"
+        return f"{text}{self._troubles(call)}  {color.dim}{self._tongue(frames_text(call))}{color.reset}"
 
     def tree(self, call: Exchange | Stray, subject: Thing | None = None) -> Iterator[str]:
         """Write the line of a call and under it every frame, with the time since the frame before."""
@@ -85,16 +92,21 @@ class CallRenderer:
             before: when the frame before it was seen.
             call: whose it is.
         """
-        seen, color = event.seen, self._palette
+        seen, color, tongue = event.seen, self._palette, self._tongue
+        role = tongue(event.role)
         since, elapsed = seen.time - before, seen.time - call.request.time
         frame = seen.item
         text = (
-            f"{event.role:<10} frame {seen.number:<6} serial {frame.serial:>5}  reserved {frame.reserved:>5}"
-            f"  {color.number}+{milliseconds(since)} ms{color.reset} at {milliseconds(elapsed)} ms"
+            f"{role}{' ' * (_ROLE_WIDTH - display_width(role))} {tongue('frame')} {seen.number:<6}"
+            f" {tongue('serial')} {frame.serial:>5}  reserved {frame.reserved:>5}"
+            f"  {color.number}+{milliseconds(since)} ms{color.reset}"
+            f" {tongue('at')} {milliseconds(elapsed)} ms"
         )
         if seen.flow.direction is Direction.RESPONSE:
             text += f"  {self._result(frame.code)}"
-        return text + (f"  {color.problem}discarded{color.reset}" if event.role is Role.LATE else "")
+        return text + (
+            f"  {color.problem}{tongue('discarded')}{color.reset}" if event.role is Role.LATE else ""
+        )
 
     def _asked(self, question: Question) -> str:
         color = self._palette
@@ -109,13 +121,13 @@ class CallRenderer:
             return self._result(call.hresult)
         outcome = call.outcome
         shade = color.bad if outcome is Outcome.UNANSWERED else color.dim
-        return f"{shade}{Verdict[outcome.name]}{color.reset}"
+        return f"{shade}{self._tongue(Verdict[outcome.name])}{color.reset}"
 
     def _result(self, code: int) -> str:
         color = self._palette
         name = hresult_name(code)
         if is_failure(code):
-            return f"{color.bad}{name} ({describe(code).text}){color.reset}"
+            return f"{color.bad}{name} ({self._tongue(describe(code).text)}){color.reset}"
         return f"{color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
 
     def _troubles(self, call: Exchange) -> str:
@@ -133,7 +145,7 @@ class CallRenderer:
         if not call.origin_seen:
             parts.append("first try not seen")
         color = self._palette
-        return f"  {color.problem}{', '.join(parts)}{color.reset}" if parts else ""
+        return f"  {color.problem}{', '.join(map(self._tongue, parts))}{color.reset}" if parts else ""
 
     def _stray(self, stray: Stray) -> str:
         seen, color = stray.seen, self._palette
@@ -143,10 +155,12 @@ class CallRenderer:
             whose = "answers no request that was seen"
         else:
             whose = f"too late for call {stray.call}"
+        what = self._tongue(f"reply with serial {seen.item.serial} {whose}")
+        frame = self._tongue(f"frame {seen.number}")
         return (
             f"{'-':>6} {self._time(seen.time)} {color.dim}{self._ends(seen.flow)}{color.reset}"
-            f"  {color.problem}reply with serial {seen.item.serial} {whose}{color.reset}"
-            f"  {self._result(seen.item.code)}  {color.dim}frame {seen.number}{color.reset}"
+            f"  {color.problem}{what}{color.reset}"
+            f"  {self._result(seen.item.code)}  {color.dim}{frame}{color.reset}"
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
+from bcapscope.protocol.arguments import Problem
 from bcapscope.protocol.frame import Frame, Framing, Malformed
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import S_EXECUTING, describe, hresult_name, is_failure
@@ -14,6 +15,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.moment import Clock, time_writer
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.phrase import LONGEST_STRING, Phrase, PhraseBuilder
+from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.observation import Direction, Flow, Observation
 from bcapscope.traffic.question import Question
 
@@ -33,6 +35,7 @@ class LineRenderer:
         palette: Palette = PLAIN,
         brief: bool = False,
         ends: Callable[[Flow], str] | None = None,
+        tongue: Tongue = english,
     ) -> None:
         """Choose the looks.
 
@@ -41,10 +44,12 @@ class LineRenderer:
             palette: colours.
             brief: leave problems and comments to `remarks`.
             ends: writes who spoke to whom, harmless; addresses, transport and kind unless given.
+            tongue: of the words.
         """
         self._palette = palette
         self._ends_text = ends or _addresses
         self._brief = brief
+        self._tongue = tongue
         self._time = time_writer(clock)
         self._phrases: dict[tuple[Flow, Layout, Question | None], Phrase] = {}
 
@@ -85,7 +90,10 @@ class LineRenderer:
         for comment in comments:
             yield f"{color.dim}# {printable(comment)}{color.reset}"
         for problem in seen.item.problems:
-            yield f"{color.problem}!! {printable(problem.reason)}{color.reset} (at {problem.offset})"
+            yield f"{color.problem}!! {self._reason(problem)}{color.reset} (at {problem.offset})"
+
+    def _reason(self, problem: Problem) -> str:
+        return printable(self._tongue(problem.reason))
 
     def _remember(self, key: tuple[Flow, Layout, Question | None], frame: Frame) -> Phrase:
         if len(self._phrases) >= MOST_PHRASES:
@@ -119,7 +127,7 @@ class LineRenderer:
         color = self._palette
         name = hresult_name(code)
         if is_failure(code):
-            return f" {color.bad}{name} ({describe(code).text}){color.reset}"
+            return f" {color.bad}{name} ({self._tongue(describe(code).text)}){color.reset}"
         return f" {color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
 
     def _odd(self, flow: Flow, frame: Frame, question: Question | None) -> Phrase:
@@ -128,15 +136,16 @@ class LineRenderer:
             builder.text(f" [{frame.framing.value}]")
         if frame.problems and not self._brief:
             reasons = "; ".join(
-                f"{printable(problem.reason)} (at {problem.offset})" for problem in frame.problems
+                f"{self._reason(problem)} (at {problem.offset})" for problem in frame.problems
             )
             builder.text(f" {self._palette.problem}!! {reasons}{self._palette.reset}")
         return builder.done()
 
     def _malformed(self, seen: Observation, item: Malformed) -> str:
-        reasons = "; ".join(printable(problem.reason) for problem in item.problems)
+        reasons = "; ".join(map(self._reason, item.problems))
         shown = item.raw[:LONGEST_RAW].hex(" ")
-        more = f" … {len(item.raw) - LONGEST_RAW} more bytes" if len(item.raw) > LONGEST_RAW else ""
+        left = len(item.raw) - LONGEST_RAW
+        more = f" … {self._tongue(f'{left} more bytes')}" if left > 0 else ""
         ends = self._ends(seen.flow).replace("%%", "%")
         head = f"{seen.number:>6} {self._time(seen.time)} {ends} {'-':>5} {'-':>5}"
         if self._brief:

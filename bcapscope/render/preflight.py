@@ -39,7 +39,7 @@ def source_lines(trajectory: Trajectory, tongue: Tongue = english) -> Iterator[s
     yield f"  {tongue(_size(trajectory))}, {tongue(_interval(trajectory))}"
     if source.columns:
         rows = [
-            (column.axis, tongue("from"), tongue(_place(column)), tongue(_unit(column)))
+            (tongue(column.axis), tongue("from"), tongue(_place(column)), tongue(_unit(column)))
             for column in source.columns
         ]
         yield from (f"  {line}" for line in columns(rows, "<<<<"))

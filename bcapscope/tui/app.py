@@ -26,7 +26,7 @@ from bcapscope.tui.ink import Styles
 from bcapscope.tui.keyorder import KeyOrder
 from bcapscope.tui.settings import default_path, load, save
 from bcapscope.tui.themes import THEMES, styles_of
-from bcapscope.tui.words import Language, say, speak
+from bcapscope.tui.words import Language, say, speak, told
 
 if TYPE_CHECKING:
     from bcapscope.tui.screens.place import Place
@@ -106,6 +106,7 @@ class Scope(KeyOrder):
             speak(language)
         self._closers: list[Closer] = []
         self._is_ending = False
+        self._thresholds = gc.get_threshold()
         for theme in THEMES:
             self.register_theme(theme)
         self.inks: Styles = {}
@@ -145,8 +146,13 @@ class Scope(KeyOrder):
         self._listen()
         gc.set_threshold(*_GARBAGE)
         if self._trouble:
-            text = say("shell.settings.broken", path=self._settings_path, reason=self._trouble)
+            text = say("shell.settings.broken", path=self._settings_path, reason=told(self._trouble))
             self.tell(text, "warning")
+
+    def on_unmount(self) -> None:
+        """Look for garbage as before, also in what the screens had set aside."""
+        gc.unfreeze()
+        gc.set_threshold(*self._thresholds)
 
     def _listen(self) -> None:
         """Close in order when the terminal is closed or the program is asked to end."""
@@ -223,7 +229,8 @@ class Scope(KeyOrder):
         try:
             save(self.settings, self._settings_path)
         except OSError as error:
-            text = say("shell.settings.unwritable", path=self._settings_path, reason=error.strerror or error)
+            reason = told(error.strerror or str(error))
+            text = say("shell.settings.unwritable", path=self._settings_path, reason=reason)
             self.tell(text, "warning")
 
     def tell(self, text: str, severity: str = "information") -> None:

@@ -104,7 +104,7 @@ def load(path: Path) -> Saved:
     except OSError as error:
         raise SavedError(f"{path.name}: {cause(error)}") from None
     except ValueError as error:  # no UTF-8, or a `DocumentError`
-        raise SavedError(f"{path.name}: {' '.join(str(error).split())}") from None
+        raise SavedError(f"{path.name}: {told(' '.join(str(error).split()))}") from None
     function = function_by_name(found.function)
     if function is None:
         raise SavedError(say("desk.saved.function", name=path.name, function=repr(found.function)))

@@ -183,7 +183,7 @@ class ProxyScreen(Views):
             return
         if message.standing is None:
             if not self._trouble:
-                text = say("proxy.gone", reason=printable(message.trouble))
+                text = say("proxy.gone", reason=printable(told(message.trouble)))
                 scope_of(self).tell(text, "error")
                 self._doubt(text)
             self._trouble = message.trouble
@@ -206,7 +206,7 @@ class ProxyScreen(Views):
         """Show what the proxy said."""
         message.stop()
         if message.is_end:
-            reason = printable(message.text) or say("proxy.no_words")
+            reason = printable(told(message.text)) or say("proxy.no_words")
             self._is_over = True
             self._trouble = say("proxy.ended", reason=reason)
             scope_of(self).tell(self._trouble, "error")
@@ -214,7 +214,7 @@ class ProxyScreen(Views):
             if self._feed is not None:
                 self._feed.stop()
         else:
-            self.query_one(Told).add(message.text)
+            self.query_one(Told).add(told(message.text))
         self.show_state()
 
     # what is shown

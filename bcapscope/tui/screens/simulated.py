@@ -10,7 +10,7 @@ from bcapscope.tui.app import scope_of
 from bcapscope.tui.child import Child
 from bcapscope.tui.screens.traffic import TrafficScreen
 from bcapscope.tui.traffic.feed import Feed
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 
 class Ended(Message):
@@ -47,7 +47,7 @@ class Simulated(TrafficScreen):
     def on_ended(self, message: Ended) -> None:
         """Tell that it is gone; what was seen stays."""
         message.stop()
-        reason = say("simulator.ended", reason=printable(message.text) or say("proxy.no_words"))
+        reason = say("simulator.ended", reason=printable(told(message.text)) or say("proxy.no_words"))
         self.feed.stop()
         self.feed.doubt(reason)
         self._tell_place("bad", "○")

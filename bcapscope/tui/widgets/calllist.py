@@ -14,7 +14,7 @@ from bcapscope.traffic.exchange import Exchange
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.framelist import Rows, arrow, client_and_arrow, right
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 
 class CallList(Lines):
@@ -46,7 +46,7 @@ class CallList(Lines):
         self._live = False
         self._first = 0
         self._unfolded: list[tuple[int, int]] = []
-        self._renderer = CallRenderer(palette=INK, ends=lambda flow: "")
+        self._renderer = CallRenderer(palette=INK, ends=lambda flow: "", tongue=told)
 
     def open(self, calls: Callbook, live: bool) -> None:
         """Show the calls of a journal; of a `live` one from the end."""
@@ -63,7 +63,7 @@ class CallList(Lines):
         if (clock, with_client, first) == (self._clock, self._with_client, self._first):
             return
         self._clock, self._with_client, self._first = clock, with_client, first
-        self._renderer = CallRenderer(clock, INK, client_and_arrow if with_client else arrow)
+        self._renderer = CallRenderer(clock, INK, client_and_arrow if with_client else arrow, told)
         self._renderer.begin(first)
         self.repaint()
 

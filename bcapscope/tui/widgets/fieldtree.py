@@ -109,7 +109,7 @@ class FieldTree(Lines):
             return f"{INK.dim}{self._sections[section].caption}{INK.reset}"
         indent = "  " * row.depth
         if row.kind is RowKind.PROBLEM:
-            return f"       {indent}{INK.problem}!! {row.text}{INK.reset}"
+            return f"       {indent}{INK.problem}!! {told(row.text)}{INK.reset}"
         if row.kind is RowKind.NOTE:
             return f"       {indent}{INK.dim}{told(row.text)}{INK.reset}"
         fold = " " if stop == at + 1 else "▸" if at in self._folded else "▾"

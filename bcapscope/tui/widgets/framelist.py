@@ -15,7 +15,7 @@ from bcapscope.traffic.getters import Told
 from bcapscope.traffic.observation import Direction, Flow
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 MARKED, RELATED, PROOF = "●", "┃", "◆"
 """Before a frame: it was marked, it belongs to the call under the cursor, it proves the finding chosen."""
@@ -80,7 +80,7 @@ class FrameList(Lines):
         self._with_client = False
         self._live = False
         self._timed = False
-        self._renderer = LineRenderer(palette=INK, ends=arrow)
+        self._renderer = LineRenderer(palette=INK, ends=arrow, tongue=told)
 
     def open(self, journal: Journal, live: bool) -> None:
         """Show a journal; a `live` one from its end."""
@@ -102,7 +102,8 @@ class FrameList(Lines):
         self.repaint()
 
     def _new_renderer(self) -> LineRenderer:
-        renderer = LineRenderer(self._clock, INK, ends=client_and_arrow if self._with_client else arrow)
+        ends = client_and_arrow if self._with_client else arrow
+        renderer = LineRenderer(self._clock, INK, ends=ends, tongue=told)
         if self._clock is Clock.RELATIVE and self._journal is not None and len(self._journal):
             renderer.begin(self._journal.time(1))
         return renderer

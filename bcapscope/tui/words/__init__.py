@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 from bcapscope.render.tongue import Tongue, english
 from bcapscope.tui.words import (
+    calls,
     commands,
     desk,
     figures,
@@ -40,7 +41,20 @@ CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """English and Japanese by key. Braces hold places for values, as in `str.format`."""
 
-_BOOKS = (commands, figures, files, findings, frames, preflight, reading, reasons, relay, results, rules)
+_BOOKS = (
+    calls,
+    commands,
+    figures,
+    files,
+    findings,
+    frames,
+    preflight,
+    reading,
+    reasons,
+    relay,
+    results,
+    rules,
+)
 
 PHRASES: Mapping[str, str] = MappingProxyType(
     {sentence: japanese for book in _BOOKS for sentence, japanese in book.PHRASES.items()}

@@ -187,6 +187,13 @@ PHRASES: dict[str, str] = {
     "{client} connected as '{name}' at {time} and did not disconnect": "{client} が {time} に「{name}」として接続し、切断していません",
     "which one was not seen": "どの呼び出しかは見当たりません",
     "{name}, sent {span} before, was still running": "{span} 前に送られた {name} がまだ実行中でした",
+    # connections
+    "at {time} {word} broke off (RST) the connection of {client}, {span} after {name}": "{time} ({name} の {span} 後) に {word} が {client} の接続を切断しました (RST)",
+    "at {time} {word} closed (FIN) the connection of {client}, {span} after {name}": "{time} ({name} の {span} 後) に {word} が {client} の接続を閉じました (FIN)",
+    "at {time} {word} broke off (RST) the connection of {client}, {span} after {name}, to which no reply was seen": "{time} (応答のない {name} の {span} 後) に {word} が {client} の接続を切断しました (RST)",
+    "at {time} {word} closed (FIN) the connection of {client}, {span} after {name}, to which no reply was seen": "{time} (応答のない {name} の {span} 後) に {word} が {client} の接続を閉じました (FIN)",
+    "{word} broke off (RST) the connection": "{word} が接続を切断しました (RST)",
+    "{word} closed (FIN) the connection": "{word} が接続を閉じました (FIN)",
     # slave mode
     "{client} called {name} at {time} while {client2} was in slave mode": "{client2} のスレーブモード中に、{client} が {time} に {name} を呼びました",
     "{client} called {name}": "{client} が {name} を呼びました",

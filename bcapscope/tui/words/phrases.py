@@ -35,6 +35,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "n": r"[-+]?[\d.]+(?:e[-+]?\d+)?",
         "name": r".+?",
         "numbers": r"\d+(?:, \d+)*",
+        "pair": r"\d+(?:,\d+)*(?: > \d+(?:,\d+)*)?",
         "span": r"-?[\d.]+ m?s",
         "text": r".+?",
         "time": r"-?\d+\.\d{3} s",
@@ -48,7 +49,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
 
 _OPEN = frozenset(("clause", "name", "text", "word"))
 _KEPT = frozenset(
-    ("axes", "code", "encodings", "levels", "n", "name", "numbers", "span", "time", "unit", "word")
+    ("axes", "code", "encodings", "levels", "n", "name", "numbers", "pair", "span", "time", "unit", "word")
 )
 """Kinds that are the same in Japanese; of a name from the wire or of a file no word is ever exchanged."""
 

@@ -53,6 +53,12 @@ PHRASES: dict[str, str] = {
     "nobody decided in {n} s and {clause}, dropped": "{n} 秒間操作がなく、{clause} ため破棄しました",
     "its client has not asked again for {span}": "クライアントが {span} の間、再送していない",
     "its client has asked for something else since": "クライアントがその後別の要求をした",
+    "its client's connection has ended": "クライアントの接続が終了した",
+    "silent, and there are too many clients": "無通信で、クライアントが多すぎます",
+    "held requests that were not sent on, as nobody waited any more": "待つ者がいなくなり送られなかった保留中の要求",
+    "edit takes the bytes in hex, or what to rewrite": "edit にはバイト列の 16 進、または書き換える内容が必要です",
+    "add takes a rule in one line, or a fault as in a file": "add には 1 行のルール、またはファイルと同じ形の障害が必要です",
+    "the proxy refused": "プロキシが拒否しました",
     # addons
     "{text} (told once)": "{text} (一度だけ表示)",
     "{word}: data is to be bytes; the message goes on as it came": "{word}: data は bytes である必要があります。メッセージはそのまま送られます",

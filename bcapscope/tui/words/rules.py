@@ -97,6 +97,7 @@ TITLES: dict[str, str] = {
 }
 
 PHRASES: dict[str, str] = {
+    "Look at the controller at this moment (its log, Reset on the pendant, a restart, too many clients); the client has to connect again and begin with Service_Start.": "この時刻のコントローラを確認してください (ログ、ペンダントの Reset、再起動、クライアント数の超過)。クライアントは接続し直し、Service_Start から始める必要があります。",
     "Read the errors (GetCurErrorCount, GetCurErrorInfo), then ClearError, then go on with Motor, the first position and slvChangeMode.": "エラーを読み (GetCurErrorCount, GetCurErrorInfo)、ClearError の後に Motor、最初の位置、slvChangeMode の順で進めてください。",
     "Stop at the first error, then follow the sequence: ClearError, restart RobSlave (RC7), first position, slvChangeMode.": "最初のエラーで止め、ClearError、RobSlave の再起動 (RC7)、最初の位置、slvChangeMode の順に行ってください。",
     "Leave slave mode, read GetCurErrorCount and GetCurErrorInfo and keep them, and only then call ClearError; in slave mode itself error details are refused.": "スレーブモードを終了し、GetCurErrorCount と GetCurErrorInfo を読んで記録してから ClearError を呼んでください。スレーブモード中はエラーの詳細を読めません。",
@@ -134,7 +135,6 @@ PHRASES: dict[str, str] = {
     "Find out who was slow: give the controller's network no other load, and the client a longer time-out than its slowest reply; in a waiting mode a reply to slvMove may take 8 ms.": "どちらが遅かったかを調べてください。コントローラのネットワークに他の負荷をかけず、クライアントのタイムアウトを最も遅い応答より長くしてください。応答を待つモードでは slvMove の応答に 8 ms かかることがあります。",
     "Raise the client's time-out or its number of tries, and look for what held the reply up; the client reports this as 80000900, though the controller did answer.": "クライアントのタイムアウトまたは試行回数を増やし、応答が遅れた原因を調べてください。コントローラは応答していますが、クライアントは 80000900 と報告します。",
     "Capture at the controller's end as well: only that tells a lost request from a lost reply and from a silent controller.": "コントローラ側でもキャプチャしてください。要求の損失、応答の損失、コントローラの無応答は、それでしか区別できません。",
-    "Look at the controller at this moment (its log, Reset on the pendant, a restart, too many clients); the client has to connect again and begin with Service_Start.": "この時刻のコントローラを調べてください (ログ、ペンダントのリセット、再起動、クライアント数の超過)。クライアントは接続し直し、Service_Start から始める必要があります。",
     "Expect 80000900 in the client's log at this moment; check cable, switch and controller, then the time-out and number of tries.": "クライアントのログでこの時刻に 80000900 があるはずです。ケーブル、スイッチ、コントローラ、次にタイムアウトと試行回数を確認してください。",
     "Check address and port (5007), that b-CAP is enabled and licensed on the controller, and that the pendant's setting of TCP or UDP agrees with the client; or the capture shows one direction only.": "アドレスとポート (5007)、コントローラで b-CAP が有効でライセンスがあること、ペンダントの TCP/UDP の設定がクライアントと一致していることを確認してください。キャプチャに片方向しか写っていない場合もあります。",
     "Let retries carry the serial of the first try in reserved; note that the official server itself executes a second retry again when the first packet was lost, so a call that moves must not be retried blindly.": "再送の reserved に最初の送信のシリアル番号を入れてください。公式サーバは、最初のパケットが失われた場合に 2 回目の再送をもう一度実行します。動作を伴う呼び出しをむやみに再送してはいけません。",

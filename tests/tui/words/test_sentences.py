@@ -1,0 +1,235 @@
+"""Whatever rooms below say on a screen is in Japanese: as their modules have it, and as it comes out."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+import pkgutil
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.analysis import rules
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.statistics import Summary
+from bcapscope.analysis.stay import Stay
+from bcapscope.capture.file import CaptureFile
+from bcapscope.capture.observer import Observer
+from bcapscope.player.preflight import check
+from bcapscope.player.reading import read
+from bcapscope.player.resampling import resample
+from bcapscope.player.trajectory import TrajectoryError
+from bcapscope.render.escape import printable
+from bcapscope.render.preflight import PreflightRenderer, source_lines
+from bcapscope.render.slave import stay_lines
+from bcapscope.render.statistics import statistics_lines
+from bcapscope.traffic.exchange import Exchange
+from bcapscope.traffic.tracker import Tracker
+from bcapscope.tui.desk.saved import SavedError, load
+from bcapscope.tui.words import Language, speak, told
+from tests.analysis.plays import SCENES
+from tests.analysis.plays.scene import Scene
+from tests.analysis.scenes import Story, stage
+from tests.cli.run import CAPTURES
+from tests.tui.words.english import left_over, untold
+
+JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
+
+RULES = [each.name for each in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")]
+ROOMS = {
+    "analysis": "buffer casebook generation timing",
+    "capture": "file following live observer pcap pcapng source",
+    "faults": "notation quantities yamlevents",
+    "player": "checks checks_motion process project reading realtime records resampling slvmoves station "
+    "table timing yamltext",
+    "protocol": "arguments content stream",
+    "proxy": "control control_client farewell relay tcp udp vigil",
+    "render": "advice line preflight slave slave_controller slave_motion slave_timing slaverun statistics",
+    "traffic": "filter_tokens filters",
+}
+MODULES = (*RULES, *(f"bcapscope.{room}.{name}" for room, names in ROOMS.items() for name in names.split()))
+"""Those whose sentences a screen shows."""
+
+UNSEEN = {
+    "bcapscope.capture.live": ["sudo setcap cap_net_raw=ep "],  # a command, the same in Japanese
+    "bcapscope.player.realtime": [
+        "` into /etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
+        "`sudo setcap cap_sys_nice+ep "
+    ],  # is there, but for the command
+    "bcapscope.protocol.content": ["serial line"],  # a name
+}
+"""What is no sentence."""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _japanese() -> Iterator[None]:
+    speak(Language.JAPANESE)
+    yield
+    speak(Language.ENGLISH)
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_clause_that_a_module_has_is_in_a_phrase(module: str) -> None:
+    assert untold(importlib.import_module(module)) == UNSEEN.get(module, [])
+
+
+def _is_whole(text: str) -> bool:
+    return bool(JAPANESE.search(text)) and not left_over(text)
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=[f"{scene.rule}-{at}" for at, scene in enumerate(SCENES)])
+def test_every_finding_of_a_scene_is_japanese_with_all_of_its_numbers(scene: Scene) -> None:
+    for finding in stage(scene.fires).findings:
+        japanese = told(finding.sentence)
+        assert not left_over(japanese), japanese
+        assert japanese.endswith("。")
+        assert JAPANESE.search(told(finding.advice))
+        numbers = re.findall(r"\d+\.\d+|0x[0-9A-F]+|\b\d{2,}\b", finding.sentence)
+        assert [number for number in numbers if number not in japanese] == []
+
+
+def _figures(capture: bytes) -> Iterator[str]:
+    """Yield the lines about stays and statistics."""
+    stays: list[Stay] = []
+    diagnosis, tracker, summary = Diagnosis(heed=stays.append), Tracker(), Summary()
+    for seen in Observer(frozenset({5007})).observe(CaptureFile(io.BytesIO(capture))):
+        for settled in tracker.observe(seen):
+            diagnosis.take(settled)
+            if isinstance(settled, Exchange):
+                summary.take(settled)
+    for settled in tracker.close():
+        diagnosis.take(settled)
+    diagnosis.finish()
+    yield from (line for stay in stays for line in stay_lines(stay, tongue=told))
+    statistics = summary.statistics()
+    if statistics is not None:
+        yield from statistics_lines(statistics, tongue=told)
+
+
+def test_timing_and_statistics_have_no_english_line() -> None:
+    captures = []
+    for scene in SCENES:
+        story = Story()
+        scene.fires(story)
+        captures.append(story.capture())
+    captures.append((CAPTURES / "slave-session.pcapng").read_bytes())
+    lines = {line for capture in captures for line in _figures(capture)}
+    names = re.compile(r"^\s+\* このモードでの推奨.*")  # sources stay as they are
+    assert {line: left for line in lines if (left := left_over(names.sub("", line)))} == {}
+
+
+FILES = {
+    "empty.csv": b"",
+    "sheet.csv": b"PK\x03\x04" + bytes(20),
+    "old.csv": b"\xd0\xcf\x11\xe0" + bytes(20),
+    "binary.csv": b"1,2\0",
+    "latin.csv": b"J1,J2,J3,J4,J5,J6\n\x81\n",
+    "titles.csv": b"a,b\n1,2\n",
+    "word.csv": b"J1,J2,J3,J4,J5,J6\n1,2,3,4,5,x\n",
+    "wide.csv": b"J1,J2,J3,J4,J5,J6\n1,2,3,4,5,6\n1,2,3\n",
+    "gone.csv": b"J1,J2,J3,J4,J5,J6\n1,2,3,4,5,6\n1,2,3,4,5,\n",
+    "none.csv": b"J1,J2,J3,J4,J5,J6\n",
+    "few.csv": b"1 2 3\n",
+    "time.csv": b"0 1 2 3 4 5 6\n1 1 2 3 4 5 6\n2 1 2 3 4 5 6\n",
+    "odd.json": b"{1",
+    "other.json": b'{"a": 1}',
+    "ros.json": json.dumps({"joint_names": ["a"], "points": [{}]}).encode(),
+    "deep.yaml": b"[" * 200,
+    "alias.yaml": b"a: *b\n",
+    "cut.pcap": b"\xd4\xc3\xb2\xa1",
+    "no.pcapng": b"\x0a\x0d\x0d\x0a" + bytes(30),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_why_a_file_is_no_trajectory(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(FILES[name])
+    with pytest.raises(TrajectoryError) as raised:
+        read(tmp_path / name)
+    assert JAPANESE.search(told(str(raised.value))), str(raised.value)
+
+
+def test_why_there_is_no_file_or_project(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("a")
+    for path in (tmp_path, tmp_path / "none.csv", "\0"):
+        with pytest.raises(TrajectoryError) as raised:
+            read(path)
+        assert JAPANESE.search(told(str(raised.value))), str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"1 2 3 4 5 6\n2 3 4 5 6 7\n",
+        b"hello\nJ1,J2,J3,J4,J5,J6,J1\n1,2,3,4,5,6,1\n400,3,4,5,6,7,2\n",
+        b"time_ms,J1_rad,J2_rad,J3_rad,J4_rad,J5_rad,J6_rad\n0,0,0,0,0,0,0\n8,0,0,0,0,0,1\n40,0,0,0,0,0,1\n",
+    ],
+    ids=["bare", "twice", "radians"],
+)
+def test_how_a_file_was_read_and_its_preflight(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(content)
+    (trajectory,) = read(tmp_path / "a.csv")
+    made = resample(trajectory, 0.008)
+    lines = [*source_lines(made, told), *PreflightRenderer(tongue=told).lines(check(made, 0.008))]
+    checks = re.compile(r"^.*a\.csv|\b[a-z-]+:")  # the name of a check stays as it is
+    assert {line: left for line in lines if (left := left_over(checks.sub("", line)))} == {}
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["function: [", "function: 1", "arguments: []", "function: Robot_Halt\nwhat: 1\n", "a: &b 1\n", "\udc80"],
+)
+def test_why_a_saved_request_cannot_be_read(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_bytes(content.encode("utf-8", "surrogateescape"))
+    with pytest.raises(SavedError) as raised:
+        load(path)
+    assert JAPANESE.search(str(raised.value)), str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "127.0.0.1:5008 UDP and TCP > 192.168.0.1:5007; only this machine reaches it",
+        "10.0.0.9 is not allowed; its datagrams are dropped",
+        "10.0.0.9:50001: no way to 192.168.0.1:5007: no route to host",
+        "10.0.0.9:50001: 100 bytes were not taken by the controller any more",
+        "192.168.0.1:5007 refuses datagrams: nobody listens on UDP there (ICMP)",
+        "message 3: intercept: nobody decided in 30 s, sent on unchanged",
+        "10.0.0.9:50001 is gone (ended by both sides) while slave mode is on and the arm is held",
+        "10.0.0.9:50001 has sent nothing for 2.0 s while slave mode is on",
+        "the session of 10.0.0.9:5001 at 10.0.0.1:57, where slave mode is on, could not be ended: no answer",
+        "warning type-not-checked: Your client went on to Robot_Move without having read the robot's type.",
+        "the proxy itself held something for 3.1 ms, longer than the 2 ms in which a set point has to be "
+        "answered",
+        "cannot listen on 127.0.0.1:5008 UDP: address already in use",
+        "there is no fault 'x': there are none",
+        "nothing can be kept in /x: No space left on device",
+    ],
+)
+def test_what_a_proxy_says(text: str) -> None:
+    japanese = told(text)
+    assert _is_whole(re.sub("type-not-checked", "", japanese)), japanese
+
+
+@given(st.text(min_size=1, max_size=60).map(printable))
+def test_a_name_in_a_sentence_stays_as_it_was_escaped(name: str) -> None:
+    japanese = told(f"Your client called {name} at 0.100 s while slave mode was on.")
+    assert japanese == f"クライアントはスレーブモードのまま、0.100 s に {name} を呼びました。"
+
+
+@pytest.mark.parametrize(
+    "name", ["no", "yes", "error", "the robot's type", "; no", "a: b; c.", "{n}", "{0}", "%s"]
+)
+def test_no_word_of_a_name_is_ever_exchanged(name: str) -> None:
+    assert told(f"the error of {name} 5 had switched it off") == f"{name} 5 のエラーで OFF になっていました"
+
+
+@pytest.mark.parametrize("text", ["Something that nobody has said yet.", "x" * 5000, "a; b: c, d"])
+def test_what_is_not_known_is_shown_as_it_is(text: str) -> None:
+    assert told(text) == text
