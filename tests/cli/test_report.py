@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.cli.exits import Exit
-from tests.cli.run import CAPTURES, run
+from tests.cli.run import CAPTURES, run, run_here
 
 LOST = CAPTURES / "slave-mode-lost.pcapng"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -19,7 +19,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 
 def test_a_page_is_written(tmp_path: Path) -> None:
     out = tmp_path / "report.html"
-    ran = run("report", LOST, "-o", out)
+    ran = run_here("report", LOST, "-o", out)
     assert (ran.code, ran.out) == (Exit.OK, "")
     page = out.read_text("utf-8")
     assert page.startswith("<!DOCTYPE html>")
@@ -31,7 +31,7 @@ def test_a_page_is_written(tmp_path: Path) -> None:
 
 def test_the_same_capture_gives_the_same_page(tmp_path: Path) -> None:
     first = run("report", LOST, "-o", "-").out
-    run("report", LOST, "-o", tmp_path / "report.html")
+    run_here("report", LOST, "-o", tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text("utf-8") == first
 
 
@@ -47,30 +47,30 @@ def test_no_room_for_the_page_is_told_in_a_sentence() -> None:
 def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:
     out = tmp_path / "report.html"
     out.write_text("mine")
-    ran = run("report", LOST, "-o", out)
+    ran = run_here("report", LOST, "-o", out)
     assert (ran.code, out.read_text()) == (Exit.UNWRITABLE, "mine")
     assert "exists already; --force overwrites it" in ran.err
-    assert run("report", LOST, "-o", out, "--force").code == Exit.OK
+    assert run_here("report", LOST, "-o", out, "--force").code == Exit.OK
     assert out.read_text("utf-8").startswith("<!DOCTYPE html>")
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 
 def test_several_captures_are_one_report() -> None:
-    page = run("report", LOST, CAPTURES / "retry-story.pcapng", "-o", "-").out
+    page = run_here("report", LOST, CAPTURES / "retry-story.pcapng", "-o", "-").out
     assert "<title>b-CAP report: slave-mode-lost.pcapng, retry-story.pcapng</title>" in page
 
 
 def test_a_filter_chooses_calls_and_the_page_says_so() -> None:
-    page = run("report", LOST, "-o", "-", "-f", 'function ~ "<b>|Service"').out
+    page = run_here("report", LOST, "-o", "-", "-f", 'function ~ "<b>|Service"').out
     assert "Only calls that fit this filter are told: function ~ &quot;&lt;b&gt;|Service&quot;" in page
     assert "slvmove-outside-slave-mode" not in page
-    assert "slvmove-outside-slave-mode" in run("report", LOST, "-o", "-", "-f", "command == slvMove").out
+    assert "slvmove-outside-slave-mode" in run_here("report", LOST, "-o", "-", "-f", "command == slvMove").out
 
 
 def test_a_damaged_capture_is_told_on_the_page(tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes(LOST.read_bytes()[:5000])
-    ran = run("report", cut, "-o", "-")
+    ran = run_here("report", cut, "-o", "-")
     assert ran.code == Exit.DAMAGED
     assert "Not all captures could be read to their end" in ran.out
 
@@ -78,11 +78,11 @@ def test_a_damaged_capture_is_told_on_the_page(tmp_path: Path) -> None:
 def test_without_bcap_there_is_no_page(tmp_path: Path) -> None:
     empty = tmp_path / "empty.pcap"
     empty.write_bytes(bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000"))
-    ran = run("report", empty, "-o", tmp_path / "report.html")
+    ran = run_here("report", empty, "-o", tmp_path / "report.html")
     assert ran.code == Exit.NOTHING
     assert ran.err.splitlines()[-1] == "no b-CAP was seen, so there is no report"
     assert not (tmp_path / "report.html").exists()
-    ran = run("report", tmp_path / "missing.pcap", "-o", tmp_path / "report.html")
+    ran = run_here("report", tmp_path / "missing.pcap", "-o", tmp_path / "report.html")
     assert ran.code == Exit.UNREADABLE
 
 
@@ -100,7 +100,7 @@ def test_without_plotly_it_says_how_to_get_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["slave-mode-lost.pcapng", "malformed.pcapng"])
 def test_a_browser_draws_every_picture(name: str, tmp_path: Path) -> None:
     out = tmp_path / "report.html"
-    run("report", CAPTURES / name, "-o", out)
+    run_here("report", CAPTURES / name, "-o", out)
     words = ("--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=30000", "--dump-dom")
     quiet = ("--disable-background-networking", "--disable-component-update", "--disable-sync")
     log = ("--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}")
