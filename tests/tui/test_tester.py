@@ -188,7 +188,7 @@ def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
         await answered(pilot, "#variable ResultView", "42")
         await pilot.press("tab", "tab", "enter")
         watch = here.query_one(WatchList)
-        await until(pilot, lambda: watch.count == 2 and "42.00000" in plain(watch.line(1)))
+        await until(pilot, lambda: watch.count == 2 and "  42  " in plain(watch.line(1)))
         watch.focus()
         await pilot.press("end", "delete")
         await until(pilot, lambda: watch.count == 0)

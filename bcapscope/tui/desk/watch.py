@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 
-from bcapscope.protocol.variant import Variant
+from bcapscope.protocol.variant import ARRAY, VT, Variant
 from bcapscope.render.sparkline import sparkline
 
 REMEMBERED = 120
 """Readings that the course shows at most."""
 
 _SECOND = 1_000_000_000
+_BROKEN = frozenset({VT.R4, VT.R8, VT.DATE})
 
 
 @dataclass(slots=True)
@@ -68,6 +69,11 @@ class Watched:
     value: Variant | None = None
     trouble: str = ""
     series: list[Series] = field(default_factory=list)
+
+    @property
+    def decimals(self) -> int:
+        """Places behind the point of its numbers, five as b-CAP Tester has them; none of whole ones."""
+        return 5 if self.value is not None and self.value.vt & ~ARRAY in _BROKEN else 0
 
     def take(self, value: Variant, time: int) -> None:
         """Take a reading."""

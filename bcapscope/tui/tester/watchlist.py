@@ -82,7 +82,7 @@ class WatchList(Lines):
         if not watched.series:
             value = "" if watched.value is None else result_text(watched.value)
             return f"{head} {INK.number}{value}{INK.reset}"
-        return f"{head} {_numbers(watched.series[at], self._widths)}"
+        return f"{head} {_numbers(watched.series[at], self._widths, watched.decimals)}"
 
     @property
     def _widths(self) -> Widths:
@@ -112,7 +112,9 @@ def _titles(widths: Widths) -> str:
     return f"{INK.dim}{name} {numbers} {say('tester.watch.course')}{INK.reset}"
 
 
-def _numbers(series: Series, widths: Widths) -> str:
-    values = (series.last, series.rate, series.least, series.most)
-    texts = "".join(f"{'' if value is None else f'{value:.5f}':>{widths.number}} " for value in values)
+def _numbers(series: Series, widths: Widths, decimals: int) -> str:
+    values = ((series.last, decimals), (series.rate, 5), (series.least, decimals), (series.most, decimals))
+    texts = "".join(
+        f"{'' if value is None else f'{value:.{places}f}':>{widths.number}} " for value, places in values
+    )
     return f"{INK.number}{texts}{INK.reset} {INK.good}{series.course(widths.course)}{INK.reset}"

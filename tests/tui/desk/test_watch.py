@@ -13,6 +13,7 @@ def test_each_element_has_extremes_rate_and_course() -> None:
     watched.take(Variant.array(VT.R4, (1.0, 10.0)), 0)
     watched.take(Variant.array(VT.R4, (3.0, 5.0)), SECOND // 2)
     first, second = watched.series
+    assert watched.decimals == 5
     assert (first.last, first.least, first.most, first.rate) == (3.0, 1.0, 3.0, 4.0)
     assert second.rate == -10.0
     assert second.course(10) == "█▁"
@@ -38,6 +39,7 @@ def test_the_course_is_bounded_the_extremes_are_not() -> None:
     for number in range(1000):
         watched.take(Variant(VT.I4, number), number * SECOND)
     (series,) = watched.series
+    assert watched.decimals == 0
     assert len(series.points) == REMEMBERED
     assert (series.least, series.most) == (0.0, 999.0)
     watched.reset()
