@@ -246,6 +246,7 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[Figures], Value], _Judge], ...] = (
     ("late_replies_per_call", _of_calls(lambda figures: figures.late), _chance),
     ("refused_share", _of_calls(lambda figures: figures.refused), _share),
     ("unanswered_share", _of_calls(lambda figures: figures.unanswered), _share),
+    ("not_followed_share", _of_calls(lambda figures: figures.not_followed), _never),  # that is our own doing
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
@@ -304,6 +305,7 @@ _STAY_FIGURES: tuple[tuple[str, Callable[[Stay], Value], _Judge], ...] = (
     ("reported_overflows", lambda stay: float(len(stay.buffer.reported_overflows)), _always),
     ("retries_per_set_point", _of_points(lambda stay: stay.counts.retries), _chance),
     ("unanswered_share", _of_points(lambda stay: stay.counts.unanswered), _share),
+    ("not_followed_share", _of_points(lambda stay: stay.counts.not_followed), _never),
 )
 
 

@@ -30,6 +30,7 @@ _WORDS = {
     "late_replies_per_call": "late replies per call",
     "refused_share": "refused",
     "unanswered_share": "unanswered",
+    "not_followed_share": "not followed to the end",
     "exit": "ended by",
     "set_points": "set points",
     "late_for_timeout_share": "late for the time-out",

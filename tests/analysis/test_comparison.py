@@ -97,6 +97,14 @@ def test_a_single_refusal_is_notable() -> None:
     assert notable(comparison) == {"unanswered_share": (0.0, 1.0)}
 
 
+def test_what_was_not_followed_is_told_and_not_notable() -> None:
+    call = made(0, None, given_up=False)
+    call.let_go = True
+    comparison = compare(side([made(0, 1.0)]), side([call]))
+    assert ("not_followed_share", 1.0) in [(each.figure, each.bad) for each in comparison.differences]
+    assert notable(comparison) == {}
+
+
 def test_losses_are_notable_beyond_chance() -> None:
     def lossy(lost: int) -> Side:
         return side(run(1000 - lost) + run(lost, 3.0, retries=1))
