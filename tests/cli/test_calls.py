@@ -10,7 +10,7 @@ import pytest
 
 from bcapscope.cli.exits import Exit
 from bcapscope.traffic.fields import FIELDS
-from tests.cli.run import CAPTURES, run
+from tests.cli.run import CAPTURES, run, run_here
 from tests.samples.calls import MS, START, Datagrams, reply, request
 from tests.samples.files import pcap
 
@@ -19,7 +19,7 @@ ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
 
 
 def test_the_retry_story_is_one_call() -> None:
-    (line,) = run("calls", RETRIES, "--json").lines
+    (line,) = run_here("calls", RETRIES, "--json").lines
     assert json.loads(line) == {
         "call": 1,
         "function": "Robot_Execute",
@@ -51,8 +51,8 @@ def test_the_retry_story_is_one_call() -> None:
 
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sound_request_is_in_one_call(path: Path) -> None:
-    frames = [json.loads(line) for line in run("decode", path, "--json").lines]
-    calls = [json.loads(line) for line in run("calls", path, "--json").lines]
+    frames = [json.loads(line) for line in run_here("decode", path, "--json").lines]
+    calls = [json.loads(line) for line in run_here("calls", path, "--json").lines]
     asked = sorted(frame["frame"] for frame in frames if frame["kind"] == "request")
     kept = [number for call in calls for number in call["requests"] + call["duplicates"]]
     replies = {frame["frame"] for frame in frames if frame["kind"] == "response"}
@@ -62,24 +62,24 @@ def test_every_sound_request_is_in_one_call(path: Path) -> None:
 @pytest.mark.parametrize("style", [[], ["--tree"]])
 def test_lines_and_trees(style: list[str], golden: Callable[[str, bytes], None]) -> None:
     out = "".join(
-        run("calls", CAPTURES / name, *style).out for name in ("retry-story.pcapng", "tcp-gap.pcap")
+        run_here("calls", CAPTURES / name, *style).out for name in ("retry-story.pcapng", "tcp-gap.pcap")
     )
     golden(f"calls{''.join(style)}.txt", out.encode())
 
 
 def test_a_filter() -> None:
     path = CAPTURES / "slave-mode-lost.pcapng"
-    out = run("calls", path, "--json", "-f", "outcome == refused and command == slvMove").lines
+    out = run_here("calls", path, "--json", "-f", "outcome == refused and command == slvMove").lines
     assert json.loads(out[0])["hresult_name"] == "0x84201482"
-    assert run("calls", path, "-f", "latency > 1h").code == Exit.USAGE
+    assert run_here("calls", path, "-f", "latency > 1h").code == Exit.USAGE
 
 
 def test_tree_and_json_exclude_each_other() -> None:
-    assert run("calls", RETRIES, "--json", "--tree").code == Exit.USAGE
+    assert run_here("calls", RETRIES, "--json", "--tree").code == Exit.USAGE
 
 
 def test_fields_are_listed_with_their_meaning() -> None:
-    out = run("fields").out
+    out = run_here("fields").out
     for field in FIELDS:
         assert field.name in out
         assert field.meaning in out
@@ -90,9 +90,9 @@ def test_fields_are_listed_with_their_meaning() -> None:
 def test_a_filter_goes_with_every_form(flag: str) -> None:
     path = CAPTURES / "slave-session.pcapng"
     expression = "command == slvChangeMode and arg[2] == 0"
-    (line,) = run("calls", path, flag, expression).lines
-    head, *tree = run("calls", path, "--tree", flag, expression).lines
-    (record,) = map(json.loads, run("calls", path, "--json", flag, expression).lines)
+    (line,) = run_here("calls", path, flag, expression).lines
+    head, *tree = run_here("calls", path, "--tree", flag, expression).lines
+    (record,) = map(json.loads, run_here("calls", path, "--json", flag, expression).lines)
     assert line == head
     assert [row.split()[1] for row in tree] == ["request", "reply"]
     assert line.startswith(f"{record['call']:>6} ")
@@ -113,12 +113,12 @@ def test_a_filter_leaves_out_what_belongs_to_no_call() -> None:
 
 
 def test_a_bad_filter_is_shown_where_it_is_bad() -> None:
-    done = run("calls", RETRIES, "-f", "latency > 5 and comand == slvMove")
+    done = run_here("calls", RETRIES, "-f", "latency > 5 and comand == slvMove")
     assert (done.code, done.out) == (Exit.USAGE, "")
     assert "^" in done.err
 
 
 def test_sessions_that_were_not_ended_are_told() -> None:
-    err = run("calls", CAPTURES / "vlan-ipv6.pcap").err
+    err = run_here("calls", CAPTURES / "vlan-ipv6.pcap").err
     assert "no Service_Stop seen; not released: Controller 1, Variable IO128, Variable S1" in err
-    assert "Service_Stop" not in run("calls", CAPTURES / "slave-session.pcapng").err
+    assert "Service_Stop" not in run_here("calls", CAPTURES / "slave-session.pcapng").err

@@ -6,14 +6,14 @@ import json
 from pathlib import Path
 
 from bcapscope.cli.exits import Exit
-from tests.cli.run import CAPTURES, run
+from tests.cli.run import CAPTURES, run, run_here
 
 GOOD = CAPTURES / "slave-session.pcapng"
 BAD = CAPTURES / "slave-mode-lost.pcapng"
 
 
 def test_what_went_wrong_stands_first() -> None:
-    done = run("compare", GOOD, BAD)
+    done = run_here("compare", GOOD, BAD)
     assert done.code == Exit.OK
     lines = done.lines
     assert lines[0].startswith(f"good  {GOOD}")
@@ -32,16 +32,16 @@ def test_what_went_wrong_stands_first() -> None:
 
 
 def test_a_capture_does_not_differ_from_itself() -> None:
-    done = run("compare", BAD, BAD)
+    done = run_here("compare", BAD, BAD)
     assert done.lines[2:] == ["", "nothing notable differs"]
-    (line,) = run("compare", BAD, BAD, "--json").lines
+    (line,) = run_here("compare", BAD, BAD, "--json").lines
     record = json.loads(line)
     assert record["notable"] is False
     assert not any(record[part] for part in ("differences", "only_good", "only_bad", "findings"))
 
 
 def test_json_is_one_object() -> None:
-    (line,) = run("compare", GOOD, BAD, "--json").lines
+    (line,) = run_here("compare", GOOD, BAD, "--json").lines
     record = json.loads(line)
     assert record["notable"] is True
     assert (record["good"]["name"], record["good"]["calls"]) == (str(GOOD), 257)
@@ -53,8 +53,8 @@ def test_json_is_one_object() -> None:
 
 
 def test_figures_agree_with_stats() -> None:
-    record = json.loads(run("compare", GOOD, BAD, "--json").out)
-    rows = [json.loads(run("stats", path, "--json").out)["commands"] for path in (GOOD, BAD)]
+    record = json.loads(run_here("compare", GOOD, BAD, "--json").out)
+    rows = [json.loads(run_here("stats", path, "--json").out)["commands"] for path in (GOOD, BAD)]
     (good, bad) = (next(row for row in found if row["command"] == "slvMove") for found in rows)
     (figure,) = [
         each
@@ -69,7 +69,7 @@ def test_a_damaged_capture_is_compared_as_far_as_it_goes(tmp_path: Path) -> None
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes(GOOD.read_bytes()[:20_000])
     for paths in ((cut, BAD), (BAD, cut)):
-        done = run("compare", *paths)
+        done = run_here("compare", *paths)
         assert done.code == Exit.DAMAGED
         assert "breaks off" in done.err
         assert "notable" in done.lines
@@ -77,29 +77,29 @@ def test_a_damaged_capture_is_compared_as_far_as_it_goes(tmp_path: Path) -> None
 
 def test_standard_input_is_one_of_the_two() -> None:
     assert run("compare", GOOD, "-", stdin=GOOD.read_bytes()).lines[2:] == ["", "nothing notable differs"]
-    assert run("compare", "-", "-").code == Exit.USAGE
+    assert run_here("compare", "-", "-").code == Exit.USAGE
 
 
 def test_what_cannot_be_read_is_not_compared() -> None:
     for paths in ((GOOD, CAPTURES / "missing.pcap"), (CAPTURES / "README.md", BAD)):
-        done = run("compare", *paths)
+        done = run_here("compare", *paths)
         assert (done.code, done.out) == (Exit.UNREADABLE, "")
-    assert run("compare", GOOD).code == Exit.USAGE
+    assert run_here("compare", GOOD).code == Exit.USAGE
 
 
 def test_colours_and_hostile_names() -> None:
-    assert "\x1b[" in run("compare", GOOD, BAD, "--color", "always").out
-    out = run("compare", CAPTURES / "malformed.pcapng", GOOD).out
+    assert "\x1b[" in run_here("compare", GOOD, BAD, "--color", "always").out
+    out = run_here("compare", CAPTURES / "malformed.pcapng", GOOD).out
     assert "\x1b" not in out
     assert "\\x1b[2J" in out
 
 
 def test_a_filter_chooses_calls_in_both() -> None:
-    (line,) = run("compare", GOOD, BAD, "--json", "-f", "command == slvMove").lines
+    (line,) = run_here("compare", GOOD, BAD, "--json", "-f", "command == slvMove").lines
     record = json.loads(line)
     assert (record["good"]["calls"], record["bad"]["calls"]) == (240, 33)
     assert not record["only_good"]
     assert not record["only_bad"]
-    (line,) = run("compare", GOOD, BAD, "--json", "-f", "command == Motor").lines
+    (line,) = run_here("compare", GOOD, BAD, "--json", "-f", "command == Motor").lines
     record = json.loads(line)
     assert (record["bad"]["calls"], record["bad"]["stays"]) == (1, 0)

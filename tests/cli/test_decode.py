@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.cli.exits import Exit
-from tests.cli.run import CAPTURES, run
+from tests.cli.run import CAPTURES, run, run_here
 
 SESSION = CAPTURES / "slave-session.pcapng"
 RETRIES = CAPTURES / "retry-story.pcapng"
@@ -25,7 +25,7 @@ ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
 
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sample_is_read_to_its_end(path: Path) -> None:
-    done = run("decode", path)
+    done = run_here("decode", path)
     assert done.code == Exit.OK
     assert done.err.splitlines()[-1].startswith(f"{len(done.lines) - _malformed(done.lines)} frames in ")
 
@@ -35,7 +35,7 @@ def _malformed(lines: list[str]) -> int:
 
 
 def test_a_line_a_frame() -> None:
-    lines = run("decode", RETRIES).lines
+    lines = run_here("decode", RETRIES).lines
     assert len(lines) == 6
     assert lines[1].startswith(
         "     2     0.002010 192.168.0.10:50001 > 192.168.0.1:5007 udp request   1233  1232  "
@@ -45,7 +45,7 @@ def test_a_line_a_frame() -> None:
 
 
 def test_json_is_one_object_a_line() -> None:
-    records = [json.loads(line) for line in run("decode", SESSION, "--json").lines]
+    records = [json.loads(line) for line in run_here("decode", SESSION, "--json").lines]
     assert [record["frame"] for record in records] == list(range(1, len(records) + 1))
     assert not [record for record in records if record["problems"]]
     assert {record["function"] for record in records} >= {"Service_Start", "Robot_Execute", "Service_Stop"}
@@ -53,34 +53,34 @@ def test_json_is_one_object_a_line() -> None:
 
 
 def test_csv_is_a_table_with_a_header() -> None:
-    rows = list(csv.DictReader(io.StringIO(run("decode", RETRIES, "--csv").out)))
+    rows = list(csv.DictReader(io.StringIO(run_here("decode", RETRIES, "--csv").out)))
     assert [row["serial"] for row in rows] == ["1232", "1233", "1234", "1235", "1233", "1235"]
     assert {row["command"] for row in rows} == {"slvMove"}
 
 
 def test_tree_and_hexdump() -> None:
-    tree = run("decode", RETRIES, "--tree").out
+    tree = run_here("decode", RETRIES, "--tree").out
     assert "HRESULT" in tree
     assert "argument count" in tree
-    dump = run("decode", RETRIES, "--hex").out
+    dump = run_here("decode", RETRIES, "--hex").out
     assert "01 64 00 00 00 d0 04 00  00 40 00 00 00 03 00 0a" in dump
 
 
 def test_hex_goes_with_text_only() -> None:
-    done = run("decode", RETRIES, "--hex", "--json")
+    done = run_here("decode", RETRIES, "--hex", "--json")
     assert done.code == Exit.USAGE
     assert "--hex goes with lines and trees" in done.err
 
 
 def test_a_filter_keeps_numbers_and_pairing() -> None:
-    lines = run("decode", RETRIES, "-f", "kind == response and serial == 1235").lines
+    lines = run_here("decode", RETRIES, "-f", "kind == response and serial == 1235").lines
     assert len(lines) == 1
     assert lines[0].startswith("     6     0.007240 ")
     assert "Robot_Execute slvMove" in lines[0]
 
 
 def test_a_bad_filter_is_told_with_a_caret() -> None:
-    done = run("decode", RETRIES, "-f", "serail == 5")
+    done = run_here("decode", RETRIES, "-f", "serail == 5")
     assert done.code == Exit.USAGE
     assert "did you mean 'serial'?" in done.err
     assert done.err.splitlines()[-1].strip() == "^"
@@ -89,7 +89,7 @@ def test_a_bad_filter_is_told_with_a_caret() -> None:
 
 @pytest.mark.parametrize("clock", ["relative", "delta", "utc", "epoch"])
 def test_clocks(clock: str) -> None:
-    first, second, *_ = run("decode", RETRIES, "--time", clock).lines
+    first, second, *_ = run_here("decode", RETRIES, "--time", clock).lines
     texts = {
         "relative": ("0.000000", "0.002010"),
         "delta": ("0.000000", "0.002010"),
@@ -100,12 +100,12 @@ def test_clocks(clock: str) -> None:
 
 
 def test_several_captures_are_one_traffic() -> None:
-    lines = run("decode", RETRIES, RETRIES).lines
+    lines = run_here("decode", RETRIES, RETRIES).lines
     assert [int(line.split()[0]) for line in lines] == list(range(1, 13))
 
 
 def test_gzip_and_standard_input() -> None:
-    plain = run("decode", SESSION)
+    plain = run_here("decode", SESSION)
     assert run("decode", "-", stdin=gzip.compress(SESSION.read_bytes())) == plain
 
 
@@ -151,7 +151,7 @@ def test_a_closed_pipe_ends_quietly(tmp_path: Path) -> None:
 def test_a_truncated_capture_gives_all_before_the_cut(tmp_path: Path, kept: int) -> None:
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes(SESSION.read_bytes()[:-kept])
-    whole, done = run("decode", SESSION), run("decode", cut)
+    whole, done = run_here("decode", SESSION), run_here("decode", cut)
     assert done.code == Exit.DAMAGED
     assert done.lines == whole.lines[: len(done.lines)]
     assert len(done.lines) >= len(whole.lines) - 2
@@ -172,7 +172,7 @@ def test_a_full_disk_is_told_in_one_sentence(style: list[str]) -> None:
 def test_a_truncated_compressed_capture_gives_all_before_the_cut(tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng.gz"
     cut.write_bytes(gzip.compress(SESSION.read_bytes())[:-1000])
-    whole, done = run("decode", SESSION), run("decode", cut)
+    whole, done = run_here("decode", SESSION), run_here("decode", cut)
     assert done.code == Exit.DAMAGED
     assert done.lines
     assert done.lines == whole.lines[: len(done.lines)]
@@ -183,7 +183,7 @@ def test_a_truncated_compressed_capture_gives_all_before_the_cut(tmp_path: Path)
 def test_what_is_no_capture_is_told_in_one_sentence(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "what"
     path.write_bytes(data)
-    done = run("decode", path)
+    done = run_here("decode", path)
     assert done.code == Exit.UNREADABLE
     assert done.out == ""
     assert done.err.startswith(f"{path}: ")
@@ -192,12 +192,12 @@ def test_what_is_no_capture_is_told_in_one_sentence(tmp_path: Path, data: bytes)
 
 def test_of_a_missing_file_nothing_is_counted(tmp_path: Path) -> None:
     path = tmp_path / "none.pcap"
-    done = run("decode", path)
+    done = run_here("decode", path)
     assert done.err == f"{path}: cannot be opened: No such file or directory\n"
 
 
 def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
-    done = run("decode", tmp_path / "none.pcap", RETRIES)
+    done = run_here("decode", tmp_path / "none.pcap", RETRIES)
     assert done.code == Exit.UNREADABLE
     assert len(done.lines) == 6
     assert "No such file" in done.err
@@ -205,7 +205,7 @@ def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", ["decode", "calls"])
 def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
-    done = run(command)
+    done = run_here(command)
     assert done.code == Exit.USAGE
     assert "name a capture, - for standard input, or an interface with -i" in done.err
 
@@ -214,14 +214,14 @@ def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
     "line", [["diagnose"], ["slave"], ["stats"], ["extract", "-o", "way.csv"], ["report", "-o", "page.html"]]
 )
 def test_what_cannot_listen_does_not_speak_of_interfaces(line: list[str]) -> None:
-    done = run(*line)
+    done = run_here(*line)
     assert done.code == Exit.USAGE
     assert "Missing argument 'PATH...'" in done.err
 
 
 def test_a_server_on_another_port_is_told() -> None:
-    assert "told by" not in run("decode", RETRIES).err
-    lines = run("decode", RETRIES, "--port", "50001").lines
+    assert "told by" not in run_here("decode", RETRIES).err
+    lines = run_here("decode", RETRIES, "--port", "50001").lines
     assert "response" in lines[0]
 
 
@@ -229,14 +229,14 @@ def test_a_server_that_has_to_be_worked_out_is_said(tmp_path: Path) -> None:
     data = (CAPTURES / "exchanges.pcap").read_bytes().replace(b"\x13\x8f", b"\x3a\x9f")
     path = tmp_path / "other-port.pcap"
     path.write_bytes(data)
-    done = run("decode", path)
+    done = run_here("decode", path)
     assert "server 192.168.0.1:15007 (udp), told by " in done.err
-    assert len(done.lines) == len(run("decode", CAPTURES / "exchanges.pcap").lines)
+    assert len(done.lines) == len(run_here("decode", CAPTURES / "exchanges.pcap").lines)
 
 
 def test_colours_are_for_terminals() -> None:
-    assert "\x1b" not in run("decode", RETRIES).out
-    assert "\x1b[" in run("decode", RETRIES, "--color", "always").out
+    assert "\x1b" not in run_here("decode", RETRIES).out
+    assert "\x1b[" in run_here("decode", RETRIES, "--color", "always").out
     assert "\x1b[" in _on_a_terminal(NO_COLOR="")
     assert "\x1b[" not in _on_a_terminal(NO_COLOR="1")
 
@@ -258,21 +258,21 @@ def _on_a_terminal(**environment: str) -> str:
 
 @pytest.mark.parametrize("style", [[], ["--json"], ["--csv"], ["--tree", "--hex", "--full"]])
 def test_hostile_strings_never_get_out_raw(style: list[str]) -> None:
-    out = run("decode", CAPTURES / "malformed.pcapng", *style).out
+    out = run_here("decode", CAPTURES / "malformed.pcapng", *style).out
     assert not [char for char in out if not char.isprintable() and char not in "\n\r\u3000"]
     assert "\r" not in out.replace("\r\n", "") or style == ["--csv"]
 
 
 def test_comments_of_the_capture_are_shown_and_stay_escaped() -> None:
-    assert run("decode", RETRIES).lines[0].endswith("  # a new set point, serial 1232")
-    assert json.loads(run("decode", RETRIES, "--json").lines[0])["comments"] == [
+    assert run_here("decode", RETRIES).lines[0].endswith("  # a new set point, serial 1232")
+    assert json.loads(run_here("decode", RETRIES, "--json").lines[0])["comments"] == [
         "a new set point, serial 1232"
     ]
-    assert "comments" not in json.loads(run("decode", CAPTURES / "exchanges.pcap", "--json").lines[0])
+    assert "comments" not in json.loads(run_here("decode", CAPTURES / "exchanges.pcap", "--json").lines[0])
 
 
 def test_pasted_hex_is_read_and_what_is_wrong_with_it_said(golden: Callable[[str, bytes], None]) -> None:
-    done = run("decode", "--text", CAPTURES / "damaged-dumps.txt")
+    done = run_here("decode", "--text", CAPTURES / "damaged-dumps.txt")
     assert done.code == Exit.OK
     assert done.err == "17 packets found in the text\n"
     shown = "".join(f"{line}\n" for line in done.lines)
@@ -293,12 +293,12 @@ def test_a_text_without_hex_is_said(text: bytes) -> None:
 
 
 def test_one_source_at_a_time() -> None:
-    assert run("decode", RETRIES, "-i", "lo").code == Exit.USAGE
-    assert run("decode", "--text", "-", "-i", "lo").code == Exit.USAGE
+    assert run_here("decode", RETRIES, "-i", "lo").code == Exit.USAGE
+    assert run_here("decode", "--text", "-", "-i", "lo").code == Exit.USAGE
 
 
 def test_an_unknown_interface_is_said() -> None:
-    done = run("decode", "-i", "nosuch0")
+    done = run_here("decode", "-i", "nosuch0")
     assert done.code == Exit.UNREADABLE
     assert "there is no interface nosuch0" in done.err
 
@@ -322,6 +322,6 @@ def test_closed_standard_streams_end_in_order(redirection: str, code: Exit) -> N
     ],
 )
 def test_styles_that_do_not_go_together_are_told(words: tuple[str, ...], told: str) -> None:
-    done = run("decode", CAPTURES / "retry-story.pcapng", *words)
+    done = run_here("decode", CAPTURES / "retry-story.pcapng", *words)
     assert (done.code, done.out) == (Exit.USAGE, "")
     assert told in done.err

@@ -12,7 +12,7 @@ import pytest
 
 from bcapscope.cli.exits import Exit
 from tests.analysis.scenes import Story
-from tests.cli.run import CAPTURES, run
+from tests.cli.run import CAPTURES, run_here
 
 SESSION = CAPTURES / "slave-session.pcapng"
 LOST = CAPTURES / "slave-mode-lost.pcapng"
@@ -35,7 +35,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_a_session(tmp_path: Path) -> None:
     out = tmp_path / "way.csv"
-    ran = run("extract", SESSION, "-o", out)
+    ran = run_here("extract", SESSION, "-o", out)
     assert (ran.code, ran.out) == (Exit.OK, "")
     assert f"{out}: 240 set points in 1.885 s, J type, mode 0x202, 192.168.0.10:50001" in ran.err
     (*_, last) = found = rows(out)
@@ -46,21 +46,21 @@ def test_a_session(tmp_path: Path) -> None:
 
 
 def test_json_says_the_same_as_csv(tmp_path: Path) -> None:
-    run("extract", SESSION, "-o", tmp_path / "way.csv")
-    run("extract", SESSION, "-o", tmp_path / "way.json")
+    run_here("extract", SESSION, "-o", tmp_path / "way.csv")
+    run_here("extract", SESSION, "-o", tmp_path / "way.json")
     book = json.loads((tmp_path / "way.json").read_bytes())
     table = [[float(cell) for cell in row.values()] for row in rows(tmp_path / "way.csv")]
     assert book["rows"] == table
 
 
 def test_retries_are_gone(tmp_path: Path) -> None:
-    run("extract", CAPTURES / "retry-story.pcapng", "-o", tmp_path / "way.csv")
+    run_here("extract", CAPTURES / "retry-story.pcapng", "-o", tmp_path / "way.csv")
     (row,) = rows(tmp_path / "way.csv")
     assert (row["time_s"], row["retries"], row["reply_s"]) == ("0.000000000", "3", "0.007240000")
 
 
 def test_what_was_refused_is_left_out(tmp_path: Path) -> None:
-    ran = run("extract", LOST, "-o", tmp_path / "way.csv")
+    ran = run_here("extract", LOST, "-o", tmp_path / "way.csv")
     assert len(rows(tmp_path / "way.csv")) == 30
     assert "left out: 3 refused by the controller\n" in ran.err
 
@@ -83,16 +83,16 @@ def test_more_stays_than_files_may_be_open(tmp_path: Path) -> None:
 
 
 def test_several_stays_are_several_files(tmp_path: Path) -> None:
-    ran = run("extract", ROBOTS, "-o", tmp_path / "way.csv")
+    ran = run_here("extract", ROBOTS, "-o", tmp_path / "way.csv")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["way-1.csv", "way-2.csv"]
     assert "way-1.csv: 12 set points" in ran.err
 
 
 @pytest.mark.parametrize("client", ["fd00:1::a", "[fd00:1::a]:50001"])
 def test_one_client_of_several(tmp_path: Path, client: str) -> None:
-    run("extract", ROBOTS, "-o", tmp_path / "way.csv", "--client", client)
+    run_here("extract", ROBOTS, "-o", tmp_path / "way.csv", "--client", client)
     assert rows(tmp_path / "way.csv")[1]["J1_deg"] == "-0.25"
-    ran = run("extract", ROBOTS, "-o", tmp_path / "none.csv", "--client", "10.9.8.7")
+    ran = run_here("extract", ROBOTS, "-o", tmp_path / "none.csv", "--client", "10.9.8.7")
     assert (ran.code, ran.err.splitlines()[-1]) == (
         Exit.NOTHING,
         "no set points (slvMove) by 10.9.8.7, so there is no trajectory",
@@ -100,17 +100,17 @@ def test_one_client_of_several(tmp_path: Path, client: str) -> None:
 
 
 def test_a_filter_chooses_set_points(tmp_path: Path) -> None:
-    ran = run("extract", SESSION, "-o", tmp_path / "way.csv", "-f", "call <= 20")
+    ran = run_here("extract", SESSION, "-o", tmp_path / "way.csv", "-f", "call <= 20")
     assert len(rows(tmp_path / "way.csv")) == 9
     assert "left out: 231 not asked for\n" in ran.err
-    ran = run("extract", SESSION, "-o", tmp_path / "none.csv", "-f", "call < 3")
+    ran = run_here("extract", SESSION, "-o", tmp_path / "none.csv", "-f", "call < 3")
     assert ran.code == Exit.NOTHING
     assert "240 set points, none of which is part of a trajectory" in ran.err
     assert not (tmp_path / "none.csv").exists()
 
 
 def test_without_slave_mode(tmp_path: Path) -> None:
-    ran = run("extract", NO_SLAVE_MODE, "-o", tmp_path / "way.csv")
+    ran = run_here("extract", NO_SLAVE_MODE, "-o", tmp_path / "way.csv")
     assert ran.code == Exit.NOTHING
     assert ran.err.splitlines()[-1] == "no set points (slvMove), so there is no trajectory"
     assert list(tmp_path.iterdir()) == []
@@ -119,30 +119,30 @@ def test_without_slave_mode(tmp_path: Path) -> None:
 @pytest.mark.parametrize("there", ["way.csv", "way-2.csv"])
 def test_nothing_is_overwritten_unless_told(tmp_path: Path, there: str) -> None:
     (tmp_path / there).write_text("mine")
-    ran = run("extract", ROBOTS, "-o", tmp_path / "way.csv")
+    ran = run_here("extract", ROBOTS, "-o", tmp_path / "way.csv")
     assert ran.code == Exit.UNWRITABLE
     assert f"{there}: exists already; --force overwrites it" in ran.err
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
-    assert run("extract", ROBOTS, "-o", tmp_path / "way.csv", "--force").code == Exit.OK
+    assert run_here("extract", ROBOTS, "-o", tmp_path / "way.csv", "--force").code == Exit.OK
     assert len(rows(tmp_path / "way-2.csv")) == 12
 
 
 def test_what_cannot_be_written_is_said(tmp_path: Path) -> None:
-    ran = run("extract", SESSION, "-o", tmp_path / "nowhere" / "way.csv")
+    ran = run_here("extract", SESSION, "-o", tmp_path / "nowhere" / "way.csv")
     assert ran.code == Exit.UNWRITABLE
     assert "no such file or directory" in ran.err
     assert "Traceback" not in ran.err
     (tmp_path / "dir.csv").mkdir()
-    assert run("extract", SESSION, "-o", tmp_path / "dir.csv", "--force").code == Exit.UNWRITABLE
+    assert run_here("extract", SESSION, "-o", tmp_path / "dir.csv", "--force").code == Exit.UNWRITABLE
 
 
 def test_the_name_tells_the_format(tmp_path: Path) -> None:
-    assert run("extract", SESSION, "-o", tmp_path / "way.txt").code == Exit.USAGE
+    assert run_here("extract", SESSION, "-o", tmp_path / "way.txt").code == Exit.USAGE
 
 
 def test_a_damaged_capture_is_written_up_to_the_damage(tmp_path: Path) -> None:
     whole = SESSION.read_bytes()
     (tmp_path / "cut.pcapng").write_bytes(whole[: len(whole) // 2])
-    ran = run("extract", tmp_path / "cut.pcapng", "-o", tmp_path / "way.csv")
+    ran = run_here("extract", tmp_path / "cut.pcapng", "-o", tmp_path / "way.csv")
     assert ran.code == Exit.DAMAGED
     assert 50 < len(rows(tmp_path / "way.csv")) < 240

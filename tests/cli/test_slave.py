@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.cli.exits import Exit
-from tests.cli.run import CAPTURES, run
+from tests.cli.run import CAPTURES, run_here
 
 SESSION, LOST = CAPTURES / "slave-session.pcapng", CAPTURES / "slave-mode-lost.pcapng"
 ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
@@ -19,7 +19,7 @@ RECORDINGS = Path(__file__).parents[3] / "shared" / "captures"
 
 @pytest.mark.parametrize("path", [SESSION, LOST], ids=lambda path: path.stem)
 def test_text(path: Path, golden: Callable[[str, bytes], None]) -> None:
-    done = run("slave", path, "--window", "0.5")
+    done = run_here("slave", path, "--window", "0.5")
     assert done.code == Exit.OK
     golden(f"slave-{path.stem}.txt", done.out.encode())
     assert all(unicodedata.normalize("NFC", line) == line and len(line) <= 100 for line in done.lines)
@@ -27,7 +27,7 @@ def test_text(path: Path, golden: Callable[[str, bytes], None]) -> None:
 
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sample(path: Path) -> None:
-    text, data = run("slave", path), run("slave", path, "--json")
+    text, data = run_here("slave", path), run_here("slave", path, "--json")
     assert (text.code, data.code) == (Exit.OK, Exit.OK)
     stays = [json.loads(line) for line in data.lines]
     assert [f"Stay {stay['stay']}" for stay in stays] == [
@@ -39,13 +39,13 @@ def test_every_sample(path: Path) -> None:
 @pytest.mark.parametrize("command", [["slave"], ["extract", "-o", "never.csv"]])
 def test_of_what_could_not_be_read_nothing_is_said(command: list[str], tmp_path: Path) -> None:
     path = tmp_path / "none.pcap"
-    done = run(*command, path)
+    done = run_here(*command, path)
     assert done.code == Exit.UNREADABLE
     assert done.err == f"{path}: cannot be opened: No such file or directory\n"
 
 
 def test_json_of_a_whole_stay() -> None:
-    (line,) = run("slave", SESSION, "--json").lines
+    (line,) = run_here("slave", SESSION, "--json").lines
     stay = json.loads(line)
     assert '"entered":1700000002.078421639,' in line
     assert (stay["client"], stay["robot"], stay["began_before_capture"]) == ("192.168.0.10:50001", 2, False)
@@ -62,7 +62,7 @@ def test_json_of_a_whole_stay() -> None:
 
 
 def test_json_of_a_stay_that_was_lost() -> None:
-    (line,) = run("slave", LOST, "--json").lines
+    (line,) = run_here("slave", LOST, "--json").lines
     stay = json.loads(line)
     assert (stay["exit"]["reason"], stay["exit"]["hresult"]) == ("error", 0x84201482)
     assert stay["set_points"]["after_end"] == 2
@@ -73,16 +73,16 @@ def test_json_of_a_stay_that_was_lost() -> None:
 
 
 def test_a_filter_chooses_set_points() -> None:
-    (line,) = run("slave", SESSION, "--json", "-f", "latency > 5ms").lines
+    (line,) = run_here("slave", SESSION, "--json", "-f", "latency > 5ms").lines
     stay = json.loads(line)
     assert (stay["set_points"]["sent"], stay["exit"]["reason"]) == (236, "left")
-    none = run("slave", SESSION, "-f", "latency > 5s")
+    none = run_here("slave", SESSION, "-f", "latency > 5s")
     assert (none.out, none.code) == ("", Exit.OK)
     assert "no set point fits the filter" in none.err
 
 
 def test_colours_on_request() -> None:
-    plain, coloured = run("slave", LOST), run("slave", LOST, "--color", "always")
+    plain, coloured = run_here("slave", LOST), run_here("slave", LOST, "--color", "always")
     assert "\x1b" not in plain.out
     assert "\x1b[31m" in coloured.out
 
@@ -96,7 +96,7 @@ def test_recordings_of_the_official_libraries(name: str, port: int, retries: int
     path = RECORDINGS / name
     if not path.exists():
         pytest.skip(f"{path} is missing")
-    (line,) = run("slave", path, "--json", "-p", str(port)).lines
+    (line,) = run_here("slave", path, "--json", "-p", str(port)).lines
     stay = json.loads(line)
     counts = stay["set_points"]
     assert (counts["sent"], counts["accepted"], counts["unanswered"]) == (2000, 2000, 0)

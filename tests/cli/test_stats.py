@@ -10,7 +10,7 @@ import pytest
 
 from bcapscope.cli.exits import Exit
 from tests.bench.traffic import write
-from tests.cli.run import CAPTURES, Ran, run
+from tests.cli.run import CAPTURES, Ran, run, run_here
 
 LOST = CAPTURES / "slave-mode-lost.pcapng"
 RETRIES = CAPTURES / "retry-story.pcapng"
@@ -23,7 +23,7 @@ def records(done: Ran) -> list[dict[str, Any]]:
 
 
 def test_a_table_for_people() -> None:
-    done = run("stats", LOST)
+    done = run_here("stats", LOST)
     assert done.code == Exit.OK
     assert done.err == "70 frames in 70 packets\n"
     assert done.lines[0] == "2023-11-14T22:13:19.984000000Z, 0.553 s"
@@ -33,7 +33,7 @@ def test_a_table_for_people() -> None:
 
 
 def test_the_retry_story_in_figures() -> None:
-    (record,) = records(run("stats", RETRIES, "--json"))
+    (record,) = records(run_here("stats", RETRIES, "--json"))
     assert (record["start"], record["end"]) == (1700000000.0, 1700000000.00724)
     (command,) = record["commands"]
     assert (command["function"], command["command"]) == ("Robot_Execute", "slvMove")
@@ -47,8 +47,8 @@ def test_the_retry_story_in_figures() -> None:
 
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_figures_agree_with_calls(path: Path) -> None:
-    calls = [json.loads(line) for line in run("calls", path, "--json").lines]
-    found = records(run("stats", path, "--json"))
+    calls = [json.loads(line) for line in run_here("calls", path, "--json").lines]
+    found = records(run_here("stats", path, "--json"))
     if not calls:
         assert found == []
         return
@@ -73,7 +73,7 @@ def test_figures_agree_with_calls(path: Path) -> None:
 
 def test_figures_of_generated_traffic(tmp_path: Path) -> None:
     truth = write(tmp_path / "slave.pcap", 20_000)
-    (record,) = records(run("stats", tmp_path / "slave.pcap", "--json"))
+    (record,) = records(run_here("stats", tmp_path / "slave.pcap", "--json"))
     total = record["total"]
     assert total["calls"] == truth.calls
     assert total["retries"] == truth.retries
@@ -86,26 +86,26 @@ def test_figures_of_generated_traffic(tmp_path: Path) -> None:
 def test_windows(tmp_path: Path) -> None:
     truth = write(tmp_path / "slave.pcap", 5_000)
     path = tmp_path / "slave.pcap"
-    found = records(run("stats", path, "--json", "--window", "2.5"))
+    found = records(run_here("stats", path, "--json", "--window", "2.5"))
     starts = [record["start"] for record in found]
     assert starts[:3] == [1700000000.0, 1700000002.5, 1700000005.0]
     assert {round(record["end"] - record["start"], 6) for record in found} == {2.5}
     assert sum(record["total"]["calls"] for record in found) == truth.calls
     assert found[1]["total"]["calls_per_s"] == pytest.approx(125, abs=0.5)
-    tables = run("stats", path, "--window", "2.5").out.split("\n\n2023-")
+    tables = run_here("stats", path, "--window", "2.5").out.split("\n\n2023-")
     assert len(tables) == len(found)
 
 
 @pytest.mark.parametrize("window", ["0", "0.01", "-1", "long"])
 def test_no_window(window: str) -> None:
-    assert run("stats", LOST, "--window", window).code == Exit.USAGE
+    assert run_here("stats", LOST, "--window", window).code == Exit.USAGE
 
 
 def test_a_filter() -> None:
-    (record,) = records(run("stats", LOST, "--json", "-f", "outcome == refused"))
+    (record,) = records(run_here("stats", LOST, "--json", "-f", "outcome == refused"))
     assert record["total"]["calls"] == record["total"]["refused"] == 4
-    assert run("stats", LOST, "-f", "call > 1000000").out == ""
-    done = run("stats", LOST, "-f", "comand == slvMove")
+    assert run_here("stats", LOST, "-f", "call > 1000000").out == ""
+    done = run_here("stats", LOST, "-f", "comand == slvMove")
     assert done.code == Exit.USAGE
     assert "command" in done.err
     assert "^" in done.err
@@ -118,11 +118,11 @@ def test_a_capture_that_breaks_off() -> None:
 
 
 def test_nothing_to_read() -> None:
-    assert run("stats").code == Exit.USAGE
-    done = run("stats", CAPTURES / "missing.pcap")
+    assert run_here("stats").code == Exit.USAGE
+    done = run_here("stats", CAPTURES / "missing.pcap")
     assert (done.code, done.out) == (Exit.UNREADABLE, "")
 
 
 def test_colours() -> None:
-    assert "\x1b[" in run("stats", LOST, "--color", "always").out
-    assert "\x1b[" not in run("stats", CAPTURES / "malformed.pcapng").out
+    assert "\x1b[" in run_here("stats", LOST, "--color", "always").out
+    assert "\x1b[" not in run_here("stats", CAPTURES / "malformed.pcapng").out
