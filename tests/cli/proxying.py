@@ -185,7 +185,8 @@ def persistent_talk(port: int, convention: Convention, points: int, timeout: int
         again: begin anew; else it ends there.
     """
     seen = Talk()
-    pace, others = Pace(timeout * 1_000_000, 0), Pace(3_000_000_000, 0)  # the motor takes its time
+    # The motor takes 400 ms; in one session alone nothing must break off because a machine is slow.
+    pace, others = Pace(timeout * 1_000_000, 0), Pace(500_000_000 if again else 800_000_000, 0)
 
     async def play() -> None:
         async with open_session(

@@ -297,7 +297,7 @@ def test_ctrl_c_while_it_starts_ends_it_without_a_word() -> None:
     pipe = subprocess.PIPE
     with subprocess.Popen(argv, stdout=pipe, stderr=pipe, start_new_session=True) as process:
         until = time.monotonic() + PATIENCE
-        while time.monotonic() < until:
+        while process.poll() is None and time.monotonic() < until:
             with suppress(AssertionError):
                 watcher_of(process.pid)
                 break
