@@ -67,6 +67,7 @@ class TrafficScreen(TrafficViews):
         Binding("e", "note", "traffic.note", id="traffic.note", tooltip="traffic.note.tip"),
         Binding("s", "save", "traffic.save", id="traffic.save", tooltip="traffic.save.tip"),
         Binding("o", "open", "traffic.open", id="traffic.open", show=False, tooltip="traffic.open.tip"),
+        Binding("ctrl+o", "open", "", show=False),
         Binding("t", "clock", "traffic.clock", id="traffic.clock", show=False, tooltip="traffic.clock.tip"),
         Binding("ctrl+g", "goto", "traffic.goto", id="traffic.goto", show=False, tooltip="traffic.goto.tip"),
         Binding(
