@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.buffer import Buffer
 from bcapscope.analysis.clock import ClockFacts
 from bcapscope.protocol.wording import counted
-from bcapscope.render.captioned import captioned, frames_text, more, times_text
+from bcapscope.render.captioned import captioned, frames_text, more, times_text, wrapped
 from bcapscope.render.palette import Palette
 from bcapscope.render.tongue import Tongue, english
 
@@ -18,7 +18,8 @@ def buffer_lines(buffer: Buffer, palette: Palette, tongue: Tongue = english) -> 
     """Write what a model predicts of the buffer, and what the controller reported."""
     slots = counted(buffer.slots, "slot")
     yield captioned("buffer", f"{slots}; levels are predicted, by a model", palette, tongue)
-    yield from (more(f"- {tongue(assumption)}") for assumption in buffer.assumptions)
+    for assumption in buffer.assumptions:
+        yield from wrapped(f"- {tongue(assumption)}")
     if buffer.smallest_slack_ms is not None:
         levels = ", ".join(f"{level} × {count}" for level, count in buffer.levels.items())
         text = f"points that a set point found there × set points: {levels}"

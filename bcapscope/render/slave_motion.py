@@ -48,7 +48,8 @@ def _axes(axes: Sequence[AxisMotion], palette: Palette, tongue: Tongue) -> Itera
     still = [axis.name for axis in axes if axis.least == axis.most]
     if still:
         yield more(f"standing still: {' '.join(still)}", tongue)
-    yield more("units of the axis, a second, a second squared; off: commanded less returned", tongue)
+    text = "units of the axis, a second, a second squared; off: commanded less returned"
+    yield from wrapped(text, tongue=tongue)
 
 
 def _axis(axis: AxisMotion) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ def timing_lines(timing: Timing, palette: Palette, tongue: Tongue = english) -> 
     yield from (f"  {line}" for line in others)
     rate = "" if timing.rate_hz is None else f", {timing.rate_hz:.2f} set points a second"
     yield captioned("grid", f"{timing.grid_ms:g} ms{rate}", palette, tongue)
-    yield more(timing.grid_known_by, tongue)
+    yield from wrapped(timing.grid_known_by, tongue=tongue)
     if timing.cycle is not None:
         yield more(_on_grid(timing, timing.cycle), tongue)
         if timing.gaps:
@@ -73,7 +73,7 @@ def deadline_lines(timing: Timing, palette: Palette, tongue: Tongue = english) -
     yield from (f"  {line}" for line in others)
     sources = dict.fromkeys(deadline.source for deadline in timing.deadlines if deadline.applies)
     if sources:
-        yield more(f"* recommended for this mode by {'; '.join(sources)}", tongue)
+        yield from wrapped(f"* recommended for this mode by {'; '.join(sources)}", tongue=tongue)
 
 
 def slice_lines(stay: Stay, palette: Palette, tongue: Tongue = english) -> Iterator[str]:

@@ -94,11 +94,11 @@ def test_odd_motion_is_told() -> None:
     for n, j1 in enumerate((0.0, 0.1, 0.2, 0.2, 0.3, 9.3, 9.4, math.nan, 9.5)):
         driver.move(8.0 * (n + 1), joints(j1))
     driver.move(80, code=OVERFLOW)
-    text = told(plan)
+    text = " ".join(told(plan).split())
     assert "1 point equal to the one before, 1 of them between two that move; frame 9" in text
     assert "1 step far larger than those beside, the first 9 on J1; frame 13" in text
     assert "1 hold NaN or infinity; frame 17" in text
-    assert "overflow    reported by the controller  frame 22" in text
+    assert "overflow reported by the controller frame 22" in text
 
 
 def test_who_ended_it() -> None:

@@ -9,6 +9,7 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.protocol.wording import display_width
 from bcapscope.render.columns import wrapped
 from bcapscope.render.verdict import verdict as summed_up
 from bcapscope.tui.ink import INK
@@ -91,7 +92,11 @@ class FindingPage(Lines):
             f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
         )
         title = titled(cause.rule)
-        yield f"{INK.number}{number}{INK.reset} {shade}{told(cause.severity)}{INK.reset} {title}{follows}"
+        severity = told(cause.severity)
+        lead = display_width(f"{number} {severity} ")
+        first, *rest = wrapped(f"{title}{follows}", width + 2 - lead)
+        yield f"{INK.number}{number}{INK.reset} {shade}{severity}{INK.reset} {first}"
+        yield from (f"{' ' * lead}{line}" for line in rest)
         frames = ", ".join(map(str, cause.frames[:_MOST_FRAMES])) + (
             " …" if len(cause.frames) > _MOST_FRAMES else ""
         )
