@@ -160,9 +160,11 @@ class Lane:
 
     def close(self) -> Iterator[Exchange]:
         """Give out all calls; the traffic has ended."""
+        closing = self._conversation.closing
+        over = closing is not None and closing.mutes
         while self.waiting:
             exchange = self.waiting.popleft()
-            exchange.silent = exchange.call < self._answered
+            exchange.silent = over or exchange.call < self._answered
             yield self._finish(exchange)
 
     # requests

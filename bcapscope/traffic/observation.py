@@ -49,6 +49,11 @@ class Closing(NamedTuple):
     reset: bool
     time: int
 
+    @property
+    def mutes(self) -> bool:
+        """Whether no reply can come after it: of a client that closed in order the other end may go on."""
+        return self.reset or self.by is Direction.RESPONSE
+
 
 class Conversation:
     """One client talking to one server over one transport; compared by identity.

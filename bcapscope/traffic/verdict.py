@@ -23,7 +23,8 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """With a result that is a failure."""
     UNANSWERED = "unanswered"
-    """The client asked for something else without having had a reply, or none came in a very long time."""
+    """The client asked for something else without having had a reply, or none came in a very long time, or
+    the connection was gone."""
     CAPTURE_ENDED = "capture_ended"
     """The traffic ended first; the client may have had its reply afterwards."""
     NOT_FOLLOWED = "not_followed"

@@ -13,7 +13,7 @@ from bcapscope.traffic.lane import (
     LATE_WITHIN_NS,
     RETRY_WITHIN_NS,
 )
-from bcapscope.traffic.observation import Direction
+from bcapscope.traffic.observation import Closing, Direction, Transport
 from bcapscope.traffic.question import MOST_CONVERSATIONS
 from bcapscope.traffic.tracker import MOST_OPEN, Tracker
 from bcapscope.traffic.verdict import Outcome, Verdict
@@ -182,6 +182,22 @@ def test_a_late_reply_to_a_call_that_was_not_let_go_is_late(monkeypatch: pytest.
     client.ask(20_000, 5, 5, MOVE)
     client.reply(20_001, 3, 0, 0x600B)
     assert [(stray.call, stray.overlooked) for stray in strays_of(script.track())] == [(3, False)]
+
+
+@pytest.mark.parametrize(
+    ("by", "reset", "outcome"),
+    [
+        (Direction.RESPONSE, False, Outcome.UNANSWERED),
+        (Direction.REQUEST, True, Outcome.UNANSWERED),
+        (Direction.REQUEST, False, Outcome.CAPTURE_ENDED),
+    ],
+)
+def test_no_reply_comes_over_a_connection_that_is_gone(by: Direction, reset: bool, outcome: Outcome) -> None:
+    script = Script()
+    asked = script.client(transport=Transport.TCP).ask(0, 1, 1, MOVE)
+    asked.flow.conversation.closing = Closing(by, reset, asked.time + MS)
+    (call,) = calls_of(script.track())
+    assert call.outcome is outcome
 
 
 def test_time_starts_anywhere() -> None:

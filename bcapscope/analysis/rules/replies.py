@@ -47,6 +47,7 @@ NO_REPLY = Rule(
     "controller.",
     f"{_C_CLIENT}; {_ROS_12}",
     (
+        "controller-hung-up",
         "malformed-request",
         "oversize-datagram",
         "executing-forever",
@@ -248,7 +249,8 @@ class Replies(Watcher):
         def then(speech: Speech, after: int) -> str:
             return f"{name} was never answered"
 
-        self.tell(NO_REPLY, call, say, then, time=call.gone_on)
+        closing = call.conversation.closing
+        self.tell(NO_REPLY, call, say, then, time=call.gone_on or (0 if closing is None else closing.time))
 
     def _stopped(self, call: Exchange, quiet: int) -> None:
         first, last = call.requests[0].time, call.requests[-1].time

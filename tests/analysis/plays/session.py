@@ -152,6 +152,14 @@ SCENES = (
         _hung_up(by_controller=True, closes=True),
     ),
     Scene(
+        "no-reply",
+        _hung_up(by_controller=True),
+        (9,),
+        ("Motor 5 was sent once and never answered",),
+        _hung_up(by_controller=False),
+        "controller-hung-up",
+    ),
+    Scene(
         "unclean-quit",
         _hung_up(by_controller=False),
         (9,),
