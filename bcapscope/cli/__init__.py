@@ -28,7 +28,7 @@ _COMMANDS = {
     "ping": "Is a controller there, what is it, how fast does it answer?",
     "replay": "Play one side of a recorded session again.",
     "play": "Play a trajectory in slave mode.",
-    "tui": "The screen: traffic as it is, frame by frame.",
+    "tui": "The screen: test a controller; traffic, live or from a file.",
     "proxy": "In the middle: see, record, disturb.",
     "sim": "A controller without a robot, to try things on.",
     "fields": "List the fields and the language of --filter.",
