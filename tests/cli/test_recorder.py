@@ -46,6 +46,12 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.001)
 
 
+def catch_up(disk: Disk, recorder: Recorder) -> None:
+    """Let a disk run, and wait until it has taken all that waits."""
+    disk.runs.set()
+    wait_for(lambda: not recorder._basket.blocks and not recorder._batch)
+
+
 def frames(path: Path, data: bytes) -> tuple[int, str, list[str]]:
     """Decode a capture; return the exit code, stderr, and the lines."""
     path.write_bytes(data)
@@ -100,8 +106,7 @@ def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(tmp_
     assert told == ["a.pcapng is not written fast enough: packets are missing in it from now on"]
     kept = 1000 - recorder._missing
     assert 50 < kept < 120
-    disk.runs.set()
-    wait_for(lambda: not recorder._basket.blocks and not recorder._batch)
+    catch_up(disk, recorder)
     recorder.datagram(SERVER, CLIENT, REPLY, TIME + 1000)
     assert not recorder.close()
     assert told[1:] == [f"a.pcapng lacks {1000 - kept} packets: it was not written fast enough"]
@@ -119,8 +124,7 @@ def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path) -> Non
         recorder.idle()
     kept = 100 - recorder._missing
     assert 3 < kept < 12
-    disk.runs.set()
-    wait_for(lambda: not recorder._basket.blocks and not recorder._batch)
+    catch_up(disk, recorder)
     recorder.segment(CLIENT, SERVER, REQUEST, TIME + 100)
     assert not recorder.close()
     _, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
