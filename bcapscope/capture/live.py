@@ -18,6 +18,7 @@ from typing import Protocol
 from bcapscope.capture.link import ETHERNET, LINUX_COOKED
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.errors import CaptureError
+from bcapscope.transport.arrival import CONTROL, ask_for_times, kernel_time
 
 ANY = "any"
 """All interfaces at once, as tcpdump calls it (Linux)."""
@@ -29,8 +30,7 @@ _LARGEST_PACKET = 262144
 _BUFFER_SIZE = 16 * 1024 * 1024  # some 50,000 frames, in case this process is not given the CPU for a while
 _ETH_P_ALL = 3
 _SOL_PACKET, _PACKET_STATISTICS = 263, 6
-_SO_TIMESTAMPNS, _SO_RCVBUFFORCE = 35, 33
-_TIMESPEC = struct.Struct("@ll")
+_SO_RCVBUFFORCE = 33
 _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
@@ -104,7 +104,7 @@ class _PacketSocket:
             self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_SIZE)
         except PermissionError:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_SIZE)
-        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        ask_for_times(self._socket)
         self._socket.settimeout(WAIT)
         if self._name != ANY:
             self._socket.bind((self._name, _ETH_P_ALL))
@@ -125,7 +125,7 @@ class _PacketSocket:
     def __iter__(self) -> Iterator[Packet]:
         while True:
             try:
-                data, ancillary, _, address = self._socket.recvmsg(_LARGEST_PACKET, 64)
+                data, ancillary, _, address = self._socket.recvmsg(_LARGEST_PACKET, CONTROL)
             except TimeoutError:
                 continue
             except OSError as error:
@@ -135,16 +135,7 @@ class _PacketSocket:
                 continue  # the same packet is about to come in
             interface = self._interfaces.setdefault(name, Interface(LINUX_COOKED, name))
             header = _COOKED_HEADER.pack(kind, hardware, len(mac), mac[:8], protocol)
-            yield _time(ancillary), header + data, len(header) + len(data), interface, ()
-
-
-def _time(ancillary: list[tuple[int, int, bytes]]) -> int:
-    """Return when the kernel took the packet in, in nanoseconds; now, where it does not say."""
-    for level, kind, data in ancillary:
-        if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS):
-            seconds, nanoseconds = _TIMESPEC.unpack(data[: _TIMESPEC.size])
-            return int(seconds) * 1_000_000_000 + int(nanoseconds)
-    return time.time_ns()
+            yield kernel_time(ancillary, 0), header + data, len(header) + len(data), interface, ()
 
 
 class _ScapySocket:

@@ -12,7 +12,7 @@ from collections import deque
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.proxy.sockets import Control, kernel_time
+from bcapscope.transport.arrival import Control, kernel_time
 
 HEADER = 4096
 """Bytes before the records: where writer and reader are, and the counts."""

@@ -6,35 +6,23 @@ import os
 import socket
 import struct
 import sys
-import time
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from typing import Any, TypeAlias
 
 from bcapscope.errors import BcapError
 from bcapscope.traffic.observation import Endpoint, Transport
+from bcapscope.transport.arrival import ask_for_times
 
 SocketAddress: TypeAlias = tuple[Any, ...]
 """As the socket module has it: host, port, and for IPv6 flow and scope."""
 
-Control: TypeAlias = list[tuple[int, int, bytes]]
-"""What the system says of a datagram: when it came, as far as we asked."""
-
-Receive: TypeAlias = Callable[[int, int], tuple[bytes, Control, int, Any]]
-"""Like `socket.recvmsg`."""
-
 LARGEST = 65535
 """Bytes of a datagram."""
 
-CONTROL = 64
-"""Bytes for what the system says of a datagram: when it came."""
-
 _RECEIVE_BUFFER = 4 << 20
-_SO_RCVBUFFORCE, _SO_TIMESTAMPNS, _SO_MEMINFO = 33, 35, 55  # asm-generic/socket.h of Linux
+_SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
-_TIMESPEC = struct.Struct("@ll")
 _BACKLOG = 32
 
 
@@ -116,26 +104,7 @@ def prepare_datagrams(sock: socket.socket) -> None:
     if sys.platform == "linux":
         with suppress(OSError):  # beyond the usual limit only for root
             sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
-        with suppress(OSError):
-            sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-
-
-def receiver(sock: socket.socket) -> Receive:
-    """Return `recvmsg`, or what does the same where there is none."""
-    return getattr(sock, "recvmsg", None) or partial(_receive_plainly, sock)
-
-
-def _receive_plainly(sock: socket.socket, most: int, _: int) -> tuple[bytes, Control, int, Any]:
-    data, address = sock.recvfrom(most)
-    return data, [], 0, address
-
-
-def kernel_time(control: Control, now: int) -> int:
-    """Return when a datagram came, ns since 1970; `now`, or what the clock says, where nobody else does."""
-    if not control or len(control[0][2]) != _TIMESPEC.size:
-        return now or time.time_ns()
-    seconds, nanoseconds = _TIMESPEC.unpack(control[0][2])
-    return int(seconds * 1_000_000_000 + nanoseconds)
+    ask_for_times(sock)
 
 
 def drops(sock: socket.socket) -> int:

@@ -12,21 +12,19 @@ from bcapscope.protocol.hresult import S_EXECUTING
 from bcapscope.proxy.relay import Handler, Relay, conversation
 from bcapscope.proxy.ring import BATCH, Count
 from bcapscope.proxy.sockets import (
-    CONTROL,
     LARGEST,
     SocketAddress,
     connect_datagrams,
     drops,
     endpoint_of,
     facing,
-    kernel_time,
     listen_on,
     reason,
-    receiver,
     resolve,
 )
 from bcapscope.proxy.spec import Listener
 from bcapscope.traffic.observation import Transport
+from bcapscope.transport.arrival import CONTROL, kernel_time, receiver
 
 FORGET_AFTER = 600_000_000_000
 """ns of silence after which a client is forgotten. It would then be another client to the controller, so this

@@ -88,11 +88,6 @@ def test_a_buffer_as_large_as_allowed_will_do(monkeypatch: pytest.MonkeyPatch) -
         assert capture.lost == 0
 
 
-def test_time_is_now_where_the_kernel_does_not_say() -> None:
-    before = time.time_ns()
-    assert before <= live._time([(1, 2, b"other")]) <= time.time_ns()
-
-
 def test_an_unknown_interface_is_told_with_those_that_there_are() -> None:
     with pytest.raises(CaptureError, match=r"^there is no interface nowhere0; there are: .*lo"):
         open_live("nowhere0")

@@ -5,23 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import socket
-import struct
 import sys
 import time
 
 import pytest
 
-from bcapscope.proxy import sockets
-from bcapscope.proxy.sockets import drops, kernel_time, prepare_datagrams, reason, receiver
+from bcapscope.proxy.sockets import drops, prepare_datagrams, reason
+from bcapscope.transport.arrival import CONTROL, kernel_time, receiver
 from tests.proxy.relaying import datagrams
-
-
-def test_the_kernels_time() -> None:
-    stamp = struct.pack("@ll", 1_700_000_000, 123_456_789)
-    assert kernel_time([(1, 35, stamp)], 5) == 1_700_000_000_123_456_789
-    assert kernel_time([(1, 35, b"odd")], 5) == 5
-    assert kernel_time([], 5) == 5
-    assert abs(kernel_time([], 0) - time.time_ns()) < 10**9
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
@@ -29,7 +20,7 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
     with datagrams() as server, datagrams(to=server.getsockname()) as client:
         prepare_datagrams(server)
         client.send(b"x")
-        data, control, _, address = receiver(server)(100, sockets.CONTROL)
+        data, control, _, address = receiver(server)(100, CONTROL)
         assert (data, address) == (b"x", client.getsockname())
         assert 0 <= time.time_ns() - kernel_time(control, 0) < 10**10
         assert drops(server) == 0
@@ -37,12 +28,6 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
         for _ in range(100):
             client.send(bytes(1000))
         assert drops(server) > 50
-
-
-def test_without_recvmsg() -> None:
-    with datagrams() as server, datagrams(to=server.getsockname()) as client:
-        client.send(b"x")
-        assert sockets._receive_plainly(server, 100, 0) == (b"x", [], 0, client.getsockname())
 
 
 @pytest.mark.parametrize(

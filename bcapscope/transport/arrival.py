@@ -1,0 +1,49 @@
+"""When datagrams came, as the system says: however late one looks."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, TypeAlias
+
+Control: TypeAlias = list[tuple[int, int, bytes]]
+"""What the system says of a datagram: when it came, as far as we asked."""
+
+Receive: TypeAlias = Callable[[int, int], tuple[bytes, Control, int, Any]]
+"""Like `socket.recvmsg`."""
+
+CONTROL = 64
+"""Bytes for what the system says of a datagram."""
+
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h of Linux
+_TIMESPEC = struct.Struct("@ll")
+
+
+def ask_for_times(sock: socket.socket) -> None:
+    """Have the system say when datagrams come; what it does not give is done without."""
+    if sys.platform == "linux":
+        with suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+
+def receiver(sock: socket.socket) -> Receive:
+    """Return `recvmsg`, or what does the same where there is none."""
+    return getattr(sock, "recvmsg", None) or partial(_receive_plainly, sock)
+
+
+def _receive_plainly(sock: socket.socket, most: int, _: int) -> tuple[bytes, Control, int, Any]:
+    data, address = sock.recvfrom(most)
+    return data, [], 0, address
+
+
+def kernel_time(control: Control, now: int) -> int:
+    """Return when a datagram came, ns since 1970; `now`, or what the clock says, where nobody else does."""
+    if not control or len(control[0][2]) != _TIMESPEC.size:
+        return now or time.time_ns()
+    seconds, nanoseconds = _TIMESPEC.unpack(control[0][2])
+    return int(seconds * 1_000_000_000 + nanoseconds)
