@@ -190,7 +190,10 @@ class StandIn:
         dropped: datagrams that were no sound frame, or came from a client too many.
         unknown: calls of which nothing like them was recorded, or no answer that can be given again; they
             are answered E_NOTIMPL.
+        keeps_time: its time may stand still while it gets no processor.
     """
+
+    keeps_time = False
 
     def __init__(
         self, script: Script, report: Callable[[Peer, Report], None], *, delays: bool = True
@@ -260,9 +263,6 @@ class StandIn:
         """Return when `advance` is to be called next at the latest; None if nothing is under way."""
         times = (part.due for part in self._parts.values())
         return min((time for time in times if time is not None), default=None)
-
-    def stood_still(self, now: int) -> None:
-        """Answers wait as long as they did when they were recorded; nothing else goes by the time."""
 
     def _outputs(self, peer: Peer, part: _Part, frames: list[Frame], now: int) -> list[Output]:
         outputs: list[Output] = []

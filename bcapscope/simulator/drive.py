@@ -68,7 +68,6 @@ class SlaveDrive:
         self._speed: Joints = (0.0,) * 8
         self._moving = False
         self._leaving = False
-        self._pardoned = 0
 
     @property
     def waiting(self) -> int:
@@ -102,14 +101,6 @@ class SlaveDrive:
             self.owed = owed
         self.mode = None
         self._queue.clear()
-
-    def pardon(self, now: int) -> None:
-        """Blame nobody for what was sent while the controller's time stood still.
-
-        A client whose pace is its own goes on meanwhile, and the newest of its set points is far from the one
-        that was taken last. A real controller takes one each 8 ms.
-        """
-        self._pardoned = now + 2 * PERIOD
 
     def push(self, joints: Joints) -> int:
         """Put a set point into the buffer; return how many must be `taken` until slvMove answers.
@@ -153,7 +144,7 @@ class SlaveDrive:
         goal = self._queue.popleft()
         self.taken += 1
         speed = tuple(b - a for a, b in zip(here, goal, strict=True))
-        code = 0 if mode.overwrites and time <= self._pardoned else self._excess(speed)
+        code = self._excess(speed)
         self._speed = speed
         self._moving = any(abs(each) > MOVING for each in speed)
         if not code:

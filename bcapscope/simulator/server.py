@@ -16,6 +16,7 @@ from typing import Any, Protocol, TypeAlias
 from bcapscope.errors import BcapError
 from bcapscope.simulator.simulator import Abort, Output, Peer
 from bcapscope.simulator.turns import Turns
+from bcapscope.transport.arrival import CONTROL, ask_for_times, kernel_time, receiver
 from bcapscope.transport.tcp import reset
 
 LARGEST_DATAGRAM = 65535
@@ -64,6 +65,8 @@ class Tap(Protocol):
 class Answerer(Protocol):
     """What says what to answer, such as a `Simulator`, whose methods these are."""
 
+    @property
+    def keeps_time(self) -> bool: ...
     def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
     def connect(self, peer: Peer, now: int) -> bool: ...
     def segment(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
@@ -71,7 +74,6 @@ class Answerer(Protocol):
     def reset(self, now: int) -> list[Output]: ...
     def advance(self, now: int) -> list[Output]: ...
     def due(self, now: int) -> int | None: ...
-    def stood_still(self, now: int) -> None: ...
 
 
 class _Connection:
@@ -91,7 +93,9 @@ class Server:
     """Moves bytes between sockets and a simulator.
 
     While this program gets no processor, the controller's time stands still: else its 8 ms would go by before
-    it has sent the reply that asks its client for the next set point.
+    it has sent the reply that asks its client for the next set point. Where clients wait for no reply they go
+    on meanwhile, and so does the controller's time: datagrams are heard as of when they came, which Linux
+    tells. On TCP, and elsewhere, what has piled up is one jump.
 
     Attributes:
         address: host and port that it listens on.
@@ -117,8 +121,9 @@ class Server:
         self._by_peer: dict[object, _Connection] = {}
         self._awake_until = 0
         self._may_be_more = True
-        self._stood_still = 0
+        self._stood_still = self._heard = 0
         self._udp, self._tcp = _listen(host, port)
+        self._receive = receiver(self._udp)
         self._arrange()
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
@@ -166,7 +171,10 @@ class Server:
         now = self.now()
         if readable:
             self._awake_until = now + _LINGER
+        if self.turns and self._simulator.keeps_time:
+            now = self._as_of(self.turns.since)
         if due is not None and due <= now:
+            self._heard = now
             self._send(self._simulator.advance(now))
         return others
 
@@ -177,9 +185,8 @@ class Server:
     def _catch_up(self, due: int) -> None:
         """Let the controller's time stand still for as long as we were held up."""
         late = self.now() - due
-        if late > _HELD_UP:
+        if late > _HELD_UP and not self._simulator.keeps_time:
             self._stood_still += late
-            self._simulator.stood_still(due)
 
     def _wait(
         self, readers: list[_Source], until: float, due: int | None
@@ -203,26 +210,32 @@ class Server:
 
     def _take_datagrams(self) -> None:
         """Take datagrams from the system before it runs out of room: the first is answered at once."""
-        receive, turns = self._udp.recvfrom, self.turns
+        receive, turns = self._receive, self.turns
         for number in range(_AT_ONCE if self._may_be_more else 1):
             try:
-                data, address = receive(LARGEST_DATAGRAM)
+                data, control, _, address = receive(LARGEST_DATAGRAM, CONTROL)
             except OSError:  # nothing left; on Windows also an earlier client's closed port
                 return
             if self.tap:
                 self.tap.datagram(address[:2], self.address, data, time.time_ns())
+            came = kernel_time(control, 0)
             if number or turns:
-                turns.add(address, data)
+                turns.add(address, came, data)
             else:
-                self._hear(address, data)
+                self._hear(address, came, data)
 
     def _hear_turns(self) -> None:
         if self.turns:
-            for address, data in self.turns.take():
-                self._hear(address, data)
+            for waiting in self.turns.take():
+                self._hear(*waiting)
 
-    def _hear(self, address: _Address, data: bytes) -> None:
-        self._send(self._simulator.datagram(("udp", address), data, self.now()))
+    def _hear(self, address: _Address, came: int, data: bytes) -> None:
+        self._heard = self._as_of(came) if self._simulator.keeps_time else self.now()
+        self._send(self._simulator.datagram(("udp", address), data, self._heard))
+
+    def _as_of(self, came: int) -> int:
+        """Return the controller's time at a time of the system's clock; it never goes back."""
+        return max(self._heard, self.now() - max(0, time.time_ns() - came))
 
     def _accept(self) -> None:
         with suppress(OSError):
@@ -333,6 +346,7 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         else:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            ask_for_times(sock)
         sock.bind(address)
         if kind == socket.SOCK_STREAM:
             sock.listen(32)

@@ -170,9 +170,11 @@ class Simulator:
         times = [due, *(conversation.due(now) for conversation in self._running.values())]
         return min((time for time in times if time is not None), default=None)
 
-    def stood_still(self, now: int) -> None:
-        """Take notice that the time has not gone on for a while, though that of the clients has."""
-        self.machine.slave.pardon(now)
+    @property
+    def keeps_time(self) -> bool:
+        """Whether its time goes on while it gets no processor, as that of clients does that set the pace."""
+        mode = self.machine.slave.mode
+        return mode is not None and mode.overwrites
 
     @property
     def clients(self) -> int:

@@ -137,9 +137,10 @@ class Stage:
         times = (self.simulator.due(now), self.shaper.due(), self._timed[0][0] if self._timed else None)
         return min((time for time in times if time is not None), default=None)
 
-    def stood_still(self, now: int) -> None:
-        """Take notice that the time has not gone on for a while, though that of the clients has."""
-        self.simulator.stood_still(now)
+    @property
+    def keeps_time(self) -> bool:
+        """Whether its time goes on while it gets no processor."""
+        return self.simulator.keeps_time
 
     # what happens
 

@@ -26,15 +26,20 @@ class Turns(Generic[Sender]):
 
     def __init__(self) -> None:
         self.unheard = 0
-        self._waiting: dict[Sender, deque[bytes]] = {}
+        self._waiting: dict[Sender, deque[tuple[int, bytes]]] = {}
         self._bytes = 0
 
     def __bool__(self) -> bool:
         """Tell whether anything waits."""
         return bool(self._waiting)
 
-    def add(self, sender: Sender, data: bytes) -> None:
-        """Let a datagram wait; one too many is thrown away."""
+    @property
+    def since(self) -> int:
+        """When the oldest of those came that wait."""
+        return min(queue[0][0] for queue in self._waiting.values())
+
+    def add(self, sender: Sender, came: int, data: bytes) -> None:
+        """Let a datagram wait that came at a given time; one too many is thrown away."""
         queue = self._waiting.get(sender)
         size = len(data) + _COST
         if self._bytes + size > MOST_BYTES or (queue is not None and len(queue) >= MOST_OF_ONE):
@@ -42,15 +47,15 @@ class Turns(Generic[Sender]):
             return
         if queue is None:
             queue = self._waiting[sender] = deque()
-        queue.append(data)
+        queue.append((came, data))
         self._bytes += size
 
-    def take(self) -> Iterator[tuple[Sender, bytes]]:
-        """Yield the oldest datagram of each sender."""
+    def take(self) -> Iterator[tuple[Sender, int, bytes]]:
+        """Yield the oldest datagram of each sender, and when it came."""
         for sender in list(self._waiting):
             queue = self._waiting[sender]
-            data = queue.popleft()
+            came, data = queue.popleft()
             self._bytes -= len(data) + _COST
             if not queue:
                 del self._waiting[sender]
-            yield sender, data
+            yield sender, came, data

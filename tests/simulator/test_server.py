@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import socket
+import struct
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 
 import pytest
 
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
-from bcapscope.simulator.server import ListenError, Server
-from bcapscope.simulator.simulator import MOST_CLIENTS, Output, Simulator
+from bcapscope.simulator.server import Address, ListenError, Server
+from bcapscope.simulator.simulator import MOST_CLIENTS, Output, Peer, Simulator
 from bcapscope.simulator.stage import Stage
 from bcapscope.simulator.turns import MOST_OF_ONE
 from bcapscope.simulator.values import bstr
+from bcapscope.transport.arrival import Control
 
 START = encode(1, 0, 1, [bstr("")])
 
@@ -118,31 +121,64 @@ class HeldUp(Simulator):
 
     Attributes:
         was_due: when.
-        told: when it is told that time has not gone on.
         went_on: when it is let go on.
+        heard: when each datagram came.
     """
 
-    was_due = told = went_on = 0
+    was_due = went_on = 0
+
+    def __init__(self, keeps_time: bool) -> None:
+        super().__init__(PROFILES["rc8"])
+        self.heard: list[int] = []
+        self._keeps_time = keeps_time
+
+    @property
+    def keeps_time(self) -> bool:
+        return self._keeps_time
+
+    def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]:
+        self.heard.append(now)
+        return []
 
     def due(self, now: int) -> int:
         self.was_due = now - 50_000_000
         return self.was_due
-
-    def stood_still(self, now: int) -> None:
-        self.told = now
 
     def advance(self, now: int) -> list[Output]:
         self.went_on = now
         return []
 
 
-def test_the_time_of_the_controller_stands_still_while_it_gets_no_processor() -> None:
-    simulator = HeldUp(PROFILES["rc8"])
+@pytest.mark.parametrize("keeps_time", [False, True])
+def test_time_stands_still_without_a_processor_unless_the_client_goes_on(keeps_time: bool) -> None:
+    simulator = HeldUp(keeps_time)
     server = Server(simulator, "127.0.0.1", 0)
     server.step(0)
-    assert 0 <= simulator.went_on - simulator.was_due < 25_000_000
-    assert simulator.told == simulator.was_due
-    assert time.monotonic_ns() - server.now() >= 50_000_000
+    late = simulator.went_on - simulator.was_due
+    behind = time.monotonic_ns() - server.now()
+    assert late >= 50_000_000 if keeps_time else 0 <= late < 25_000_000
+    assert behind < 25_000_000 if keeps_time else behind >= 50_000_000
+    server.close()
+
+
+def test_a_client_that_goes_on_is_heard_as_of_when_its_datagrams_came() -> None:
+    simulator = HeldUp(keeps_time=True)
+    server = Server(simulator, "127.0.0.1", 0)
+    now = time.time_ns()
+    came = iter(now - ago * 1_000_000 for ago in (90, 60, 70, 30))
+
+    def receive(size: int, control: int) -> tuple[bytes, Control, int, Address]:
+        try:
+            stamp = struct.pack("@ll", *divmod(next(came), 1_000_000_000))
+        except StopIteration:
+            raise BlockingIOError from None
+        return b"x", [(1, 35, stamp)], 0, ("127.0.0.1", 9)
+
+    server._receive = receive
+    server._take_datagrams()
+    while server.turns:
+        server.step(0)
+    assert [round((b - a) / 1e7) for a, b in pairwise(simulator.heard)] == [3, 0, 3]
     server.close()
 
 

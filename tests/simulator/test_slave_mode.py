@@ -140,6 +140,25 @@ def test_the_arm_does_not_move_before_a_set_point_has_come() -> None:
     assert before == pytest.approx(joints(*HOME))
 
 
+@pytest.mark.parametrize(
+    ("profile", "mode", "keeps_time"),
+    [
+        ("rc7", 0x002, False),
+        ("rc7", 0x102, True),
+        ("rc8", 0x002, False),
+        ("rc8", 0x102, True),
+        ("rc8", 0x202, False),
+    ],
+)
+def test_time_may_stand_still_only_where_clients_wait_for_replies(
+    profile: str, mode: int, keeps_time: bool
+) -> None:
+    operator = started(profile, mode)
+    assert operator.desk.answerer.keeps_time is keeps_time
+    operator.slave(0)
+    assert not operator.desk.answerer.keeps_time
+
+
 def test_mode_0_warns_when_full_and_refuses_one_too_many() -> None:
     operator = started(mode=0x002)
     results = [send(operator, 0.1) for _ in range(5)]
