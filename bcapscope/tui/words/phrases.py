@@ -193,12 +193,15 @@ class _Reading:
         match = pattern.match(text)
         if match is None:
             return None
-        made = ""
+        made, is_name = "", False
         for words, name in pattern.japanese:
-            value = self._value(pattern.kinds[name], match[name]) if name else ""
+            kind = pattern.kinds.get(name, "")
+            value = self._value(kind, match[name]) if name else ""
             if value is None:
                 return None
-            made = _joined(_joined(made, words), value)
+            made = made + words if is_name else _joined(made, words)
+            is_name = kind in _KEPT  # around which nothing is touched
+            made = made + value if is_name else _joined(made, value)
         return made
 
     def _value(self, kind: str, found: str) -> str | None:
