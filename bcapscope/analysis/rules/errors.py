@@ -34,9 +34,8 @@ NOT_CLEARED = Rule(
     "error-not-cleared",
     Severity.ERROR,
     "a call is refused since an error is active (81501025 and the like)",
-    "Read the errors (GetCurErrorCount, GetCurErrorInfo), then ClearError, then go on with Motor, "
-    "the first position and "
-    "slvChangeMode.",
+    "Read the errors (GetCurErrorCount, GetCurErrorInfo), then ClearError, then go on with Motor, the first "
+    "position and slvChangeMode.",
     f"{_SEED}, Clearing errors; {_ERRORS}",
     _FIRST_ERRORS,
     _EVER,
@@ -56,8 +55,7 @@ UNREAD = Rule(
     Severity.WARNING,
     "ClearError was called before the error was read, and the evidence is gone",
     "Leave slave mode, read GetCurErrorCount and GetCurErrorInfo and keep them, and only then call "
-    "ClearError; in slave "
-    "mode itself error details are refused.",
+    "ClearError; in slave mode itself error details are refused.",
     "nkawa/Denso_CobottaPro900_MQTT_Control",
     (*_FIRST_ERRORS, "motor-off", "arm-not-taken", "error-not-cleared"),
     _EVER,

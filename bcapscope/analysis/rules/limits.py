@@ -27,9 +27,8 @@ OVER_LIMIT = Rule(
     "over-limit",
     Severity.ERROR,
     "an axis was commanded too fast or accelerated too hard (842040xx and the like)",
-    "Look at the set points named: a jump, a wrong unit (radians), a first point away from the "
-    "robot, or two periods "
-    "of motion in one after a pause; smooth start and stop, and keep steps per 8 ms inside the "
+    "Look at the set points named: a jump, a wrong unit (radians), a first point away from the robot, or two "
+    "periods of motion in one after a pause; smooth start and stop, and keep steps per 8 ms inside the "
     "axis's limits.",
     f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {_ERRORS}",
     ("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
@@ -62,18 +61,16 @@ FAR = Rule(
     "far-first-point",
     Severity.WARNING,
     "the first set point of a stay is away from where the robot was",
-    "Move the robot to the first position (Robot_Move with @E) before slvChangeMode, or begin the "
-    "trajectory at the "
-    "pose that the robot returns.",
+    "Move the robot to the first position (Robot_Move with @E) before slvChangeMode, or begin the trajectory "
+    "at the pose that the robot returns.",
     f"{_SEED}, Starting your client app.",
 )
 JUMP = Rule(
     "set-point-jump",
     Severity.NOTE,
     "one step between set points is far larger than those around it",
-    "Look for a missing piece of trajectory at this frame, a wrap of an angle at 180 degrees, or "
-    "two sources of set "
-    "points.",
+    "Look for a missing piece of trajectory at this frame, a wrap of an angle at 180 degrees, or two sources "
+    "of set points.",
     "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14",
 )
 
@@ -132,9 +129,8 @@ class Limits(Watcher):
         def say(speech: Speech) -> str:
             who = speech.client(stay.conversation)
             return (
-                f"the first set point of {who} is {distance:.3g} {unit} away in {axis} from where "
-                "the robot was "
-                f"({known_by}), and in slave mode it is to get there in one period"
+                f"the first set point of {who} is {distance:.3g} {unit} away in {axis} from where the robot "
+                f"was ({known_by}), and in slave mode it is to get there in one period"
             )
 
         def then(speech: Speech, after: int) -> str:
@@ -153,9 +149,8 @@ class Limits(Watcher):
 
         def say(speech: Speech) -> str:
             return (
-                f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by "
-                f"{jump.step:.3g} {unit} in {jump.axis} "
-                f"({speed:.0f} {unit}/s in one period), far more than those around it"
+                f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {jump.step:.3g} "
+                f"{unit} in {jump.axis} ({speed:.0f} {unit}/s in one period), far more than those around it"
             )
 
         def then(speech: Speech, after: int) -> str:
@@ -192,10 +187,9 @@ def _over_limit(call: Exchange, client: Client, clients: Clients) -> Why | None:
     def text(speech: Speech) -> str:
         return (
             f"the largest step of J{axis} in the {counted(len(points), 'set point')} up to then is "
-            f"{step:.4g} deg, from "
-            f"{called(before)} to {called(after_it)} at {speech.at(after_it.request.time)} "
-            f"({speed:.0f} deg/s if taken in "
-            f"one period of 8 ms; they were sent {span(interval)} apart)"
+            f"{step:.4g} deg, from {called(before)} to {called(after_it)} at "
+            f"{speech.at(after_it.request.time)} ({speed:.0f} deg/s if taken in one period of 8 ms; they "
+            f"were sent {span(interval)} apart)"
         )
 
     return Why(text, then=lambda speech, after: clause, before=after_it, key=key)

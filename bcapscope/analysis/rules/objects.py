@@ -27,9 +27,8 @@ BAD_HANDLE = Rule(
     "bad-handle",
     Severity.ERROR,
     "a call is refused for its handle",
-    "Get a new handle after each release, disconnect or new connection; handles belong to the "
-    "connection that got "
-    "them and to one class of objects.",
+    "Get a new handle after each release, disconnect or new connection; handles belong to the connection "
+    "that got them and to one class of objects.",
     _SERVER,
     ("unclean-quit",),
     600 * SECOND,

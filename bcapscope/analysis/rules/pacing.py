@@ -24,10 +24,9 @@ GAP = Rule(
     "set-point-gap",
     Severity.WARNING,
     "in motion, the time between two set points was longer than the controller's buffer can bridge",
-    "Look at what the client did in that time: garbage collection, a busy thread, logging, waiting "
-    "for another reply. "
-    "Give the loop its own process with real-time priority, and let the waiting reply of mode 2 set "
-    "the pace.",
+    "Look at what the client did in that time: garbage collection, a busy thread, logging, waiting for "
+    "another reply. Give the loop its own process with real-time priority, and let the waiting reply of mode "
+    "2 set the pace.",
     f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49",
     ("late-reply", "client-gave-up", "no-reply", "retried", "reply-lost", "slow-retry"),
 )
@@ -35,9 +34,8 @@ UNDERFLOW = Rule(
     "underflow",
     Severity.ERROR,
     "the controller ran out of set points while moving (84201482) and left slave mode",
-    "Send a set point every 8 ms with at most 24 ms of slack (modes 0 and 2); send the present "
-    "position a few times "
-    "before the motion begins, and use mode 1 (0x1nn) where holding the last point is right.",
+    "Send a set point every 8 ms with at most 24 ms of slack (modes 0 and 2); send the present position a "
+    "few times before the motion begins, and use mode 1 (0x1nn) where holding the last point is right.",
     f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49; orin_bcap issue 3",
     (
         "set-point-gap",
@@ -54,9 +52,8 @@ OVERFLOW = Rule(
     "overflow",
     Severity.ERROR,
     "set points came faster than the controller takes them (83201483, mode 0)",
-    "After S_BUF_FULL wait one period; after 83201483 send the same point again; or use mode 2 "
-    "(0x2nn), whose replies "
-    "set the pace.",
+    "After S_BUF_FULL wait one period; after 83201483 send the same point again; or use mode 2 (0x2nn), "
+    "whose replies set the pace.",
     "ShoheiKobata/orin_bcap_python_samples 05_00_slvMove.py; DENSORobot/denso_robot_ros2 denso_robot_core",
     ("off-grid",),
 )
@@ -64,9 +61,8 @@ OFF_GRID = Rule(
     "off-grid",
     Severity.WARNING,
     "set points do not come at the controller's period",
-    "Pace the loop by absolute deadlines at 8 ms, or let the waiting reply of mode 2 pace it; the "
-    "robot trembles "
-    "otherwise.",
+    "Pace the loop by absolute deadlines at 8 ms, or let the waiting reply of mode 2 pace it; the robot "
+    "trembles otherwise.",
     "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + _SEED,
 )
 UNPACED = Rule(
@@ -147,10 +143,9 @@ class Pacing(Watcher):
 
         def say(speech: Speech) -> str:
             return (
-                f"the set point of frame {starved.before} came {span(round(starved.late_ms * MS))} "
-                "after the buffer of "
-                f"{counted(stay.buffer.slots, 'point')} must have been empty, while the robot moved "
-                "(by a model of the buffer)"
+                f"the set point of frame {starved.before} came {span(round(starved.late_ms * MS))} after the "
+                f"buffer of {counted(stay.buffer.slots, 'point')} must have been empty, while the robot "
+                "moved (by a model of the buffer)"
             )
 
         def then(speech: Speech, after: int) -> str:

@@ -49,9 +49,8 @@ ARM_MISSING = Rule(
     "arm-not-taken",
     Severity.ERROR,
     "a call needs the arm, and TakeArm was not called (83501024)",
-    "Call TakeArm after Controller_GetRobot and before Motor and slvChangeMode; an error or an "
-    "emergency stop can take "
-    "the arm away again.",
+    "Call TakeArm after Controller_GetRobot and before Motor and slvChangeMode; an error or an emergency "
+    "stop can take the arm away again.",
     f"DENSORobot/denso_robot_ros issue 29; {_ERRORS}",
     ("emergency-stop", "controller-error"),
     60 * SECOND,
@@ -155,7 +154,6 @@ _ARM_CODES = (E_ARM_NOT_TAKEN, 0x21F7, 0x800021F7)
 
 _WAITED = 100 * MS
 _JUST_BEFORE = 5 * SECOND
-_AT_E = -2
 
 
 class Preparation(Watcher):
@@ -270,9 +268,8 @@ def _robslave(call: Exchange, client: Client, clients: Clients) -> Why | None:
         return None
     return Why(
         lambda speech: (
-            f"RobSlave was started by {called(started)}, the error of {called(stopped)} stopped it, "
-            "and it was not "
-            "started again"
+            f"RobSlave was started by {called(started)}, the error of {called(stopped)} stopped it, and it "
+            "was not started again"
         ),
         because=(stopped.call,),
         before=stopped,

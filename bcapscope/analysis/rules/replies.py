@@ -22,9 +22,8 @@ LATE_REPLY = Rule(
     "late-reply",
     Severity.WARNING,
     "a reply came after the client had given up that try and sent another",
-    "Find out who was slow: give the controller's network no other load, and the client a longer "
-    "time-out than its "
-    "slowest reply; in a waiting mode a reply to slvMove may take 8 ms.",
+    "Find out who was slow: give the controller's network no other load, and the client a longer time-out "
+    "than its slowest reply; in a waiting mode a reply to slvMove may take 8 ms.",
     f"{_SEED}, Retry sequence in UDP connection; {_ROS_12}",
     ("long-call-without-wdt", "malformed-request"),
 )
@@ -32,9 +31,8 @@ GAVE_UP = Rule(
     "client-gave-up",
     Severity.ERROR,
     "a reply came, but only after the client had stopped waiting for the call",
-    "Raise the client's time-out or its number of tries, and look for what held the reply up; the "
-    "client reports this "
-    "as 80000900, though the controller did answer.",
+    "Raise the client's time-out or its number of tries, and look for what held the reply up; the client "
+    "reports this as 80000900, though the controller did answer.",
     f"{_ROS_12}; {_C_CLIENT}",
     ("long-call-without-wdt", "malformed-request"),
 )
@@ -42,9 +40,8 @@ NO_REPLY = Rule(
     "no-reply",
     Severity.ERROR,
     "a call was not answered at all, and the client went on",
-    "Capture at the controller's end as well: only that tells a lost request from a lost reply and "
-    "from a silent "
-    "controller.",
+    "Capture at the controller's end as well: only that tells a lost request from a lost reply and from a "
+    "silent controller.",
     f"{_C_CLIENT}; {_ROS_12}",
     (
         "controller-hung-up",
@@ -61,9 +58,8 @@ STOPPED = Rule(
     "client-stopped",
     Severity.ERROR,
     "after its last try went unanswered the client said nothing more",
-    "Expect 80000900 in the client's log at this moment; check cable, switch and controller, then "
-    "the time-out and "
-    "number of tries.",
+    "Expect 80000900 in the client's log at this moment; check cable, switch and controller, then the "
+    "time-out and number of tries.",
     f"{_C_CLIENT}; {_ROS_12}",
     ("malformed-request", "oversize-datagram", "no-reply", "controller-silent", "long-call-without-wdt"),
     60 * SECOND,
@@ -72,9 +68,8 @@ SILENT = Rule(
     "controller-silent",
     Severity.ERROR,
     "a client asked and asked, and never had any reply",
-    "Check address and port (5007), that b-CAP is enabled and licensed on the controller, and that "
-    "the pendant's "
-    "setting of TCP or UDP agrees with the client; or the capture shows one direction only.",
+    "Check address and port (5007), that b-CAP is enabled and licensed on the controller, and that the "
+    "pendant's setting of TCP or UDP agrees with the client; or the capture shows one direction only.",
     f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
     ("malformed-request", "oversize-datagram"),
     60 * SECOND,
@@ -83,9 +78,9 @@ TWICE = Rule(
     "executed-twice",
     Severity.ERROR,
     "the controller executed one call more than once",
-    "Let retries carry the serial of the first try in reserved; note that the official server "
-    "itself executes a "
-    "second retry again when the first packet was lost, so a call that moves must not be retried blindly.",
+    "Let retries carry the serial of the first try in reserved; note that the official server itself "
+    "executes a second retry again when the first packet was lost, so a call that moves must not be retried "
+    "blindly.",
     "orin_bcap C/src/bCAPServer/bcap_server.c",
     ("late-reply", "reply-lost", "retried"),
 )
@@ -93,9 +88,8 @@ REPLY_LOST = Rule(
     "reply-lost",
     Severity.WARNING,
     "a reply was seen in time, and yet the client asked again",
-    "Look between the place of the capture and the client: a full socket buffer, a firewall, a "
-    "client too busy to "
-    "read.",
+    "Look between the place of the capture and the client: a full socket buffer, a firewall, a client too "
+    "busy to read.",
     _SEED,
 )
 RETRIED = Rule(
@@ -118,9 +112,8 @@ TO_NOTHING = Rule(
     "reply-to-nothing",
     Severity.WARNING,
     "a reply has a serial that the client never asked with",
-    "If the capture missed the request, ignore it; otherwise the server answers with a wrong "
-    "serial, and the client "
-    "will time out.",
+    "If the capture missed the request, ignore it; otherwise the server answers with a wrong serial, and the "
+    "client will time out.",
     f"{_SEED}, Retry sequence in UDP connection",
 )
 
@@ -259,9 +252,8 @@ class Replies(Watcher):
             tries = len(call.requests)
             who = speech.client(call.conversation)
             return (
-                f"{who} sent {called(call)} {times(tries)} in {span(last - first)} without any "
-                "reply and then said "
-                f"nothing more for the {span(quiet)} that the capture goes on; its library has "
+                f"{who} sent {called(call)} {times(tries)} in {span(last - first)} without any reply and "
+                f"then said nothing more for the {span(quiet)} that the capture goes on; its library has "
                 "probably reported 80000900"
             )
 
@@ -278,8 +270,7 @@ class Replies(Watcher):
             tries = f" in {counted(len(last.requests), 'try', 'tries')}" if calls == 1 else ""
             return (
                 f"{server} never answered {speech.client(client.conversation)}, which made "
-                f"{counted(calls, 'call')}"
-                f"{tries} in {span(ended - first.request.time)}"
+                f"{counted(calls, 'call')}{tries} in {span(ended - first.request.time)}"
             )
 
         def then(speech: Speech, after: int) -> str:

@@ -27,9 +27,8 @@ FORMAT = Rule(
     "format-refused",
     Severity.ERROR,
     "slvSendFormat or slvRecvFormat is refused",
-    "Leave out the bits that this controller does not have: an RC8 needs 1.4.0 for formats, and "
-    "1.5.8 refuses 0x120 "
-    "(hand and mini I/O together).",
+    "Leave out the bits that this controller does not have: an RC8 needs 1.4.0 for formats, and 1.5.8 "
+    "refuses 0x120 (hand and mini I/O together).",
     "DENSORobot/denso_robot_ros issue 47; DENSORobot/denso_robot_ros2 denso_robot_core",
 )
 UNKNOWN = Rule(
@@ -52,9 +51,8 @@ UNUSUAL = Rule(
     "unusual-argument",
     Severity.NOTE,
     "slvChangeMode or slvMove carry another type or number of elements than usual",
-    "If it works, leave it; if it is refused, send the mode as VT_I4, and set points as "
-    "VT_R8|VT_ARRAY (VT_R4 on RC7) with "
-    "7 elements for P, 8 for J, 10 for T.",
+    "If it works, leave it; if it is refused, send the mode as VT_I4, and set points as VT_R8|VT_ARRAY "
+    "(VT_R4 on RC7) with 7 elements for P, 8 for J, 10 for T.",
     f"{_SEED}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core",
 )
 

@@ -22,27 +22,24 @@ IN_ASYNC = Rule(
     "retry-in-async",
     Severity.WARNING,
     "a set point was sent again in a mode where the newest point wins",
-    "Set the retry count of slvMove to 0 in Async mode (0x1nn): the next set point is due anyway, "
-    "and retries only "
-    "take line time from it.",
+    "Set the retry count of slvMove to 0 in Async mode (0x1nn): the next set point is due anyway, and "
+    "retries only take line time from it.",
     f"{_SEED}, Recommendation of the Slave mode",
 )
 WRONG_RESERVED = Rule(
     "wrong-reserved",
     Severity.ERROR,
     "a retry names neither the first try nor the one before it in reserved",
-    "Put the serial of the first try into reserved of every retry; the controller takes any other "
-    "retry for a new "
-    "call and executes it.",
+    "Put the serial of the first try into reserved of every retry; the controller takes any other retry for "
+    "a new call and executes it.",
     f"{_SEED}, Retry sequence in UDP connection",
 )
 UNMARKED = Rule(
     "unmarked-retry",
     Severity.WARNING,
     "a request that changes or moves something was repeated as if it were new",
-    "Repeat it with the serial of the first try in reserved, so that the controller can tell; or "
-    "ask for the state "
-    "first.",
+    "Repeat it with the serial of the first try in reserved, so that the controller can tell; or ask for the "
+    "state first.",
     f"{_SEED}, Retry sequence in UDP connection; {_SERVER}",
     ("no-reply", "client-gave-up", "reply-lost"),
 )
@@ -50,18 +47,16 @@ SERIAL_ZERO = Rule(
     "serial-zero",
     Severity.WARNING,
     "the first request of a client has serial 0",
-    "Begin with serial 1: the official server takes a first packet with serial 0 for a retry and "
-    "answers S_OK without "
-    "executing anything.",
+    "Begin with serial 1: the official server takes a first packet with serial 0 for a retry and answers "
+    "S_OK without executing anything.",
     _SERVER,
 )
 SERIAL_REUSED = Rule(
     "serial-reused",
     Severity.ERROR,
     "on TCP a serial was used again before its call was answered",
-    "Close the connection after a time-out, or use a longer one (the official Python client counts "
-    "it in seconds): "
-    "its serial stays the same, and the late reply is taken for the answer to the next call.",
+    "Close the connection after a time-out, or use a longer one (the official Python client counts it in "
+    "seconds): its serial stays the same, and the late reply is taken for the answer to the next call.",
     "orin_bcap Python/bCAPClient/bcapclient.py",
     ("long-call-without-wdt",),
 )
@@ -69,9 +64,8 @@ STALE = Rule(
     "stale-answer",
     Severity.WARNING,
     "a client began anew from the same port with the serial that was answered last",
-    "Begin with another serial or another port: the official server takes such a packet for a "
-    "retry, sends its "
-    "stored answer again and executes nothing.",
+    "Begin with another serial or another port: the official server takes such a packet for a retry, sends "
+    "its stored answer again and executes nothing.",
     _SERVER,
     ("unclean-quit",),
 )
@@ -178,9 +172,8 @@ class Retries(Watcher):
             SERIAL_ZERO,
             call,
             lambda speech: (
-                f"the first request of {speech.client(call.conversation)}, {name_of(call)}, has "
-                "serial 0, and "
-                "the official server answers such a one S_OK without executing it"
+                f"the first request of {speech.client(call.conversation)}, {name_of(call)}, has serial 0, "
+                "and the official server answers such a one S_OK without executing it"
             ),
         )
 
@@ -231,9 +224,8 @@ class Retries(Watcher):
             STALE,
             call,
             lambda speech: (
-                f"{speech.client(call.conversation)} began anew at {speech.at(call.request.time)} "
-                "from the same port "
-                f"with serial {call.request.item.serial}, which was answered last, {outcome}; the "
+                f"{speech.client(call.conversation)} began anew at {speech.at(call.request.time)} from the "
+                f"same port with serial {call.request.item.serial}, which was answered last, {outcome}; the "
                 "official server does not execute such a request"
             ),
             before=before,
@@ -250,9 +242,8 @@ class Retries(Watcher):
             UNMARKED,
             call,
             lambda speech: (
-                f"at {speech.at(call.request.time)} {called(call)} repeats {called(before)}, which "
-                "was not answered, as if it were new, so that it may be "
-                "executed twice"
+                f"at {speech.at(call.request.time)} {called(call)} repeats {called(before)}, which was not "
+                "answered, as if it were new, so that it may be executed twice"
             ),
             before=before,
             because=(before.call,),

@@ -35,18 +35,16 @@ PROVIDER = Rule(
     "provider-refused",
     Severity.ERROR,
     "Controller_Connect is refused for its provider",
-    "Use CaoProv.DENSO.VRC for RC8 and COBOTTA, CaoProv.DENSO.VRC9 for RC9 and COBOTTA PRO, with "
-    "machine localhost; "
-    "CaoProv.DENSO.RC8 is a provider for the PC and not for b-CAP.",
+    "Use CaoProv.DENSO.VRC for RC8 and COBOTTA, CaoProv.DENSO.VRC9 for RC9 and COBOTTA PRO, with machine "
+    "localhost; CaoProv.DENSO.RC8 is a provider for the PC and not for b-CAP.",
     "ShoheiKobata/orin_bcap_python_samples; DENSORobot/denso_robot_ros2 denso_controller",
 )
 NAME_IN_USE = Rule(
     "name-in-use",
     Severity.ERROR,
     "Controller_Connect is refused since the name is in use",
-    "Connect with another name, an empty one, or the option @IfNotMember; the name stays in use "
-    "until the client that "
-    "has it disconnects or is dropped.",
+    "Connect with another name, an empty one, or the option @IfNotMember; the name stays in use until the "
+    "client that has it disconnects or is dropped.",
     "orin_bcap C/include/dn_common.h (E_CAO_COLLECTION_REGISTERED)",
     ("unclean-quit",),
     3600 * SECOND,
@@ -74,9 +72,8 @@ BUSY = Rule(
     "busy",
     Severity.ERROR,
     "calls are refused since an earlier call of this client is still running",
-    "Wait for the reply to the long call (S_EXECUTING says that it goes on) before the next one; "
-    "after InvokeTimeout "
-    "none comes, and only a new connection helps.",
+    "Wait for the reply to the long call (S_EXECUTING says that it goes on) before the next one; after "
+    "InvokeTimeout none comes, and only a new connection helps.",
     _SERVER,
     ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
     600 * SECOND,
@@ -85,18 +82,16 @@ FOREVER = Rule(
     "executing-forever",
     Severity.ERROR,
     "the controller said S_EXECUTING and then never answered",
-    "Look for what the call waits for; raise InvokeTimeout in Service_Start if it is only slow: "
-    "when that expires no "
-    "answer is ever sent.",
+    "Look for what the call waits for; raise InvokeTimeout in Service_Start if it is only slow: when that "
+    "expires no answer is ever sent.",
     _SERVER,
 )
 NO_WDT = Rule(
     "long-call-without-wdt",
     Severity.WARNING,
     "a long call outlived the client's patience, and no WDT was asked for",
-    "Put ,WDT=400 into the option of Service_Start: the controller then says S_EXECUTING every 400 "
-    "ms while a call "
-    "runs, and the client keeps waiting.",
+    "Put ,WDT=400 into the option of Service_Start: the controller then says S_EXECUTING every 400 ms while "
+    "a call runs, and the client keeps waiting.",
     _SERVER,
 )
 SMALL_WDT = Rule(

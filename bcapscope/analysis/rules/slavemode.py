@@ -22,9 +22,8 @@ OUTSIDE = Rule(
     "slvmove-outside-slave-mode",
     Severity.ERROR,
     "slvMove is refused since slave mode is off (83500121)",
-    "Look for what switched slave mode off: this is mostly the second error. Stop sending, read the "
-    "errors, ClearError, "
-    "go to the first position, then slvChangeMode.",
+    "Look for what switched slave mode off: this is mostly the second error. Stop sending, read the errors, "
+    "ClearError, go to the first position, then slvChangeMode.",
     f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
     (
         "underflow",
@@ -53,9 +52,8 @@ REFUSED = Rule(
     "refused-in-slave-mode",
     Severity.ERROR,
     "a command is refused since slave mode is on (83501032), and slave mode ends",
-    "While slave mode is on call only slvMove, slvGetMode, slvRecvFormat, CurPos, CurJnt and "
-    "GetSrvData; do all else "
-    "(grippers, I/O, error details) before or after, or through the send format; let one process "
+    "While slave mode is on call only slvMove, slvGetMode, slvRecvFormat, CurPos, CurJnt and GetSrvData; do "
+    "all else (grippers, I/O, error details) before or after, or through the send format; let one process "
     "own the robot.",
     f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}",
 )
@@ -70,9 +68,8 @@ UNSEEN = Rule(
     "slave-mode-lost-unseen",
     Severity.WARNING,
     "slave mode was found off, and nothing that was captured had ended it",
-    "Look at the pendant's error log for this moment: an emergency stop, a mode switch, a stopped "
-    "RobSlave or a client "
-    "on another network are not in this capture.",
+    "Look at the pendant's error log for this moment: an emergency stop, a mode switch, a stopped RobSlave "
+    "or a client on another network are not in this capture.",
     f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
     ("late-reply", "client-gave-up", "no-reply", "set-point-gap"),
 )

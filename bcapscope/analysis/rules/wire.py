@@ -20,9 +20,8 @@ OVERSIZE = Rule(
     "oversize-datagram",
     Severity.ERROR,
     "a UDP frame is larger than the 503 bytes that b-CAP allows",
-    "Use TCP, or send less in one call (shorter options, fewer elements): the official server drops "
-    "such a datagram "
-    "without an answer.",
+    "Use TCP, or send less in one call (shorter options, fewer elements): the official server drops such a "
+    "datagram without an answer.",
     "orin_bcap C/include/dn_udp.h",
 )
 NEAR_LIMIT = Rule(
@@ -37,9 +36,8 @@ BAD_REQUEST = Rule(
     "malformed-request",
     Severity.ERROR,
     "a client sent bytes that are no sound frame",
-    "Correct the client's encoder; a datagram that begins with 01 and has a wrong length, EOT or "
-    "argument count stops "
-    "the UDP service of the official server for all clients until it is restarted.",
+    "Correct the client's encoder; a datagram that begins with 01 and has a wrong length, EOT or argument "
+    "count stops the UDP service of the official server for all clients until it is restarted.",
     _SERVER,
 )
 BAD_REPLY = Rule(
@@ -53,9 +51,8 @@ GAP = Rule(
     "capture-gap",
     Severity.NOTE,
     "the capture itself lacks bytes of a TCP stream",
-    "Do not blame the robot for what is missing there: the capture lost packets, or began or ended "
-    "in the middle. A "
-    "larger buffer (tcpdump -B) or a filter (port 5007) helps.",
+    "Do not blame the robot for what is missing there: the capture lost packets, or began or ended in the "
+    "middle. A larger buffer (tcpdump -B) or a filter (port 5007) helps.",
     "how a capture is made: the other end acknowledged these bytes, or they follow a hole",
 )
 CUT = Rule(
@@ -76,9 +73,8 @@ DUPLICATE = Rule(
     "duplicate-frames",
     Severity.NOTE,
     "frames were seen twice, byte for byte",
-    "If all are double, the capture saw each packet twice (two interfaces, a mirror port); "
-    "otherwise the network "
-    "copies packets.",
+    "If all are double, the capture saw each packet twice (two interfaces, a mirror port); otherwise the "
+    "network copies packets.",
     "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
 )
 
