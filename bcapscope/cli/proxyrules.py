@@ -37,7 +37,7 @@ class RuleWishes:
         seed: of all chance.
         guard: None for none.
         intercept: what is to be held; None for nothing.
-        patience: ns that a held message waits; None for the usual.
+        patience: ns that a held message waits; None for the usual, `intercept.PATIENCE`.
         scripts: paths.
         control: address of the control socket; "" for none.
         typed: the options as they were typed, for another process; without that of the control socket.
@@ -61,7 +61,7 @@ class RuleWishes:
             return None
         from bcapscope.faults.shaper import Shaper
         from bcapscope.proxy.addons import Addons, ScriptError, load_addons
-        from bcapscope.proxy.intercept import PATIENCE, Intercept
+        from bcapscope.proxy.intercept import Intercept
         from bcapscope.proxy.rules import Rules
 
         now, since_1970 = time.monotonic_ns(), time.time_ns()
@@ -74,7 +74,7 @@ class RuleWishes:
         return Rules(
             Shaper(self.faults, seed=self.seed, now=now, epoch=epoch),
             self.guard,
-            Intercept(self.intercept, self.patience or PATIENCE),
+            Intercept(self.intercept, self._held_for()),
             Addons(addons),
             epoch=epoch,
         )
@@ -114,7 +114,6 @@ class RuleWishes:
     def words(self) -> list[str]:
         """Tell what is set up, a line each."""
         from bcapscope.protocol.wording import counted
-        from bcapscope.proxy.intercept import PATIENCE
 
         lines = []
         if self.faults:
@@ -122,8 +121,13 @@ class RuleWishes:
         if self.guard is not None:
             lines.append("guard: what is not allowed is answered with E_ACCESSDENIED")
         if self.intercept is not None:
-            lines.append(f"intercept: held until sent on, {(self.patience or PATIENCE) / 1e9:g} s at most")
+            lines.append(f"intercept: held until sent on, {self._held_for() / 1e9:g} s at most")
         return lines
+
+    def _held_for(self) -> int:
+        from bcapscope.proxy.intercept import PATIENCE
+
+        return PATIENCE if self.patience is None else self.patience
 
 
 def rule_options(function: F) -> F:

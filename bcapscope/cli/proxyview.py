@@ -19,7 +19,7 @@ from bcapscope.traffic.handles import Thing
 from bcapscope.traffic.observation import Conversation, Observation
 from bcapscope.traffic.question import Questions
 
-Lines: TypeAlias = Iterator[str] | Iterator[bytes]
+Lines: TypeAlias = Iterator[str | bytes]
 
 
 class View:
@@ -54,7 +54,7 @@ class View:
         self._questions.forget(conversation)
         self._records.forget(conversation)
 
-    def frame(self, seen: Observation, note: str) -> Sequence[str] | Sequence[bytes]:
+    def frame(self, seen: Observation, note: str) -> Sequence[str | bytes]:
         """Return the lines of a frame.
 
         Args:
@@ -67,14 +67,14 @@ class View:
         if self._frames is None:
             return ()
         told = Told(seen, self._questions.about(seen), (note,) if note else ())
-        return list(self._frames(told)) if self._wants_frame(told) else ()  # type: ignore[return-value]  # all of one kind
+        return list(self._frames(told)) if self._wants_frame(told) else ()
 
-    def call(self, settled: Settled, subject: Thing | None) -> Sequence[str] | Sequence[bytes]:
+    def call(self, settled: Settled, subject: Thing | None) -> Sequence[str | bytes]:
         """Return the lines of a call, or of a reply that belongs to none."""
         if self._calls is None:
             return ()
         chosen = self._wants_call(settled) if isinstance(settled, Exchange) else not self._chooses_calls
-        return list(self._calls(settled, subject)) if chosen else ()  # type: ignore[return-value]  # all of one kind
+        return list(self._calls(settled, subject)) if chosen else ()
 
 
 def _frame_form(form: Form, line: LineRenderer, palette: Palette) -> Callable[[Told], Lines]:

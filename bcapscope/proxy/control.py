@@ -181,7 +181,8 @@ class Desk:
                 return self._change(ask, now)
             case SetIntercept():
                 rules.intercept.set(ask.when)
-                rules.intercept.patience = ask.patience or rules.intercept.patience
+                if ask.patience is not None:
+                    rules.intercept.patience = ask.patience
                 rules.changed(now)
             case ListHeld():
                 return {"held": [_held(each, now) for each in rules.intercept.held]}

@@ -13,12 +13,15 @@ from typing import Any
 
 import pytest
 
+from bcapscope.cli.proxyrules import RuleWishes
 from bcapscope.client import Paces, open_session, over_tcp, over_udp
 from bcapscope.faults.notation import read_fault
+from bcapscope.faults.quantities import Condition
 from bcapscope.faults.shaper import Shaper
 from bcapscope.protocol.hresult import E_ACCESSDENIED
 from bcapscope.protocol.requester import Answered, Event, Late, Pace, Refused, Settled, TimedOut
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.proxy.intercept import PATIENCE as PATIENCE_OF_HELD
 from tests.cli.proxied import PATIENCE, proxied
 from tests.cli.run import run, run_here
 from tests.faults.traffic import talk as conversation
@@ -274,6 +277,14 @@ def test_a_script_that_cannot_be_used_ends_it(tmp_path: Path) -> None:
     path.write_text("x = 1\n")
     ran = run_here("proxy", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--script", path)
     assert (ran.code, "has no class with a method" in ran.err) == (4, True)
+
+
+@pytest.mark.parametrize(("hold", "patience"), [(None, PATIENCE_OF_HELD), (0, 0)])
+def test_messages_are_held_for_as_long_as_is_wished(hold: int | None, patience: int) -> None:
+    condition = Condition.read("true")
+    made = RuleWishes((), 1, None, condition, hold, (), "", ()).make()
+    assert made is not None
+    assert made.intercept.patience == patience
 
 
 def test_the_notation_is_explained() -> None:

@@ -88,6 +88,13 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
     assert sent(made.receive(1, UP, request(5), 0).actions) == request(5)
 
 
+def test_messages_are_held_for_no_time_if_so_wished() -> None:
+    made = rules()
+    assert ask(Desk(made), do="intercept", when="serial == 1", patience="0s") == {"ok": True}
+    assert made.receive(1, UP, request(1), 5).actions == []
+    assert sent(made.take(5)) == request(1)
+
+
 def test_figures_are_given() -> None:
     made = rules("drop", intercept=holding("serial == 5"))
     made.receive(1, UP, request(1), 0)
