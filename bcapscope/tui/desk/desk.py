@@ -348,7 +348,9 @@ class Desk:
             if self.status.robot not in self._book.all():
                 changes["robot"] = None
         if record.reply is not None:
-            changes["round_trip"] = record.took
+            changes |= {"round_trip": record.took, "is_silent": False}
+        elif record.ending is Ending.UNANSWERED:
+            changes["is_silent"] = True
         mode = _mode_after(record)
         if mode is not None and mode != self.status.slave_mode:
             changes["slave_mode"] = mode

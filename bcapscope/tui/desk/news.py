@@ -65,6 +65,7 @@ class Status:
         robot: the one that commands go to.
         slave_mode: number of the mode that the robot is in as far as our own calls tell.
         round_trip: ns, of the last call that was answered.
+        is_silent: the last call was not answered.
     """
 
     target: Target | None = None
@@ -73,6 +74,7 @@ class Status:
     robot: Opened | None = None
     slave_mode: int = 0
     round_trip: int = 0
+    is_silent: bool = False
 
     @property
     def is_connected(self) -> bool:

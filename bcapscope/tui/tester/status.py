@@ -7,7 +7,7 @@ from bcapscope.render.escape import printable
 from bcapscope.tui.desk.arming import Arming
 from bcapscope.tui.desk.halt import HaltNews, HaltState
 from bcapscope.tui.desk.news import Status
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 Piece = tuple[str, str]
 """A text and the name of its ink."""
@@ -21,7 +21,9 @@ def status_text(status: Status, arming: Arming, now: int, halt: HaltNews) -> lis
     if status.target is None:
         return [(f" {say('tester.status.none')} ", "dim")]
     pieces = [_peer(status)]
-    if status.round_trip:
+    if status.is_silent:
+        pieces.append((f"{told('no answer')} ", "bad"))
+    elif status.round_trip:
         pieces.append((f"{status.round_trip / 1e6:.1f} ms ", "dim"))
     if status.slave_mode:
         kind = mode_pose_type(status.slave_mode) or ""
@@ -34,10 +36,12 @@ def status_text(status: Status, arming: Arming, now: int, halt: HaltNews) -> lis
 
 
 def _peer(status: Status) -> Piece:
-    if status.identity.simulator:
-        return f" ● {say('tester.status.simulator')} ", "good"
     assert status.target is not None
-    return f" ● {printable(status.target.host)[:_LONGEST_HOST]} ", "good"
+    name = say("tester.status.simulator")
+    if not status.identity.simulator:
+        name = printable(status.target.host)[:_LONGEST_HOST]
+    mark, ink = ("◌", "bad") if status.is_silent else ("●", "good")
+    return f" {mark} {name} ", ink
 
 
 def _arms(arming: Arming, now: int) -> Piece:

@@ -25,6 +25,7 @@ from bcapscope.tui.desk.halt import HaltNews, HaltState
 from bcapscope.tui.desk.news import Lost, News, Step, StepNews
 from bcapscope.tui.desk.option import AUTOMATIC
 from bcapscope.tui.desk.record import Ending, Record, Who
+from bcapscope.tui.tester.status import status_text
 from tests.client.server import answering, udp_server
 
 LIMIT = 10.0
@@ -234,6 +235,7 @@ def test_the_controller_goes_away(tmp_path: Path, tcp: bool) -> None:
         with builtin_simulator() as place:
             target = Target("127.0.0.1", place.port, tcp, timeout=100.0, retries=1)
             assert asyncio.run(made.do(connect(made, target, AUTOMATIC, "Arm", "")))
+            assert not made.status.is_silent
         if tcp:
             with pytest.raises(OSError, match="closed"):
                 robot_call(made, "slvGetMode")
@@ -241,6 +243,9 @@ def test_the_controller_goes_away(tmp_path: Path, tcp: bool) -> None:
             assert heard.all(Lost)
         else:
             assert robot_call(made, "slvGetMode").ending is Ending.UNANSWERED
+            assert made.status.is_silent
+            line = status_text(made.status, made.arming, made.now(), HaltNews(HaltState.LOST))
+            assert ("no answer ", "bad") in line
         heard.wait_for(lambda: heard.halt in (HaltState.LOST, HaltState.CLOSED))
 
 
