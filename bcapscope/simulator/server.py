@@ -171,7 +171,7 @@ class Server:
         now = self.now()
         if readable:
             self._awake_until = now + _LINGER
-        if self.turns and self._simulator.keeps_time:
+        if self.turns:
             now = self._as_of(self.turns.since)
         if due is not None and due <= now:
             self._heard = now
@@ -218,24 +218,31 @@ class Server:
                 return
             if self.tap:
                 self.tap.datagram(address[:2], self.address, data, time.time_ns())
-            came = kernel_time(control, 0)
             if number or turns:
-                turns.add(address, came, data)
+                turns.add(address, kernel_time(control, 0), data)
+            elif self._may_be_more:
+                self._hear(address, self._as_of(kernel_time(control, 0)), data)
             else:
-                self._hear(address, came, data)
+                self._hear(address, self.now(), data)
 
     def _hear_turns(self) -> None:
         if self.turns:
-            for waiting in self.turns.take():
-                self._hear(*waiting)
+            for address, came, data in self.turns.take():
+                self._hear(address, self._as_of(came), data)
 
-    def _hear(self, address: _Address, came: int, data: bytes) -> None:
-        self._heard = self._as_of(came) if self._simulator.keeps_time else self.now()
-        self._send(self._simulator.datagram(("udp", address), data, self._heard))
+    def _hear(self, address: _Address, now: int, data: bytes) -> None:
+        self._heard = now
+        self._send(self._simulator.datagram(("udp", address), data, now))
 
     def _as_of(self, came: int) -> int:
-        """Return the controller's time at a time of the system's clock; it never goes back."""
-        return max(self._heard, self.now() - max(0, time.time_ns() - came))
+        """Return the controller's time at a time of the system's clock, or now, if it may stand still.
+
+        It never goes back.
+        """
+        now = self.now()
+        if not self._simulator.keeps_time:
+            return now
+        return max(self._heard, now - max(0, time.time_ns() - came))
 
     def _accept(self) -> None:
         with suppress(OSError):
