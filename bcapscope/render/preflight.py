@@ -31,7 +31,7 @@ def trajectory_line(number: int, trajectory: Trajectory, tongue: Tongue = englis
     return f"{number}: {part}, {tongue(_size(trajectory))}"
 
 
-def source_lines(trajectory: Trajectory, tongue: Tongue = english) -> Iterator[str]:
+def source_lines(trajectory: Trajectory, tongue: Tongue = english, width: int = WIDEST) -> Iterator[str]:
     """Yield what a file was read as: size, interval, the column of each axis with its unit, and notes."""
     source = trajectory.source
     part = f", {printable(tongue(source.part))}" if source.part else ""
@@ -39,12 +39,12 @@ def source_lines(trajectory: Trajectory, tongue: Tongue = english) -> Iterator[s
     yield f"  {tongue(_size(trajectory))}, {tongue(_interval(trajectory))}"
     if source.columns:
         rows = [
-            (tongue(column.axis), tongue("from"), tongue(_place(column)), tongue(_unit(column)))
+            (tongue(column.axis), tongue(f"from {_place(column)}"), tongue(_unit(column)))
             for column in source.columns
         ]
-        yield from (f"  {line}" for line in columns(rows, "<<<<"))
+        yield from (f"  {line}" for line in columns(rows, "<<<"))
     for note in source.notes:
-        yield f"  {printable(tongue(note))}"
+        yield from (f"  {line}" for line in wrapped(printable(tongue(note)), width - 2))
 
 
 class PreflightRenderer:

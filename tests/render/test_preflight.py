@@ -27,11 +27,11 @@ def test_what_a_log_was_read_as() -> None:
     assert shown[:4] == [
         "log.csv: control log, Shift-JIS (cp932)",
         "  251 set points, J type, J1 to J8, one each 8 ms",
-        "  J1       from  column 1, [J1 - 指令値]                        in deg",
-        "  J2       from  column 5, [J2 - 指令値]                        in deg",
+        "  J1       from column 1, [J1 - 指令値]                        in deg",
+        "  J2       from column 5, [J2 - 指令値]                        in deg",
     ]
     assert shown[-2:] == [
-        "  counter  from  column 37, [コントローラ起動時からのカウンタ]",
+        "  counter  from column 37, [コントローラ起動時からのカウンタ]",
         "  the counter grows by 8, which is taken as ms",
     ]
 

@@ -62,7 +62,7 @@ class Performance:
 
     def lines(self, palette: Palette, width: int) -> Iterator[str]:
         """Say how the file was read, what is in it, and what speaks against playing it."""
-        yield from source_lines(self.trajectory, told)
+        yield from source_lines(self.trajectory, told, width)
         if len(self.found) > 1:
             yield from (
                 f"  {trajectory_line(number, each, told)}" for number, each in enumerate(self.found, 1)

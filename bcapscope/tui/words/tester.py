@@ -176,7 +176,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.file": ("File", "ファイル"),
     "tester.file.missing": (
         "Choose a WINCAPS III project, a control log (CSV), a JointTrajectory or a capture",
-        "WINCAPS III プロジェクト、制御ログ (CSV)、JointTrajectory、キャプチャのいずれかを選んでください",
+        "プロジェクト、制御ログ (CSV)、JointTrajectory、キャプチャを選んでください",
     ),
     "tester.browse": ("Browse", "参照"),
     "tester.recent": ("used lately", "最近使ったファイル"),
