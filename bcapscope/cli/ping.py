@@ -18,6 +18,7 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.signals import end_in_order
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, open_target
+from bcapscope.client.target import reason_of
 from bcapscope.errors import ControllerError
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.requester import TimedOut
@@ -40,6 +41,7 @@ class _Found:
         simulator: it is our own.
         facts: what the controller says of itself.
         refused: why it would not be connected to; None where it was.
+        broken: why not all calls could be made; None where they could.
         round_trips: ms.
         lost: calls without an answer.
     """
@@ -47,6 +49,7 @@ class _Found:
     simulator: bool = False
     facts: dict[str, object] = field(default_factory=dict)
     refused: str | None = None
+    broken: str | None = None
     round_trips: list[float] = field(default_factory=list)
     lost: int = 0
 
@@ -71,7 +74,8 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
 
     Ctrl-C ends it before all calls are made; what was found until then is shown.
 
-    Exit codes: 0 calls were answered; 2 the command line makes no sense; 9 no answer; 130 it was ended.
+    Exit codes: 0 calls were answered; 2 the command line makes no sense; 9 no answer, or the connection
+    broke; 130 it was ended.
     """
     end_in_order()
     found = _Found()
@@ -79,7 +83,7 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
     with failures_told(target):
         try:
             asyncio.run(_ping(target, count, interval / 1000, found))
-            code = Exit.OK if found.round_trips else Exit.UNANSWERED
+            code = Exit.OK if found.round_trips and found.broken is None else Exit.UNANSWERED
         except KeyboardInterrupt:
             code = Exit.INTERRUPTED
     if as_json:
@@ -101,7 +105,10 @@ async def _ping(target: Target, count: int, interval: float, found: _Found) -> N
             await _ask(reach, found)
         except ControllerError as error:
             found.refused = str(error)
-        await _measure(session, handle, count, interval, found)
+        try:
+            await _measure(session, handle, count, interval, found)
+        except ConnectionError as error:
+            found.broken = reason_of(error)
 
 
 async def _ask(reach: Reach, found: _Found) -> None:
@@ -139,6 +146,8 @@ def _lines(target: Target, found: _Found) -> Iterator[str]:
     if found.refused is not None:
         yield f"not connected to: {printable(found.refused)}"
     yield f"{len(found.round_trips) + found.lost} calls, {found.lost} lost"
+    if found.broken is not None:
+        yield f"ended before all calls were made: {printable(found.broken)}"
     if spread is not None:
         yield (
             f"round trip, ms: p50 {spread.p50:.3f}, p90 {spread.p90:.3f}, p99 {spread.p99:.3f}, "
@@ -158,6 +167,7 @@ def _record(target: Target, found: _Found) -> dict[str, object]:
         "transport": "tcp" if target.tcp else "udp",
         "simulator": found.simulator,
         "refused": found.refused,
+        "broken": found.broken,
         "facts": {name: str(value) for name, value in found.facts.items()},
         "calls": len(found.round_trips) + found.lost,
         "lost": found.lost,

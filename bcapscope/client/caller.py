@@ -128,8 +128,7 @@ class Caller:
 
     def lost(self, reason: str) -> None:
         """Take notice that the link is gone: the call under way fails, and so do all to come."""
-        host, port = self._link.peer
-        self._lost = f"{host}:{port}: {reason}"
+        self._lost = reason
         if self._waiting is not None and not self._waiting.done():
             self._waiting.set_exception(ConnectionResetError(self._lost))
         self._came()

@@ -16,7 +16,7 @@ from bcapscope.protocol.simulated import SIMULATOR_TEXT
 from bcapscope.protocol.variant import VT, Variant
 from tests.cli.run import run_here
 from tests.client.peer import Peer
-from tests.client.server import udp_server
+from tests.client.server import breaking_server, udp_server
 
 _FEW = ("-n", "5", "--interval", "1")
 
@@ -79,6 +79,18 @@ def test_losses_are_counted_and_not_repeated() -> None:
     assert ran.code == Exit.UNANSWERED
     assert "5 calls, 5 lost" in ran.lines
     assert ran.lines[-1] == "not fit for set points each 1 ms: nothing was answered"
+
+
+def test_what_was_found_is_shown_if_the_connection_breaks() -> None:
+    with breaking_server("Controller_GetAttribute", 3) as port:
+        ran = run_here("ping", "127.0.0.1", "--port", str(port), "--tcp", *_FEW)
+    assert ran.code == Exit.UNANSWERED
+    assert "ended before all calls were made: the " in ran.out
+    assert ran.lines[1] in (
+        "2 calls, 0 lost",
+        "3 calls, 0 lost",
+    )  # the last answer may come with the end
+    assert "round trip, ms: p50 " in ran.out
 
 
 def test_nobody_is_there() -> None:

@@ -71,3 +71,20 @@ def udp_server(prepare: Callable[[Peer], None] = lambda peer: None) -> Iterator[
 def answering(**answers: Answer | None) -> AbstractContextManager[UdpServer]:
     """Run a server that answers some functions otherwise, or with None not at all."""
     return udp_server(lambda peer: peer.answers.update(answers))
+
+
+@contextmanager
+def breaking_server(function: str, times: int) -> Iterator[int]:
+    """Run a server for one TCP client, which hangs up once a function was called so often; yield its port."""
+
+    def serve() -> None:
+        with listener.accept()[0] as sock:
+            peer = Peer(_End(False, sock.sendall))
+            while peer.functions.count(function) < times:
+                peer.received(sock.recv(2048))
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield listener.getsockname()[1]
+        thread.join()

@@ -193,7 +193,7 @@ def test_a_stream_that_ends_fails_the_call_and_all_after_it() -> None:
         async with open_session(over_link(near)) as session:
             asyncio.get_running_loop().call_later(1, far.close)
             for _ in range(2):
-                with pytest.raises(ConnectionResetError, match="memory:5007: the peer closed"):
+                with pytest.raises(ConnectionResetError, match="the peer closed"):
                     await session.invoke("Service_Start", "")
             assert _moment() == 1
 
