@@ -341,7 +341,8 @@ def test_tabs_and_views_are_a_key_or_a_command_away(tmp_path: Path) -> None:
 
 def test_a_name_that_was_begun_is_completed_first_and_its_parameter_asked_for(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
-        await connected(pilot)
+        await pilot.press("enter")  # the simulator may not have started yet
+        await until(pilot, lambda: pilot.app.focused is screen(pilot).query_one(COMMAND))
         value = screen(pilot).query_one("#execute TypedValue .value", Input)
         await execute(pilot, "slvgetm")
         assert screen(pilot).query_one(COMMAND, Input).value == "slvGetMode"

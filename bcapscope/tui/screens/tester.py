@@ -172,6 +172,7 @@ class Tester(Parted):
     async def _start_simulator(self) -> None:
         """Start the built-in simulator, anew where it has ended, and put its place into the fields."""
         panel = self.query_one(ConnectionPanel)
+        panel.wait()
         await asyncio.to_thread(self._stack.close)
         entered = asyncio.to_thread(self._stack.enter_context, builtin_simulator(self._start.profile))
         try:

@@ -31,6 +31,8 @@ class ConnectionPanel(Vertical):
         self._given = (host, port, tcp, option)
         self._steps: dict[Step, StepNews] = {}
         self._problem = ""
+        self._is_coming = False
+        self._is_wanted = False
 
     def compose(self) -> ComposeResult:
         """Put the fields above the buttons and the steps, and below what was found."""
@@ -53,10 +55,17 @@ class ConnectionPanel(Vertical):
         """Say what to do first."""
         self._write()
 
+    def wait(self) -> None:
+        """Take notice that where the controller is will be told; connect not before."""
+        self._is_coming, self._is_wanted = True, False
+
     def put(self, host: str, port: int) -> None:
-        """Fill in where the controller is."""
+        """Fill in where the controller is, and connect if that is wanted by now."""
         self.query_one("#host", Input).value = host
         self.query_one("#port", Input).value = str(port)
+        self._is_coming = False
+        if self._is_wanted:
+            self.connect()
 
     def wish(self) -> ConnectWanted | str:
         """Return what the fields ask for, or what is wrong with them."""
@@ -87,6 +96,7 @@ class ConnectionPanel(Vertical):
 
     def trouble(self, reason: str) -> None:
         """Show what broke the connection."""
+        self._is_coming = False
         self._problem = reason
         self._write()
 
@@ -140,6 +150,9 @@ class ConnectionPanel(Vertical):
 
     def connect(self) -> None:
         """Ask for the connection, or say what is wrong with the fields."""
+        if self._is_coming:
+            self._is_wanted = True
+            return
         wish = self.wish()
         if isinstance(wish, str):
             self._problem = wish
