@@ -102,8 +102,9 @@ class ExchangeTimeout(BcapError, TimeoutError):
 
     def __init__(self, call: str, attempts: tuple[Attempt, ...]) -> None:
         """Tell that `call`, such as `Robot_Execute slvMove`, had no answer to any of its tries."""
+        count = "1 try" if len(attempts) == 1 else f"{len(attempts)} tries"
         tries = "".join(f"\n  {attempt.text(attempts[0].sent)}" for attempt in attempts)
-        super().__init__(f"{call} was not answered in time, {len(attempts)} tries:{tries}")
+        super().__init__(f"{call} was not answered in time, {count}:{tries}")
         self.attempts = attempts
 
 

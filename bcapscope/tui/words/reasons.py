@@ -4,6 +4,7 @@ PHRASES: dict[str, str] = {
     # calls
     "{text} was refused: {text2}, {text3}": "{text} は拒否されました: {text2}、{text3}",
     "{text} was not answered in time, {n} tries:": "{text} に時間内の応答がありません ({n} 回試行)",
+    "{text} was not answered in time, 1 try:": "{text} に時間内の応答がありません (1 回試行)",
     "{text}; RC8 and COBOTTA want the provider CaoProv.DENSO.VRC, RC9 and COBOTTA PRO want CaoProv.DENSO.VRC9": "{text}。プロバイダは RC8・COBOTTA では CaoProv.DENSO.VRC、RC9・COBOTTA PRO では CaoProv.DENSO.VRC9",
     "{text} would be a packet of {n} bytes, and UDP carries {n2}: connect over TCP, or send less": "{text} は {n} バイトになり、UDP の上限 {n2} バイトを超えます。TCP で接続するか、短くしてください",
     "a call is under way, and b-CAP takes one after the other": "実行中の呼び出しがあります。b-CAP は一度に一つだけです",
@@ -110,6 +111,7 @@ PHRASES: dict[str, str] = {
     "{n} held back since the controller set no pace": "コントローラが間隔を定めないため保留 {n}",
     "lateness, ms: {text}, with real-time priority": "遅れ ms: {text} (実時間優先度あり)",
     "lateness, ms: {text}, without real-time priority": "遅れ ms: {text} (実時間優先度なし)",
+    "p50 {n}, p99 {n2}, p99.9 {n3}, max {n4}": "p50 {n}、p99 {n2}、p99.9 {n3}、最大 {n4}",
     "from one set point to the next, ms: {text}": "指令値の間隔 ms: {text}",
     "{n} records of the controller's log saved": "コントローラのログ {n} 件を保存しました",
     "nobody said that it may begin": "開始の許可がありません",
