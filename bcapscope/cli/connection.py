@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.client.paces import PACES, PORT
@@ -39,7 +40,7 @@ _OPTIONS = (
     click.option(
         "--timeout",
         metavar="MS",
-        type=click.FloatRange(min=0.1),
+        type=options.Number(0.1),
         default=PACES.others.timeout / _MS,
         show_default=True,
         help="How long to wait for each try, slvMove apart, which has DENSO's 2 ms.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,6 +14,23 @@ from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter, FilterError, compile_filter
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+_LARGE = 1_000_000.0
+"""A quarter of an hour in ms, eleven days in s: more than anybody waits, and clocks can still count it."""
+
+
+class Number(click.FloatRange):
+    """A number within bounds. NaN is none, though no bound refuses it."""
+
+    def __init__(self, least: float, most: float = _LARGE) -> None:
+        super().__init__(min=least, max=most)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value} is no number.", param, ctx)
+        return number
+
 
 _PATH = click.Path(allow_dash=True)
 
@@ -60,7 +78,7 @@ clock = click.option(
 window = click.option(
     "--window",
     metavar="SECONDS",
-    type=click.FloatRange(min=0.1),
+    type=Number(0.1),
     callback=lambda context, parameter, value: None if value is None else round(value * 1e9),
     help="Figures for each slice of so many seconds, instead of the whole.",
 )

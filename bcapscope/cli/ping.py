@@ -13,6 +13,7 @@ import orjson
 
 from bcapscope.analysis.distribution import Distribution, Histogram
 from bcapscope.analysis.fitness import fitness
+from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.signals import end_in_order
@@ -60,7 +61,7 @@ class _Found:
 @click.option(
     "--interval",
     metavar="MS",
-    type=click.FloatRange(min=0),
+    type=options.Number(0),
     default=8.0,
     show_default=True,
     help="From one call to the next.",

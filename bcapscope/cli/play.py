@@ -56,7 +56,7 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
 @click.option(
     "--approach",
     metavar="PERCENT",
-    type=click.FloatRange(min=0.1, max=100),
+    type=options.Number(0.1, 100),
     default=10.0,
     show_default=True,
     help="Speed of that motion.",

@@ -71,7 +71,7 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
 @click.option(
     "--forget",
     metavar="SECONDS",
-    type=click.FloatRange(min=1),
+    type=options.Number(1),
     default=600.0,
     show_default=True,
     help="Forget UDP clients that are silent for so long.",

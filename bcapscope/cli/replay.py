@@ -67,7 +67,7 @@ _MOST_LISTED = 8
 @click.option(
     "--longest-pause",
     metavar="SECONDS",
-    type=click.FloatRange(min=0),
+    type=options.Number(0),
     default=5.0,
     show_default=True,
     help="Cut longer pauses between calls.",

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 import click
 
+from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.player.layout import Wishes, parse_columns
@@ -105,13 +106,13 @@ _OPTIONS = (
     click.option(
         "--file-interval",
         metavar="MS",
-        type=click.FloatRange(min=0.1),
+        type=options.Number(0.1),
         help="From one set point of the file to the next, where it does not say.",
     ),
     click.option(
         "--interval",
         metavar="MS",
-        type=click.FloatRange(min=0.5, max=1000),
+        type=options.Number(0.5, 1000),
         default=float(PERIOD_MS),
         show_default=True,
         help="From one slvMove to the next.",
@@ -120,7 +121,7 @@ _OPTIONS = (
     click.option(
         "--speed",
         metavar="SHARE",
-        type=click.FloatRange(min=0.01, max=10),
+        type=options.Number(0.01, 10),
         default=1.0,
         show_default=True,
         help="Of the file's speed; resamples.",
