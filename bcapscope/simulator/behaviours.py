@@ -90,12 +90,7 @@ _RESULTS = (
     ("E_NOTIMPL", _A, "Chuck, Unchuck, GoHome: not among the methods of the RC8 provider", _PROVIDER),
     ("E_NOTIMPL", _A, "Rotate, which RC8 has: no source spells out how its plane is given", _NONE),
     ("E_NOTIMPL", _A, "hands, force control, tool and work frames, areas: known, not simulated", "ours"),
-    (
-        "E_NOTIMPL",
-        _A,
-        "what changes or runs files, ends programs for good, answers messages: likewise",
-        "ours",
-    ),
+    ("E_NOTIMPL", _A, "what changes or runs files, deletes programs, answers messages: likewise", "ours"),
     ("E_HANDLE", _A, "a handle is wrong, released, or of another class", f"the name in {_COMMON}"),
     ("E_MAX_OBJECT", _O, "a client has 1000 objects", _SERVER),
     ("E_BUSY", _O, "a call after one that ran longer than InvokeTimeout", _SERVER),
