@@ -139,8 +139,9 @@ def _interval(trajectory: Trajectory) -> str:
 
 def _place(column: Column) -> str:
     title = printable(column.name[:_LONGEST_TITLE])
-    place = f"column {column.place}" if column.place else ""
-    return f"{place}, {title}" if place and title else place or title
+    if not column.place:
+        return f"field {title}"
+    return f"column {column.place}{f', {title}' if title else ''}"
 
 
 def _unit(column: Column) -> str:

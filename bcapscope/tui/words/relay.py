@@ -20,6 +20,10 @@ PHRASES: dict[str, str] = {
     "everyone on every network of this machine reaches it": "このマシンの全ネットワークから誰でも接続できます",
     "everyone on the network of {word} reaches it": "{word} のネットワークから誰でも接続できます",
     "{clause}, of whom only {name} may": "{clause} (許可されるのは {name} のみ)",
+    "{n} fault, --seed {n2}": "障害 {n} 個、--seed {n2}",
+    "{n} faults, --seed {n2}": "障害 {n} 個、--seed {n2}",
+    "guard: what is not allowed is answered with E_ACCESSDENIED": "保護: 許可されないものには E_ACCESSDENIED で応答します",
+    "held until sent on, {n} s at most": "送信するまで保留、最長 {n} 秒",
     # the way to the controller
     "no way to {word}": "{word} への経路がありません",
     "there is no way to {word}": "{word} への経路がありません",

@@ -10,7 +10,7 @@ from types import ModuleType
 
 from bcapscope.tui.words import PHRASES
 
-_WORD = re.compile(r"(?<![\w.,'@|（(=/-])[a-z]{2,}(?![\w'=/(-])")
+_WORD = re.compile(r"(?<![\w.,'@|（(=/-])[a-z]{2,}(?![\w'=/([-])")
 _TERMS = frozenset(("deg", "loss", "mm", "ms", "ppm", "rad", "reserved", "tcp", "udp", "us", "zlib"))
 """Units and words of the vendor's, the same in Japanese."""
 

@@ -31,6 +31,7 @@ from bcapscope.tui import words
 from bcapscope.tui.words import PHRASES, Language, speak, told
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
 from tests.player.ways import PERIOD, swing, way
+from tests.tui.words.english import left_over
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 BOOK = Phrasebook(
@@ -55,7 +56,8 @@ def _japanese() -> Iterator[None]:
 
 
 def is_japanese(text: str) -> bool:
-    return bool(JAPANESE.search(told(text)))
+    japanese = told(text)
+    return bool(JAPANESE.search(japanese)) and not left_over(japanese)
 
 
 @pytest.mark.parametrize(
