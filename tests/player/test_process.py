@@ -277,6 +277,7 @@ def test_what_a_player_had_begun_that_is_killed_is_ended_by_another(sim: Sim, tc
 def test_a_player_that_is_killed_beside_its_controller_is_told_too(sim: Sim) -> None:
     with Player(plan(sim)) as player:
         playing(player)
+        os.kill(player.pid, signal.SIGSTOP)  # or it ends by itself when it finds its controller gone
         sim.close()
         os.kill(player.pid, signal.SIGKILL)
         until_ended(player)
