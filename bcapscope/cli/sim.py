@@ -106,8 +106,8 @@ def command(
     Exit codes: 0 it was ended; 2 there is no such scenario, or it makes no sense; 4 the address cannot be
     listened on; 6 the capture cannot be written, or lacks what could not be written in time.
     """
-    serving = Serving(quiet=quiet, record=record)
     played = _chosen(scenario, profile, defects)
+    serving = Serving(quiet=quiet, record=record)
     now = time.monotonic_ns()
     start = played.beginning(epoch=time.time_ns() - now)
     simulator = Simulator(played.controller, start, now, serving.log.take)

@@ -16,7 +16,7 @@ import pytest
 
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.simulator.values import bstr
-from tests.cli.run import run
+from tests.cli.run import run, run_here
 
 
 @contextmanager
@@ -127,10 +127,10 @@ def test_what_passes_is_recorded(tmp_path: Path) -> None:
             sock.connect(("127.0.0.1", port))
             sock.send(encode(1, 0, 1, [bstr("")]))
             assert sock.recv(4096)
-        wait_for(lambda: len(run("decode", path, "--port", str(port)).lines) == 4)
+        wait_for(lambda: len(run_here("decode", path, "--port", str(port)).lines) == 4)
         process.kill()
         process.communicate(timeout=30)
-    ran = run("decode", path, "--port", str(port))
+    ran = run_here("decode", path, "--port", str(port))
     assert ran.code == 0, ran.err
     assert [(" tcp " in line, " response " in line) for line in ran.lines] == [
         (True, False),
@@ -171,7 +171,7 @@ def test_the_detector_of_rc7_is_switched_as_on_its_pendant() -> None:
 
 
 def test_behaviours_are_listed_with_their_sources() -> None:
-    ran = run("sim", "--behaviours")
+    ran = run_here("sim", "--behaviours")
     assert ran.code == 0
     lines = ran.out.splitlines()
     assert lines[0].split()[:2] == ["BEHAVIOUR", "CERTAINTY"]
@@ -179,7 +179,7 @@ def test_behaviours_are_listed_with_their_sources() -> None:
 
 
 def test_scenarios_are_listed_with_a_sentence_each() -> None:
-    ran = run("sim", "--scenarios")
+    ran = run_here("sim", "--scenarios")
     assert (ran.code, ran.err) == (0, "")
     names = [line.split()[0] for line in ran.lines[1:]]
     assert names == sorted(names)
@@ -196,7 +196,7 @@ def test_scenarios_are_listed_with_a_sentence_each() -> None:
     ],
 )
 def test_a_scenario_that_is_none(words: tuple[str, ...], error: str) -> None:
-    ran = run("sim", "--port", "0", *words)
+    ran = run_here("sim", "--port", "0", *words)
     assert (ran.code, ran.out) == (2, "")
     assert error in ran.err
 
@@ -204,7 +204,7 @@ def test_a_scenario_that_is_none(words: tuple[str, ...], error: str) -> None:
 def test_a_scenario_file_that_makes_no_sense(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     path.write_text("title: x\nfaults:\n- {action: drop, tims: 3}\n")
-    ran = run("sim", "--port", "0", "--scenario", path)
+    ran = run_here("sim", "--port", "0", "--scenario", path)
     assert ran.code == 2
     assert f"{path}: line 3: faults[0]: there is no field 'tims', did you mean 'times'?" in ran.err
 
@@ -217,12 +217,12 @@ def test_a_scenario_is_played_recorded_and_diagnosed(tmp_path: Path, transport: 
     with simulator("--scenario", str(own), "--seed", "3", "--record", str(path)) as (process, port):
         assert process.stderr is not None
         assert process.stderr.readline() == "scenario: \\u202ex\n"
-        ran = run("call", "127.0.0.1", "-p", str(port), transport, "Robot_Execute", "TakeArm")
+        ran = run_here("call", "127.0.0.1", "-p", str(port), transport, "Robot_Execute", "TakeArm")
         assert ran.code == 8, ran.err
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=30)
     assert "# delay: delayed by 1 ms\n" in out
-    findings = run("diagnose", path, "--port", str(port), "--json").lines
+    findings = run_here("diagnose", path, "--port", str(port), "--json").lines
     assert '"rule":"arm-taken-by-other"' in findings[0].replace(" ", "")
 
 
