@@ -70,7 +70,9 @@ class FindingPage(Lines):
         found, self._lines = self._verdict.findings, []
         if self._verdict is not NOTHING:
             severities = [cause.severity for cause in found]
-            self._lines = [(f" {summed_up(severities, self._verdict.seen, INK, told)}", 0), ("", 0)]
+            summary = summed_up(severities, self._verdict.seen, INK, told)
+            self._lines = [(f" {line}", 0) for line in wrapped(summary, max(_NARROWEST, self.size.width - 2))]
+            self._lines.append(("", 0))
         depths: list[int] = []
         for number, cause in enumerate(found, 1):
             depths.append(depths[cause.consequence_of - 1] + 1 if cause.consequence_of else 0)

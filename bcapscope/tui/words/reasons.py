@@ -14,6 +14,7 @@ PHRASES: dict[str, str] = {
     "the answer holds no list of names": "応答に名前の一覧がありません",
     "the answer holds {text} instead of {text2}": "応答が {text2} ではなく {text} です",
     "the answer holds a date that no calendar has, {n} days": "応答の日付 ({n} 日) は暦にありません",
+    "no provider to try": "試すプロバイダがありません",
     # connections
     "no answer": "応答がありません",
     "the peer closed the connection": "相手が接続を閉じました",

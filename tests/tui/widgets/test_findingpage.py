@@ -1,0 +1,53 @@
+"""Findings on a screen of 80 columns, in Japanese."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from textual.pilot import Pilot
+
+from bcapscope.protocol.wording import display_width
+from bcapscope.render.escape import printable
+from bcapscope.tui.ink import plain
+from bcapscope.tui.traffic.report import Cause, Verdict
+from bcapscope.tui.widgets.findingpage import FindingPage
+from bcapscope.tui.words import Language, speak
+from tests.analysis.plays import SCENES
+from tests.analysis.scenes import stage
+from tests.tui.pilot import shown
+from tests.tui.widgets.stage import on_stage, scope
+
+
+@pytest.fixture(autouse=True)
+def _english_again() -> Iterator[None]:
+    yield
+    speak(Language.ENGLISH)
+
+
+def test_nothing_of_a_finding_is_cut_off() -> None:
+    found = [stage(scene.fires) for scene in SCENES[::8]]
+    causes = tuple(
+        Cause(
+            each.rule,
+            each.severity.value,
+            printable(each.sentence),
+            each.frames,
+            each.consequence_of or 0,
+            each.advice,
+            each.source,
+        )
+        for story in found
+        for each in story.findings
+    )
+
+    async def act(pilot: Pilot[None]) -> None:
+        page = pilot.app.screen.query_one(FindingPage)
+        speak(Language.JAPANESE)
+        page.show(Verdict(causes, found[0].seen, [], []))
+        await pilot.pause()
+        assert "対処" in shown(scope(pilot))
+        lines = [plain(page.line(index)) for index in range(page.count)]
+        assert [line for line in lines if display_width(line) > 80] == []
+
+    on_stage(FindingPage, act)
