@@ -9,7 +9,7 @@ from bcapscope.player.messages import Packet
 from bcapscope.protocol.frame import encode
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
-from tests.cli.run import run
+from tests.cli.run import run_here
 from tests.player.simulated import SimulatedChannel
 
 REQUEST, REPLY = encode(7, 0, 2, ()), encode(7, 0, 0, ())
@@ -33,7 +33,7 @@ def test_all_of_it_becomes_a_capture(tmp_path: Path) -> None:
         journal.hear(True, REQUEST, 1_000_000)
         journal.hear(False, REPLY, 3_000_000)
         journal.save(SimulatedChannel(Simulator(PROFILES["rc8"])))
-    ran = run("decode", path)
+    ran = run_here("decode", path)
     assert [line.split()[1:6] for line in ran.lines] == [
         ["0.000000", "127.0.0.1:50000", ">", "127.0.0.1:5007", "udp"],
         ["0.002000", "127.0.0.1:5007", ">", "127.0.0.1:50000", "udp"],

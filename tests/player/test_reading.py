@@ -17,7 +17,7 @@ from bcapscope.player.layout import Wishes
 from bcapscope.player.reading import LARGEST, LARGEST_OBJECT, LONGEST_LINE, read
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.protocol.slavemode import PoseType
-from tests.cli.run import CAPTURES, run
+from tests.cli.run import CAPTURES, run_here
 from tests.player.test_layout import LOG
 from tests.player.test_table import log
 
@@ -57,7 +57,7 @@ def test_japanese_that_comes_late_is_read_as_well(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".csv", ".json"])
 def test_what_extract_writes_is_read_as_it_was(tmp_path: Path, suffix: str) -> None:
     out = tmp_path / f"way{suffix}"
-    run("extract", CAPTURES / "slave-session.pcapng", "-o", out)
+    run_here("extract", CAPTURES / "slave-session.pcapng", "-o", out)
     (extracted,) = read(out)
     (direct,) = read(CAPTURES / "slave-session.pcapng")
     assert np.array_equal(extracted.points, direct.points)

@@ -14,7 +14,7 @@ from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.render.code import call_line, hex_text, method_name, python_text
 from bcapscope.traffic.opened import Opened
-from tests.cli.run import run
+from tests.cli.run import run_here
 from tests.client.server import UdpServer, udp_server
 
 CONTROLLER = Opened(ObjectClass.CONTROLLER, 1, ("", "CaoProv.DENSO.VRC", "localhost", ""), None)
@@ -54,7 +54,7 @@ def test_the_line_makes_that_call(arguments: tuple[Variant, ...]) -> None:
     with udp_server() as server:
         line = call_line(Target("127.0.0.1", server.port), function_id, arguments, ROBOT)
         assert line is not None
-        ran = run("call", "--arm", *shlex.split(line)[2:])
+        ran = run_here("call", "--arm", *shlex.split(line)[2:])
         assert ran.code == 0, ran.err
         assert _made(server) == tuple(argument.value for argument in arguments[1:])
 
