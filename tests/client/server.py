@@ -80,10 +80,11 @@ def breaking_server(function: str, times: int) -> Iterator[int]:
     def serve() -> None:
         with listener.accept()[0] as sock:
             peer = Peer(_End(False, sock.sendall))
-            while peer.functions.count(function) < times:
-                peer.received(sock.recv(2048))
+            while peer.functions.count(function) < times and (data := sock.recv(2048)):
+                peer.received(data)
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(20)
         thread = threading.Thread(target=serve)
         thread.start()
         yield listener.getsockname()[1]
