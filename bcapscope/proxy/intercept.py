@@ -194,7 +194,7 @@ class Intercept:
     def pass_over(self, flow: Flow, why: str) -> None:
         """Take notice that nobody waits any more for what is held of a flow by now."""
         for held in self.held:
-            if held.flow is flow:
+            if held.flow is flow and not held.passed_over:
                 self._held[held.number] = held._replace(passed_over=why)
 
     def holds(self, flow: Flow) -> bool:
@@ -256,11 +256,7 @@ class Intercept:
         if message.flow.direction is Direction.RESPONSE:
             return True
         items = (told.seen.item for told in message.told)
-        return not any(
-            always_passes(item.code, [argument.variant for argument in item.arguments])
-            for item in items
-            if isinstance(item, Frame)
-        )
+        return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
 
     def _hold(self, client: int, message: Message, subject: _Subject | None) -> int:
         """Hold a message; return its number."""
