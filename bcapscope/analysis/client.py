@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from bcapscope.analysis.generation import NO_CLUE, better, clue_of_call
-from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
+from bcapscope.protocol.functions import FUNCTIONS, ID, ObjectClass
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, ends_slave_mode, is_failure
 from bcapscope.protocol.slavemode import Generation, SlaveMode, mode_value, slave_mode
 from bcapscope.protocol.variant import Value, Variant
@@ -29,7 +29,6 @@ A_WHILE = 50_000_000
 RECENT_POINTS = 64
 """Set points looked at when one was refused: half a second at 8 ms."""
 
-ID = {function.name: function.id for function in FUNCTIONS.values()}
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
 )

@@ -9,16 +9,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bcapscope.protocol.arguments import Argument
-from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.functions import ID
 from bcapscope.protocol.hresult import is_failure
 from bcapscope.protocol.slavemode import Generation, mode_value, slave_mode
 from bcapscope.protocol.variant import ARRAY, VT, Variant
 from bcapscope.traffic.exchange import Exchange
 
-_BY_NAME = {function.name: function.id for function in FUNCTIONS.values()}
-_CONNECT = _BY_NAME["Controller_Connect"]
-_ROBOT_EXECUTE = _BY_NAME["Robot_Execute"]
-_CONTROLLER_EXECUTE = _BY_NAME["Controller_Execute"]
+_CONNECT = ID["Controller_Connect"]
+_ROBOT_EXECUTE = ID["Robot_Execute"]
+_CONTROLLER_EXECUTE = ID["Controller_Execute"]
 
 
 class Clue(NamedTuple):

@@ -13,7 +13,7 @@ from bcapscope.analysis.generation import better, clue_of_call, clue_of_set_poin
 from bcapscope.analysis.moments import MOST_LISTED
 from bcapscope.analysis.points import Heed
 from bcapscope.analysis.stay import Exit, ExitReason, Stay
-from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.functions import ID
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_OVERFLOW, ends_slave_mode, is_failure
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.traffic.exchange import Exchange
@@ -48,9 +48,8 @@ MOST_ENDED = 256
 
 MOST_CONTROLLERS = 64
 
-_BY_NAME = {function.name: function.id for function in FUNCTIONS.values()}
-_ROBOT_EXECUTE, _ROBOT_RELEASE = _BY_NAME["Robot_Execute"], _BY_NAME["Robot_Release"]
-_ENDS = frozenset(_BY_NAME[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
+_ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
+_ENDS = frozenset(ID[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
 _FULL = BATCH * HEAD_SIZE
 _HANDLE = slice(15, 29)
 

@@ -296,6 +296,9 @@ def _function(id_: int, name: str, params: str, result: ResultKind) -> Function:
 FUNCTIONS: Mapping[int, Function] = MappingProxyType({row[0]: _function(*row) for row in _ROWS})
 """Every function by its id, in the order of the ids."""
 
+ID: Mapping[str, int] = MappingProxyType({function.name: function.id for function in FUNCTIONS.values()})
+"""Every id by the name of its function."""
+
 _BY_NAME = {function.name.casefold(): function for function in FUNCTIONS.values()}
 _NAME_BY_ID = {function.id: function.name for function in FUNCTIONS.values()}
 

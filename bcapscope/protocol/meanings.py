@@ -16,22 +16,22 @@ from bcapscope.protocol.enumerations import (
     provider,
     stands_for,
 )
-from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.functions import ID, ObjectClass
 from bcapscope.protocol.parts import UNNAMED, Part
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.variant import ARRAY, VT, Variant
 
-_CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
-_ROBOT_ACCELERATE, _ROBOT_MOVE, _ROBOT_SPEED, _TASK_START, _TASK_STOP = 65, 72, 74, 88, 89
 _HANDLES = {f"h{kind}": Part(text=f"handle of a {kind}") for kind in ObjectClass}
 _ARGUMENTS: Mapping[tuple[int, str], Mapping[int, str]] = {
-    (_ROBOT_MOVE, "lComp"): INTERPOLATIONS,
-    (_ROBOT_SPEED, "lAxis"): SPEED_AXES,
-    (_ROBOT_ACCELERATE, "lAxis"): SPEED_AXES,
-    (_TASK_START, "lMode"): TASK_START_MODES,
-    (_TASK_STOP, "lMode"): TASK_STOP_MODES,
+    (ID["Robot_Move"], "lComp"): INTERPOLATIONS,
+    (ID["Robot_Speed"], "lAxis"): SPEED_AXES,
+    (ID["Robot_Accelerate"], "lAxis"): SPEED_AXES,
+    (ID["Task_Start"], "lMode"): TASK_START_MODES,
+    (ID["Task_Stop"], "lMode"): TASK_STOP_MODES,
 }
-_PARAMETERS: Mapping[tuple[int, str], Mapping[int, str]] = {(_CONTROLLER_EXECUTE, "putautomode"): AUTO_MODES}
+_PARAMETERS: Mapping[tuple[int, str], Mapping[int, str]] = {
+    (ID["Controller_Execute"], "putautomode"): AUTO_MODES
+}
 _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
@@ -54,7 +54,7 @@ def argument_part(function_id: int | None, command: str | None, name: str, varia
         return Part(text=_string(function_id, name, value))
     if name == "vntPose":
         return _pose(variant)
-    if name == "vntParam" and function_id == _ROBOT_EXECUTE and (command or "").casefold() == "approach":
+    if name == "vntParam" and function_id == ID["Robot_Execute"] and (command or "").casefold() == "approach":
         return _approach(variant)
     return UNNAMED
 
@@ -71,7 +71,7 @@ def _string(function_id: int | None, name: str, value: str) -> str:
     if name == "bstrProvider":
         return provider(value) or ""
     if name == "bstrOption":
-        told = options(value, motion=function_id == _ROBOT_MOVE)
+        told = options(value, motion=function_id == ID["Robot_Move"])
         return "; ".join(text if len(told) == 1 else f"{key}: {text}" for key, text in told.items())
     return ""
 

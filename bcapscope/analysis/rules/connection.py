@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client import ID, Client
+from bcapscope.analysis.client import Client
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import SECOND, Incident, Rule, Watcher, last_time
 from bcapscope.analysis.speech import Speech, called, span
+from bcapscope.protocol.functions import ID
 from bcapscope.traffic.observation import Closing
 
 HUNG_UP = Rule(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client import ID, Client, Clients
+from bcapscope.analysis.client import Client, Clients
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import Incident, Kind, Report, Rule, Watcher
 from bcapscope.analysis.speech import Speech, shown, span
+from bcapscope.protocol.functions import ID
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.question import Question

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client import ID, Client, Clients, argument, command_of, gets_robslave
+from bcapscope.analysis.client import Client, Clients, argument, command_of, gets_robslave
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import MS, SECOND, Kind, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, name_of, span
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.enumerations import pass_motion
+from bcapscope.protocol.functions import ID
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, is_failure
 from bcapscope.protocol.slavemode import Generation, mode_value

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client import ID, Client, Clients, command_of
+from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import MS, Incident, Kind, Report, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, name_of, span
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.effects import Effect
+from bcapscope.protocol.functions import ID
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.wording import counted
 from bcapscope.traffic.convention import Convention
@@ -235,7 +236,7 @@ class Retries(Watcher):
         frame, earlier = call.request.item, before.request.item
         if not before.gone_on or before.let_go or frame.raw[9:] != earlier.raw[9:]:
             return
-        arguments = [argument.variant for argument in frame.arguments]
+        arguments = frame.variants
         if request_effect(frame.code, arguments) < Effect.CHANGES:
             return
         self.tell(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from bcapscope.analysis.client import ID, Client, Clients, text_argument
+from bcapscope.analysis.client import Client, Clients, text_argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import SECOND, Incident, Kind, Report, Rule, Watcher, last_time
 from bcapscope.analysis.speech import Speech, called, name_of, shown, span, times
 from bcapscope.analysis.stay import ExitReason, Stay
-from bcapscope.protocol.functions import function_name
+from bcapscope.protocol.functions import ID, function_name
 from bcapscope.protocol.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation
