@@ -25,7 +25,7 @@ from bcapscope.tui.desk.saved import takes_handle
 _PLAIN = re.compile(r"[\w\s.@:-]*")
 """Text without anything that an expression of the filter language cannot do without."""
 
-_LONGEST = 32
+_LONGEST = 18
 
 Chooser: TypeAlias = Callable[[Record], bool]
 """Tells whether a call is wanted."""
