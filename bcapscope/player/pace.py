@@ -124,13 +124,13 @@ class Pacer:
         self._last = 0
         self._word = 0  # when the newest of the set points was sent that are known to be answered
         self._waited = False
-        self._sent = self._retries = self._late = self._answered = 0
+        self._sent = self._retries = self._late = self._answered = self._under_way = 0
         self._repeated = self._shifted = self._held = 0
 
     @property
     def counts(self) -> Counts:
         """What happened to the set points so far."""
-        unanswered = max(0, self._sent - self._answered)
+        unanswered = max(0, self._sent - self._answered - self._under_way)
         return Counts(
             self._sent, self._retries, self._late, unanswered, self._repeated, self._shifted, self._held
         )
@@ -154,7 +154,11 @@ class Pacer:
         for _ in range(MOST_REPEATS):
             sent = self._send(arguments, due)
             due = self._kept(due, sent)
-            code = self._code(self._await(due))
+            try:
+                settled = self._await(due)
+            finally:
+                self._under_way = 0
+            code = self._code(settled)
             if code != E_SLAVE_OVERFLOW or not self._move.mode.overflow_is_error:
                 break
             self._repeated += 1
@@ -175,6 +179,7 @@ class Pacer:
             self.cycle.add(sent - self._last)
         self._last = sent
         self._sent += 1
+        self._under_way = 1
         self._throttle.sent(sent)
         self._idle(sent)
         return sent

@@ -127,6 +127,17 @@ def test_being_held_up_is_no_silence_of_the_controller() -> None:
     assert play(controller, mode(0x102)).counts.unanswered == 0
 
 
+def test_what_is_under_way_is_not_unanswered() -> None:
+    seen: list[int] = []
+    exchanger = BlockingExchanger(Controller(), Convention.SEED)
+    course = Course(Trajectory(PoseType.J, np.zeros((3, 8)), Source("", "")), 0.008, UNKNOWN, 1, 0)
+    move = Move(1, VT.R8, mode(0x002), Pace(2 * MS, 7), 8 * MS)
+    pacer = Pacer(exchanger, move, course, lambda _: seen.append(pacer.counts.unanswered), 100)
+    pacer.play()
+    assert pacer.counts.sent >= 3
+    assert set(seen) == {0}
+
+
 def test_a_late_reply_delays_nothing_in_async() -> None:
     controller = Controller()
     controller.takes = {10: 9 * MS}
