@@ -205,7 +205,7 @@ def _handle(arguments: Sequence[Variant]) -> int:
 
 
 def _result_handle(reply: Frame) -> int:
-    return _handle([argument.variant for argument in reply.arguments[:1]])
+    return _handle(reply.variants[:1])
 
 
 @asynccontextmanager

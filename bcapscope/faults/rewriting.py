@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol, TypeAlias, cast
 
@@ -51,11 +51,11 @@ def with_header(
     if numbers == (frame.serial, frame.reserved, frame.code):
         return frame.raw
     if frame.framing is not Framing.PLAIN and not frame.problems:
-        return _encoded(frame, numbers, [argument.variant for argument in frame.arguments])
+        return _encoded(frame, numbers, frame.variants)
     return frame.raw[:5] + _SERIAL_RESERVED_CODE.pack(*numbers) + frame.raw[13:]
 
 
-def _encoded(frame: Frame, numbers: tuple[int, int, int], values: list[Variant]) -> bytes:
+def _encoded(frame: Frame, numbers: tuple[int, int, int], values: Sequence[Variant]) -> bytes:
     try:
         return encode(*numbers, values, frame.framing)
     except LocalProtocolError:  # reserved is fixed in version 1, and a value may not fit its type
@@ -82,7 +82,7 @@ class Rewriter:
         raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
         if frame.problems or not (self._set or self._limit or self._step):
             return raw
-        before = [argument.variant for argument in frame.arguments]
+        before = frame.variants
         values = list(before)
         for path, setting in self._set:
             _edit(values, path, partial(_set, setting=setting))

@@ -161,7 +161,7 @@ class Guard:
         return f"a damaged {name}, which may be read as what is blocked"
 
     def _not_reading(self, request: Frame, question: Question) -> str:
-        values = [argument.variant for argument in request.arguments]
+        values = request.variants
         if any(target.means(question) for target in self._allow) or passes_read_only(request.code, values):
             return ""
         return f"read-only: {_name(question)}"
@@ -169,7 +169,7 @@ class Guard:
 
 def _only_stops(request: Frame) -> bool:
     """Tell whether a request, however it is read, stops the robot or lets go of something, and no more."""
-    values = [argument.variant for argument in request.arguments]
+    values = request.variants
     if not always_passes(request.code, values) or not _is_whole(request) or not _reads_one_way(request):
         return False
     if not request.problems:

@@ -366,7 +366,7 @@ def _named(lost: Frame | bytes) -> str:
     """Name what was lost."""
     if isinstance(lost, bytes):
         return "piece of a stream, or bytes that are no frame"
-    return call_name(lost.code, [argument.variant for argument in lost.arguments])[:80]
+    return call_name(lost.code, lost.variants)[:80]
 
 
 def _counted(lost: Counter[str]) -> str:

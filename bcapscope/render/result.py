@@ -23,8 +23,7 @@ NOTHING = "(EMPTY)"
 
 def reply_result(reply: Frame, full: bool = False) -> str:
     """Write what came back: ``(EMPTY)`` for nothing, else the values."""
-    values = [argument.variant for argument in reply.arguments]
-    return "  ".join(result_text(value, full) for value in values) or NOTHING
+    return "  ".join(result_text(value, full) for value in reply.variants) or NOTHING
 
 
 def result_text(variant: Variant, full: bool = False) -> str:

@@ -85,4 +85,4 @@ def _line(call: Exchange, start: int) -> Line:
 
 
 def _values(frame: Frame) -> tuple[Variant, ...]:
-    return tuple(argument.variant for argument in frame.arguments)
+    return frame.variants

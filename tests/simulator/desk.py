@@ -107,7 +107,7 @@ class Person:
             outputs = self.desk.answerer.advance(self.desk.now)
 
     def _reply(self, frame: Frame, began: int, notices: int) -> Reply:
-        values = [argument.variant for argument in frame.arguments]
+        values = frame.variants
         value = values[0] if values else None
         ms = (self.desk.now - began) / MS
         return Reply(
