@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import pty
 import select
@@ -10,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,7 @@ from bcapscope.tui.screens.help import HelpScreen
 from bcapscope.tui.screens.palette import all_commands
 from bcapscope.tui.screens.place import Place
 from bcapscope.tui.settings import load
+from bcapscope.tui.widgets.topbar import TopBar
 from bcapscope.tui.words import Language, speak
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, make, shown, until
@@ -60,6 +63,34 @@ def test_keys_lead_from_screen_to_screen() -> None:
         assert "here" in shown(made)
 
     drive(made := app(), act)
+
+
+def test_a_screen_that_was_left_takes_the_theme_that_is_chosen_elsewhere() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        before = made.screen.styles.background
+        await pilot.press("f3")
+        made.theme = "light"
+        await pilot.press("f2")
+        assert isinstance(made.screen, _Here)
+        assert made.screen.styles.background not in (before, None)
+        assert made.screen.query_one(TopBar).styles.background.brightness > 0.5
+
+    drive(made := app(), act)
+
+
+def test_nothing_is_left_of_it_when_it_has_ended() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("f3")
+        assert gc.get_freeze_count()
+
+    thresholds = gc.get_threshold()
+    made = app()
+    left = weakref.ref(made)
+    drive(made, act)
+    del made
+    assert gc.get_threshold() == thresholds
+    gc.collect()
+    assert left() is None
 
 
 def test_help_tells_every_key_of_the_screen() -> None:

@@ -9,6 +9,7 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.command import CommandPalette
+from textual.events import ScreenResume
 from textual.screen import Screen
 
 from bcapscope.tui.app import scope_of
@@ -37,7 +38,9 @@ class Place(Screen[None]):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content between the two bars."""
+        """Put the content, styled for this size at once, between the two bars."""
+        classes = self._get_breakpoint_classes(self.app.size.width, self.HORIZONTAL_BREAKPOINTS or [])
+        self.set_class(True, *classes, update=False)
         yield TopBar()
         yield from self.content()
         yield KeyBar()
@@ -45,6 +48,10 @@ class Place(Screen[None]):
     def on_mount(self) -> None:
         """Once all is there, look no more for garbage in it: that would delay keys."""
         self.call_after_refresh(gc.freeze)
+
+    def on_screen_resume(self, event: ScreenResume) -> None:
+        """Keep the styles: each widget had its own from the first, and a new theme is taken before this."""
+        event.refresh_styles = False
 
     def content(self) -> ComposeResult:
         """Yield the widgets of the screen."""
