@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import bcapscope
 
 HEAVY = {"numpy", "orjson", "rich", "scapy", "textual"}
@@ -63,6 +65,14 @@ def test_ctrl_c_while_it_is_loaded_ends_it_without_a_word() -> None:
     argv = [sys.executable, "-c", _CTRL_C_WHILE_LOADED]
     done = subprocess.run(argv, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full on this system")
+def test_help_that_finds_no_room_is_told_in_one_sentence() -> None:
+    argv = [sys.executable, "-m", "bcapscope", "--help"]
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert (done.returncode, done.stderr) == (6, b"Error: standard output: no space left on device\n")
 
 
 def test_scapy_is_imported_only_by_the_modules_that_need_it() -> None:

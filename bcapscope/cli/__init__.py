@@ -5,6 +5,7 @@ Data goes to stdout, everything else to stderr; the exit codes are in `exits`.
 
 from __future__ import annotations
 
+import errno
 import gc
 import importlib
 import sys
@@ -13,7 +14,7 @@ import click
 
 from bcapscope import __version__
 from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import forget_stdout
+from bcapscope.cli.output import OutputRefused, forget_stdout
 
 _COMMANDS = {
     "decode": "Read frames, one line each.",
@@ -34,6 +35,8 @@ _COMMANDS = {
     "fields": "List the fields and the language of --filter.",
 }
 
+
+_NO_ROOM = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 _GARBAGE = (20_000, 20, 100)
 """How rarely to look for cycles: frames and calls hold none, and looking takes a twentieth of the time."""
@@ -67,7 +70,9 @@ def cli() -> None:
 def main() -> None:
     """Run the command line and exit with one of `exits.Exit`."""
     gc.set_threshold(*_GARBAGE)
-    if sys.stdout is None or sys.stderr is None:  # closed by whoever started us: there is nobody to tell
+    if sys.stdout is None or sys.stderr is None:  # closed by whoever started us
+        if sys.stderr is not None:
+            click.echo("Error: standard output is closed", err=True)
         sys.exit(Exit.UNWRITABLE)
     try:
         # Not by cli.main(): that ends with 1 when the reader of stdout has gone.
@@ -82,3 +87,10 @@ def main() -> None:
         sys.exit(Exit.INTERRUPTED)
     except BrokenPipeError:  # the reader of stdout has seen enough
         forget_stdout()
+    except OSError as error:
+        if error.filename is not None or error.errno not in _NO_ROOM:
+            raise
+        forget_stdout()  # which has help or the version, as click writes them: all else sees to itself
+        refused = OutputRefused(error)
+        refused.show()
+        sys.exit(refused.exit_code)

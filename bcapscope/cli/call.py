@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TextIO
+from typing import IO, Any, TextIO
 
 import click
 
 from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.output import echo, narrate, palette
 from bcapscope.cli.request import Request, check_owners, read_request, read_script
 from bcapscope.cli.signals import end_in_order
 from bcapscope.client.reach import NAMES, Reach
@@ -39,6 +39,15 @@ _NAMED = (
 )
 
 
+class _Script(click.File):
+    """A file or standard input, which may be closed."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
+        if value == "-" and sys.stdin is None:
+            self.fail("standard input is closed", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 @click.command(
     short_help="Call functions of a controller.", context_settings={"ignore_unknown_options": True}
 )
@@ -48,7 +57,7 @@ _NAMED = (
 @click.option(
     "--script",
     metavar="FILE",
-    type=click.File(encoding="utf-8-sig"),
+    type=_Script(encoding="utf-8-sig"),
     help="Calls, one a line; - is standard input.",
 )
 @click.option("--robot", help="Name of the robot that is opened where one is needed; Arm unless given.")
@@ -129,14 +138,14 @@ class _Printer:
             seen = next(each for each in reversed(self.packets) if each.item is reply)
             command_name = name.partition(" ")[2] or None
             question = Question(function.id, command_name)
-            click.echo(self._renderer.record(seen, question, took, attempts))
+            echo(self._renderer.record(seen, question, took, attempts))
         else:
-            click.echo(self._renderer.line(name, function.id, reply, took, attempts))
+            echo(self._renderer.line(name, function.id, reply, took, attempts))
         self._packets()
 
     def _packets(self) -> None:
         if self._dump:
-            click.echo("".join(f"{line}\n" for line in self._dumped()), nl=False)
+            echo("".join(f"{line}\n" for line in self._dumped()), end=False)
 
     def _dumped(self) -> Iterator[str]:
         for seen in self.packets:

@@ -54,6 +54,34 @@ class Output:
             raise OutputRefused(error) from None
 
 
+def echo(text: str | bytes, end: bool = True) -> None:
+    """Write a line, or less than one, to stdout at once.
+
+    Raises:
+        BrokenPipeError: the reader has gone.
+        OutputRefused: there is no room, or the like.
+    """
+    try:
+        click.echo(text, nl=end)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        forget_stdout()
+        raise OutputRefused(error) from None
+
+
+def require_terminal() -> None:
+    """Make sure that there is a terminal for a screen; a browser needs none.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if "TEXTUAL_DRIVER" in os.environ:
+        return
+    if not all(stream is not None and stream.isatty() for stream in (sys.__stdin__, sys.__stderr__)):
+        raise click.UsageError("the screen needs a terminal; decode, calls and diagnose need none")
+
+
 def forget_stdout() -> None:
     """Give up what standard output did not take, which would else be tried again at exit."""
     _forget(sys.stdout)

@@ -16,6 +16,7 @@ from bcapscope.analysis.fitness import fitness
 from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
+from bcapscope.cli.output import echo
 from bcapscope.cli.signals import end_in_order
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, open_target
@@ -88,10 +89,10 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
         except KeyboardInterrupt:
             code = Exit.INTERRUPTED
     if as_json:
-        click.echo(orjson.dumps(_record(target, found)))
+        echo(orjson.dumps(_record(target, found)))
     else:
         for line in _lines(target, found):
-            click.echo(line)
+            echo(line)
     sys.exit(code)
 
 

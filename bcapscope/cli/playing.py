@@ -12,7 +12,7 @@ import click
 from bcapscope.cli.arming import can_ask, confirmed
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.keys import Keys
-from bcapscope.cli.output import narrate
+from bcapscope.cli.output import echo, narrate
 from bcapscope.player.limits import limited, limits_of
 from bcapscope.player.messages import (
     Ended,
@@ -75,7 +75,7 @@ class View:
         """Show how the file was read."""
         if not self._json:
             for line in source_lines(trajectory):
-                click.echo(line)
+                echo(line)
 
     def preflight(self, preflight: Preflight) -> None:
         """Show the pre-flight."""
@@ -114,7 +114,7 @@ class View:
 
     def _echo(self, line: str | bytes) -> None:
         if not self._closed:
-            click.echo(line)
+            echo(line)
 
 
 class Playing:

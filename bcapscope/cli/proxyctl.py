@@ -11,7 +11,7 @@ import click
 import orjson
 
 from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import narrate
+from bcapscope.cli.output import echo, narrate
 from bcapscope.protocol.frame import parse_datagram
 from bcapscope.proxy.control_client import Answer, ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError
@@ -50,12 +50,12 @@ class _Ctl:
                 sys.exit(Exit.UNREADABLE)
             except ControlRefused as error:
                 if self._as_json:
-                    click.echo(orjson.dumps(error.answer).decode())
+                    echo(orjson.dumps(error.answer).decode())
                 else:
                     narrate(str(error))
                 sys.exit(Exit.REFUSED)
         if self._as_json:
-            click.echo(orjson.dumps(answer).decode())
+            echo(orjson.dumps(answer).decode())
         return None if self._as_json else answer
 
 
@@ -65,7 +65,7 @@ def _rules(ctl: _Ctl) -> None:
     """List the faults, whether they are on, and how often they have struck."""
     answer = ctl.ask(do="rules")
     for rule in answer["rules"] if answer else ():
-        click.echo(
+        echo(
             f"{'on ' if rule['on'] else 'off'}  {rule['name']:<16} struck {rule['struck']:<6}  {rule['rule']}"
         )
 
@@ -77,7 +77,7 @@ def _add(ctl: _Ctl, rule: str) -> None:
     """Set up a fault, written as behind `--fault`; its name is printed."""
     answer = ctl.ask(do="add", rule=rule)
     if answer:
-        click.echo(answer["name"])
+        echo(answer["name"])
 
 
 @command.command("remove", short_help="Take a fault away.")
@@ -121,7 +121,7 @@ def _held(ctl: _Ctl) -> None:
     answer = ctl.ask(do="held")
     for held in answer["held"] if answer else ():
         for line in _lines(held):
-            click.echo(line)
+            echo(line)
 
 
 def _lines(held: Mapping[str, Any]) -> list[str]:
@@ -180,7 +180,7 @@ def _clients(ctl: _Ctl) -> None:
     answer = ctl.ask(do="clients")
     for client in answer["clients"] if answer else ():
         way = f"{client['client']} > {client['server']} {client['transport']} {client['upstream']}"
-        click.echo(f"{way}  for {client['since_s']:.1f} s, {client['up']} up, {client['down']} down")
+        echo(f"{way}  for {client['since_s']:.1f} s, {client['up']} up, {client['down']} down")
 
 
 @command.command("stats", short_help="Give figures.")
@@ -190,7 +190,7 @@ def _stats(ctl: _Ctl) -> None:
     answer = ctl.ask(do="stats")
     for name, value in (answer or {}).items():
         if name != "ok":
-            click.echo(f"{name.replace('_', ' ')}: {printable(_figure(value))}")
+            echo(f"{name.replace('_', ' ')}: {printable(_figure(value))}")
 
 
 def _figure(value: object) -> str:

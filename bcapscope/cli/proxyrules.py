@@ -15,7 +15,7 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import narrate
+from bcapscope.cli.output import echo, narrate
 
 if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
     from bcapscope.faults.fault import AnyFault
@@ -252,7 +252,7 @@ def _show_notation(context: click.Context, _: click.Parameter, value: bool) -> N
     if value:
         from bcapscope.faults import notation
 
-        click.echo((notation.__doc__ or "").strip())
+        echo((notation.__doc__ or "").strip())
         context.exit()
 
 

@@ -13,7 +13,7 @@ from bcapscope.cli import options
 from bcapscope.cli.arming import can_ask, confirmed
 from bcapscope.cli.connection import Target, failures_told, optional_target
 from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import narrate, palette
+from bcapscope.cli.output import echo, narrate, palette
 from bcapscope.cli.pairing import wanted_calls
 from bcapscope.cli.reading import Reading
 from bcapscope.cli.serving import Serving, reach
@@ -173,9 +173,9 @@ class _Teller:
 
     def __call__(self, played: Played) -> None:
         if self._as_json:
-            click.echo(self._renderer.record(played))
+            echo(self._renderer.record(played))
         elif played.differs or not self._quiet:
-            click.echo(self._renderer.line(played))
+            echo(self._renderer.line(played))
 
 
 class _Flight:

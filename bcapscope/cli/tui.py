@@ -14,7 +14,7 @@ from click.core import ParameterSource
 
 from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import narrate
+from bcapscope.cli.output import narrate, require_terminal
 from bcapscope.cli.proxyrules import RuleWishes, rule_options
 from bcapscope.cli.tuilive import ProxyWishes, show_proxy, show_simulator
 from bcapscope.cli.tuiserve import serve_option
@@ -170,6 +170,7 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
             "traffic", "f3", "traffic", lambda: TrafficScreen(Feed(path=str(own), follow=True), wanted.host)
         )
         try:
+            require_terminal()
             Scope([tester, traffic]).run()
         finally:
             tap.close()
@@ -185,6 +186,7 @@ def _show(path: str, interface: str, ports: tuple[int, ...]) -> None:
         from bcapscope.tui.app import Scope, Spot
         from bcapscope.tui.screens.traffic import TrafficScreen
 
+        require_terminal()
         title = Path(path).name or interface
         Scope([Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]).run()
     finally:

@@ -15,7 +15,7 @@ import click
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import check_free
-from bcapscope.cli.output import narrate
+from bcapscope.cli.output import narrate, require_terminal
 from bcapscope.cli.proxyrules import RuleWishes
 from bcapscope.render.escape import printable
 
@@ -119,6 +119,7 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
             (address,) = child.listening
             feed = Feed(path=str(record), follow=True, ports=(int(address.rpartition(":")[2]),))
             try:
+                require_terminal()
                 Scope([Spot("traffic", "f3", "traffic", lambda: Simulated(feed, address, child))]).run()
             finally:
                 feed.close()
@@ -139,6 +140,7 @@ def _run(feed: Feed | None, screen: ProxyScreen) -> None:
     spots = [Spot("proxy", "f2", "proxy", lambda: screen)]
     if feed is not None:
         spots.append(Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, screen.way)))
+    require_terminal()
     Scope(spots).run()
 
 

@@ -57,3 +57,20 @@ def _read_until(descriptor: int, wanted: bytes) -> None:
         ready, _, _ = select.select([descriptor], [], [], max(0, end - time.monotonic()))
         assert ready, seen[-2000:]
         seen += os.read(descriptor, 65536)
+
+
+@pytest.mark.parametrize("words", [[], [str(CAPTURES / "slave-session.pcapng")]], ids=["tester", "capture"])
+def test_no_terminal_is_told_in_one_sentence(words: list[str], tmp_path: Path) -> None:
+    places = {f"XDG_{name}_HOME": str(tmp_path) for name in ("CACHE", "CONFIG", "DATA", "STATE")}
+    argv = [sys.executable, "-m", "bcapscope", "tui", *words]
+    done = subprocess.run(
+        argv,
+        env={**os.environ, **places},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LIMIT,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.endswith("Error: the screen needs a terminal; decode, calls and diagnose need none\n")
