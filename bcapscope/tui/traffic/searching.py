@@ -54,18 +54,19 @@ class Searching:
     def run(self) -> None:
         """Answer for ever."""
         while True:
-            self._new.wait()
-            self._new.clear()
             ask = self._asked
             if ask is not None and ask.expression:
                 self._answer(ask)
+            else:
+                self._new.wait()
+            self._new.clear()
 
     def _answer(self, ask: Ask) -> None:
         """Go through what there is, then through what is added, until something else is asked."""
         fits, size = self._frames(ask) if ask.kind == RecordKind.FRAME else self._those(ask)
         searched, rows, told = 0, array("I"), 0.0
         told_at = -1
-        while not self._new.is_set():
+        while self._asked is ask:  # which `_new` may tell only after that has been seen
             there = size()
             stop = min(there, searched + _BATCH)
             rows.extend(row for row in range(searched + 1, stop + 1) if fits(row))
@@ -74,8 +75,8 @@ class Searching:
             if now - told >= TELL and searched != told_at:
                 send(self._answers, Matches(ask.generation, rows.tobytes(), searched))
                 rows, told, told_at = array("I"), now, searched
-            if searched == there:
-                self._new.wait(TELL)
+            if searched == there and self._new.wait(TELL):
+                self._new.clear()
 
     def _frames(self, ask: Ask) -> tuple[Callable[[int], bool], Callable[[], int]]:
         test = compile_filter(ask.expression, RecordKind.FRAME).bind(FRAME_GETTERS)

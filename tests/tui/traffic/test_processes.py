@@ -10,7 +10,7 @@ from array import array
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import cast
+from typing import BinaryIO, cast
 
 import pytest
 
@@ -183,12 +183,17 @@ def journal(tmp_path: Path) -> Path:
     return tmp_path
 
 
+_OPEN: list[BinaryIO] = []
+"""Pipes that stay open as long as the threads that write into them, which is to the end of the process."""
+
+
 class _Search:
     """A search in a thread, with pipes as its process has them."""
 
     def __init__(self, folder: Path) -> None:
         answers_out, answers_in = os.pipe()
         self.answers = os.fdopen(answers_out, "rb")
+        _OPEN.append(self.answers)
         self._written = os.fdopen(answers_in, "wb")
         self.searching = Searching(folder, self._written)
         self.thread = threading.Thread(target=self.searching.run, daemon=True)
@@ -233,6 +238,22 @@ def test_the_search_finds_what_the_command_line_finds(
     search.ask(2, kind, expression)
     wanted = run(command, CAPTURES / "slave-session.pcapng", "-f", expression).lines
     assert search.found(2, there) == [int(line.split()[0]) for line in wanted]
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # the process ends with its job
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_what_is_asked_again_is_not_told_twice(search: _Search) -> None:
+    search.ask(1, RecordKind.CALL, "latency > 30ms")
+    found = search.found(1, 257)
+    search.searching._new.set()  # as if it came after the ask had been seen
+    search.ask(2, RecordKind.FRAME, "serial > 250")
+    generations = []
+    for message in receive(search.answers, Matches):
+        generations.append(message.generation)
+        if message.generation == 2:
+            break
+    assert found
+    assert generations == [2]
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
