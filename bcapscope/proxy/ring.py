@@ -102,7 +102,8 @@ class Record(NamedTuple):
         up: from client to controller; else the other way.
         client: its number; 0 where it concerns none.
         came: ns since 1970 when it was received, or happened; 0 for data that were only sent.
-        left: ns since 1970 when it had been sent; 0 if it was not, or not yet.
+        left: ns since 1970 when it was about to be sent, so that no answer is older; 0 if it was not, or not
+            yet.
         data: what.
         note: what a rule did.
     """

@@ -287,6 +287,7 @@ class TcpSession:
     def _write(self, half: _Half, data: memoryview) -> tuple[int, int]:
         """Write what the sink takes and keep the rest; return when, and how many bytes it took."""
         sent = 0
+        left = time.time_ns()
         if not half.pending:
             try:
                 sent = half.sink.send(data)
@@ -295,7 +296,6 @@ class TcpSession:
             except OSError as error:
                 self._break(self._down if half.up else self._up, error.errno or 0)
                 return 0, 0
-        left = time.time_ns()
         self._relay.counts[Count.BYTES_UP if half.up else Count.BYTES_DOWN] += sent
         if sent < len(data):
             half.pending += data[sent:]

@@ -114,9 +114,9 @@ class UdpPort:
             session = known(address) or meet(address)
             if session is None:
                 return
+            session.heard = left = now()
             try:
                 session.send_up(data)
-                session.heard = left = now()
             except OSError as error:
                 left = session.send_again(data, error)
             note((True, session.number, control, left, data))
@@ -215,12 +215,12 @@ class UdpSession:
 
     def send(self, up: bool, data: bytes) -> int:
         """Send a datagram; return when, 0 if the system would not."""
+        left = time.time_ns()
         try:
             if up:
                 self.send_up(data)
             else:
                 self._send_down(data, self._address)
-            left = time.time_ns()
         except OSError as error:
             left = self.send_again(data, error) if up else self._refuse(data, error)
         if left:
@@ -232,11 +232,12 @@ class UdpSession:
         if not isinstance(error, ConnectionRefusedError):
             return self._refuse(data, error)
         self._tell_refused()
+        left = time.time_ns()
         try:
             self.send_up(data)
         except OSError as again:
             return self._refuse(data, again)
-        return time.time_ns()
+        return left
 
     def leave(self, requests: Sequence[bytes]) -> int:
         """Send requests in the client's place, each after the answer to the one before; return how many
@@ -291,9 +292,9 @@ class UdpSession:
             except OSError as error:
                 self._trouble(error)
                 return
+            left = now()
             try:
                 send(data, address)
-                left = now()
             except OSError as error:
                 left = self._refuse(data, error)
             note((False, number, control, left, data))

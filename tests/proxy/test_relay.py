@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -161,6 +162,23 @@ def test_rules_may_end_a_connection(reset: bool) -> None:
         eventually(lambda: proxy.of(Kind.GONE))
         assert proxy.of(Kind.GONE)[0].up is reset
         assert "the rule" in proxy.told()
+
+
+def test_nothing_is_told_to_have_left_after_it_was_there() -> None:
+    """Else a recording would show answers before their requests."""
+    arrived = []
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        for _ in range(50):
+            client.send(b"ping")
+            server.recv(100)
+            arrived.append(time.time_ns())
+        eventually(lambda: len(proxy.of(Kind.DATA)) == 50)
+        left = [record.left for record in proxy.of(Kind.DATA)]
+    assert all(each <= there for each, there in zip(left, arrived, strict=True))
 
 
 def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
