@@ -10,8 +10,8 @@ from bcapscope.render.palette import Palette
 from bcapscope.render.tongue import Tongue, english
 
 CAPTION_WIDTH = 12
-TEXT_WIDTH = 64
-"""Columns for what stands behind a caption, where it can be broken: all fits into 80."""
+TEXT_WIDTH = 62
+"""Columns for what stands behind a caption, where it can be broken: with a scroll bar all fits into 80."""
 
 _FRAMES_SHOWN = 8
 
