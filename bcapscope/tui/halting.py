@@ -6,6 +6,7 @@ its work all the same.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, Any
@@ -37,6 +38,18 @@ def halting(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
             if isinstance(message, Key) and message.key in HALT_KEYS:
                 halt()
             super().process_message(message)
+
+        def _sigcont_application(self, *arguments: Any) -> None:
+            """Take the terminal again after a stop, if it is still there.
+
+            A terminal that hangs up sends SIGCONT behind SIGHUP, and a program may be stopped without being
+            asked; Textual would read and write with two threads each, of which it then ends one.
+            """
+            if not os.isatty(self.fileno):
+                return
+            if self._auto_restart and not self._must_signal_resume:
+                self.suspend_application_mode()
+            super()._sigcont_application(*arguments)
 
     return Halting
 

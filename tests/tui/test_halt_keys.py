@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from textual.command import CommandPalette
@@ -118,6 +120,30 @@ def test_the_driver_halts_before_the_event_loop_knows() -> None:
     driver.process_message(Key("f12", None))
     assert pressed.is_set()
     assert len(passed) == 2
+
+
+def test_a_terminal_that_has_hung_up_is_not_taken_again() -> None:
+    done: list[str] = []
+
+    class Terminal(HeadlessDriver):
+        def suspend_application_mode(self) -> None:
+            done.append("suspend")
+
+        def _sigcont_application(self, *arguments: object) -> None:
+            done.append("resume")
+
+    master, slave = os.openpty()
+    driver: Any = object.__new__(halting(Terminal, lambda: None))
+    vars(driver).update(fileno=slave, _auto_restart=True, _must_signal_resume=True)
+    for expected, asked in ((["resume"], True), (["suspend", "resume"], False)):
+        vars(driver)["_must_signal_resume"] = asked
+        driver._sigcont_application()
+        assert done == expected
+        done.clear()
+    os.close(master)
+    driver._sigcont_application()
+    assert not done
+    os.close(slave)
 
 
 def test_halt_while_the_screen_hangs(tmp_path: Path) -> None:
