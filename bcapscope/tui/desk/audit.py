@@ -48,7 +48,7 @@ class Audit:
         self._trouble = trouble
         self._file: BinaryIO | None = None
         self._path: Path | None = None
-        self._broken = False
+        self._broken = self._is_ended = False
         self._lock = threading.Lock()
         self._asked: dict[tuple[int, int], None] = {}
 
@@ -57,6 +57,8 @@ class Audit:
         with self._lock:
             if not self._broken and self._is_wanted(seen, who):
                 self._write(seen, who)
+                if self._is_ended:
+                    self._shut()
 
     def _is_wanted(self, seen: Observation, who: Who) -> bool:
         """Tell whether a packet is more than the screen's own reading, or answers what is."""
@@ -80,11 +82,16 @@ class Audit:
             self._open(seen.time).write(_line(seen, who))
         except OSError as error:
             self._broken = True
-            self.close()
+            self._shut()
             self._trouble(f"{self._path or self.folder}: {cause(error)}")
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; what a line that ends late still sends is written, and it is closed again."""
+        with self._lock:
+            self._is_ended = True
+            self._shut()
+
+    def _shut(self) -> None:
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -96,7 +103,7 @@ class Audit:
     def _open(self, time: int) -> BinaryIO:
         path = self.path(time)
         if self._file is None or path != self._path:
-            self.close()
+            self._shut()
             self.folder.mkdir(parents=True, exist_ok=True)
             self._path = path
             self._file = path.open("ab", buffering=0)
