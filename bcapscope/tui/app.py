@@ -59,7 +59,7 @@ class Spot(NamedTuple):
     make: Callable[[], Place]
 
 
-class Scope(KeyOrder):
+class Scope(App[None]):
     """The screen.
 
     Attributes:
@@ -144,6 +144,7 @@ class Scope(KeyOrder):
     def on_mount(self) -> None:
         """Listen to signals, tell what was wrong with the settings."""
         self._listen()
+        self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GARBAGE)
         if self._trouble:
             text = say("shell.settings.broken", path=self._settings_path, reason=told(self._trouble))

@@ -49,6 +49,7 @@ def halting(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
                 return
             if self._auto_restart and not self._must_signal_resume:
                 self.suspend_application_mode()
+                self._must_signal_resume = True  # has all drawn anew
             super()._sigcont_application(*arguments)
 
     return Halting
