@@ -59,7 +59,7 @@ class Spot(NamedTuple):
     make: Callable[[], Place]
 
 
-class Scope(App[None]):
+class Scope(KeyOrder):
     """The screen.
 
     Attributes:

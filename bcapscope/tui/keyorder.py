@@ -48,14 +48,18 @@ class KeyOrder(App[None]):
         self._waiting: deque[Event] = deque()
 
     async def on_event(self, event: Event) -> None:
-        """Let keys, and what is pasted, wait for the key before them; all else goes on."""
-        if not isinstance(event, Key | Paste) or event.is_forwarded:
+        """Let keys, and what is pasted, wait for the key before them; all else, and HALT, goes on."""
+        if not isinstance(event, Key | Paste) or event.is_forwarded or self._is_urgent(event):
             await super().on_event(event)
         elif self._behind is None:
             await self._forward(event)
         else:
             self._waiting.append(event)
             self._watch()
+
+    def _is_urgent(self, event: Event) -> bool:
+        bindings = self._bindings.key_to_bindings.get(event.key, ()) if isinstance(event, Key) else ()
+        return any(binding.priority for binding in bindings)
 
     async def _forward(self, event: Event) -> None:
         """Give out a key, and those that wait behind it as far as they are letters for the same field."""
