@@ -140,7 +140,8 @@ class Session:
         """
         try:
             if self._starting:
-                self.paces = self.paces._replace(others=self.paces.others._replace(retries=0))
+                patience = min(self.paces.others.timeout, PACES.others.timeout)
+                self.paces = self.paces._replace(others=Pace(patience, 0))  # who is silent may not be there
                 await self._leave("Service_Stop")
             for handle, mode in self._modes.items():
                 if mode:

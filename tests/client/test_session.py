@@ -117,6 +117,25 @@ def test_what_is_open_is_let_go_when_the_task_is_cancelled_in_a_call() -> None:
     assert peer.functions[-2:] == ["Controller_Disconnect", "Service_Stop"]
 
 
+def test_who_never_answered_is_not_waited_for_any_longer() -> None:
+    near, far = memory_pair(up=_lost, down=_lost)
+    Peer(far)
+
+    async def use() -> None:
+        async with connect(over_link(near), paces=Paces(others=Pace(60_000_000_000, 4))):
+            pass
+
+    async def play() -> float:
+        task = asyncio.create_task(use())
+        await asyncio.sleep(3.0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        return _moment()
+
+    assert run_virtually(play()) < 4.5
+
+
 @pytest.mark.parametrize(
     ("hangs", "expected"),
     [
