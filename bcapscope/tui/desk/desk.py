@@ -147,7 +147,10 @@ class Desk:
         target = self.status.target
         if target is None:
             return
-        old, self._line = self._line, HaltLine(target, self.tell, self._observe_halt, robot)
+        old = self._line
+        if old is not None:
+            old.give_way()
+        self._line = HaltLine(target, self.tell, self._observe_halt, robot)
         if old is not None:
             threading.Thread(target=old.close, daemon=True).start()
 

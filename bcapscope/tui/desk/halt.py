@@ -115,6 +115,12 @@ class HaltLine:
         """Send nothing but HALT while `quiet`: what other clients send may end slave mode."""
         self._quiet = quiet
 
+    def give_way(self) -> None:
+        """Tell of nothing but HALT from now on: how the line does is told by the one that takes its place."""
+        tell = self._tell
+        told = (HaltState.HALTED, HaltState.FAILED)
+        self._tell = lambda news: tell(news) if news.state in told else None
+
     def close(self) -> None:
         """Let go of the line and wait for that, `CLOSING` seconds at most."""
 
