@@ -164,6 +164,7 @@ class Tester(Parted):
         app.at_halt(self.desk.halt)
         app.at_close(self._close)
         self.set_interval(1.0, self._show_status)
+        self.watch(app, "theme", self._show_status, init=False)
         self._show_status()
         self.query_one("#connect", Button).focus()
         if not self._start.host:
