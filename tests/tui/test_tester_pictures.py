@@ -11,6 +11,7 @@ from textual.widgets import Button, Input
 
 from bcapscope.tui.app import Scope
 from bcapscope.tui.desk import recorder
+from bcapscope.tui.desk.halt import HaltState
 from bcapscope.tui.desk.record import Record
 from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.tester.choice import Choice
@@ -49,32 +50,40 @@ def _same_times(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Album:
-    """Takes pictures of one run in all themes, and compares them with those that are kept."""
+    """Takes pictures of one run in all themes, and compares them with those that are kept.
 
-    def __init__(self, app: Scope, write: bool) -> None:
-        self._app, self._write = app, write
+    What differs is laid into `folder`.
+    """
+
+    def __init__(self, app: Scope, folder: Path, write: bool) -> None:
+        self._app, self._folder, self._write = app, folder, write
         self._others: list[str] = []
 
-    async def take(self, pilot: Pilot[None], name: str, *themes: str) -> None:
-        """Take a picture of what is shown, in each of the themes."""
-        for theme in themes:
-            self._app.theme = theme
-            self._app.clear_notifications()
+    async def take(self, pilot: Pilot[None], name: str) -> None:
+        """Take a picture in each theme, once HALT is at hand and no button is lit by its push."""
+        here = screen(pilot)
+        await until(pilot, lambda: here.halt_state is HaltState.READY)
+        await until(pilot, lambda: not pilot.app.screen.query("Button.-active"))
+        await until(pilot, lambda: not here.query("Button.-active"))
+        app = self._app
+        for theme in (app.theme, "light" if app.theme == "dark" else "dark"):
+            app.theme = theme
+            app.clear_notifications()
             await pilot.pause()
-            await pilot.pause()
-            self._compare(f"{name}-{theme}", picture(self._app))
-        self._app.theme = "dark"
+            self._compare(f"{name}-{theme}", picture(app))
 
     def _compare(self, name: str, taken: bytes) -> None:
         path = PICTURES / f"{name}.svg"
         if self._write:
             path.write_bytes(taken)
         if not path.exists() or path.read_bytes() != taken:
-            self._others.append(name)
+            other = self._folder / path.name
+            other.write_bytes(taken)
+            self._others.append(str(other))
 
     def check(self) -> None:
         """Tell all that are not as they were."""
-        assert self._others == [], "look at the pictures that --golden-write makes"
+        assert self._others == [], f"these differ from those in {PICTURES}; --golden-write keeps them instead"
 
 
 async def begin(pilot: Pilot[None]) -> None:
@@ -94,7 +103,7 @@ async def begin(pilot: Pilot[None]) -> None:
 @pytest.mark.usefixtures("_same_times")
 def test_the_window_of_the_pages(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     app = make_tester(tmp_path)
-    album = Album(app, request.config.getoption("--golden-write"))
+    album = Album(app, tmp_path, request.config.getoption("--golden-write"))
 
     async def act(pilot: Pilot[None]) -> None:
         await begin(pilot)
@@ -102,7 +111,7 @@ def test_the_window_of_the_pages(tmp_path: Path, request: pytest.FixtureRequest)
         await executed(pilot, "slvMove", POINT)
         await focus(pilot, "#sent HexView")
         await pilot.press("end", *["left"] * 20)
-        await album.take(pilot, "tester", "dark", "light")
+        await album.take(pilot, "tester")
         await finish(pilot)
 
     drive(app, act, LARGE, LIMIT)
@@ -115,13 +124,13 @@ def test_each_of_its_parts(
     tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     app = make_tester(tmp_path)
-    album = Album(app, request.config.getoption("--golden-write"))
+    album = Album(app, tmp_path, request.config.getoption("--golden-write"))
 
     async def act(pilot: Pilot[None]) -> None:
         await begin(pilot)
         await executed(pilot, "slvChangeMode", "2")
         await executed(pilot, "slvMove", POINT)
-        await album.take(pilot, "tester-robot", "dark", "light")
+        await album.take(pilot, "tester-robot")
         monkeypatch.chdir(CAPTURES)  # so that the path of the file is the same everywhere
         for part in (variable, task, function, history, recovery, slave_mode):
             await part(pilot, album)
@@ -145,7 +154,7 @@ async def variable(pilot: Pilot[None], album: Album) -> None:
     await answered(pilot, "#variable ResultView", "(EMPTY)")
     await pilot.press("tab", "enter")
     await answered(pilot, "#variable ResultView", "42")
-    await album.take(pilot, "tester-variable", "dark", "light")
+    await album.take(pilot, "tester-variable")
 
 
 async def task(pilot: Pilot[None], album: Album) -> None:
@@ -153,7 +162,7 @@ async def task(pilot: Pilot[None], album: Album) -> None:
     await focus(pilot, "#task #state")
     await pilot.press("enter")
     await answered(pilot, "#task-result", "3")
-    await album.take(pilot, "tester-task", "dark", "light")
+    await album.take(pilot, "tester-task")
 
 
 async def function(pilot: Pilot[None], album: Album) -> None:
@@ -163,13 +172,13 @@ async def function(pilot: Pilot[None], album: Album) -> None:
     await pilot.press(*"robot_move", "enter")
     await until(pilot, lambda: screen(pilot).query("#function #field2"))
     await until(pilot, lambda: pilot.app.focused is screen(pilot).query_one("#function #field0"))
-    await album.take(pilot, "tester-function", "dark", "light")
+    await album.take(pilot, "tester-function")
 
 
 async def history(pilot: Pilot[None], album: Album) -> None:
     screen(pilot).query_one("#view", Choice).chosen = "history"
     await focus(pilot, "HistoryLines")
-    await album.take(pilot, "tester-history", "dark", "light")
+    await album.take(pilot, "tester-history")
 
 
 async def recovery(pilot: Pilot[None], album: Album) -> None:
@@ -183,7 +192,7 @@ async def recovery(pilot: Pilot[None], album: Album) -> None:
     await pilot.press("f7")
     await until(pilot, lambda: "0x8420405" in sight(pilot))
     here.query_one("#left").scroll_home(animate=False)
-    await album.take(pilot, "tester-recovery", "dark", "light")
+    await album.take(pilot, "tester-recovery")
     await pilot.press("escape")
 
 
@@ -194,5 +203,5 @@ async def slave_mode(pilot: Pilot[None], album: Album) -> None:
     await write(pilot, "swing-joints.csv")
     start = pilot.app.screen.query_one("#start", Button)
     await until(pilot, lambda: not start.disabled)
-    await album.take(pilot, "slave-mode-preflight", "dark", "light")
+    await album.take(pilot, "slave-mode-preflight")
     await pilot.press("escape")

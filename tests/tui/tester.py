@@ -73,6 +73,7 @@ async def connected(pilot: Pilot[None]) -> Tester:
     await pilot.press("enter")
     await until(pilot, lambda: here.desk.status.robot is not None)
     await until(pilot, lambda: here.halt_state is HaltState.READY)
+    await until(pilot, lambda: pilot.app.focused is here.query_one(COMMAND))
     return here
 
 

@@ -200,7 +200,7 @@ def test_tcp_clients_are_seen_and_their_messages_held_edited_and_dropped(
             brief = Pace(3_000_000_000, 0)
             dropped = asyncio.create_task(ask(port, "Robot_Execute", *pair[1], pace=brief, tcp=True))
             await until(pilot, lambda: len(place.held.items) == 2)
-            assert [client.transport for client in place.clients.items] == ["tcp", "tcp"]
+            await until(pilot, lambda: [one.transport for one in place.clients.items] == ["tcp", "tcp"])
             await pilot.press("3", "home", "e")
             await pilot.pause()
             await type_in(pilot, "set arg[2]=1")
