@@ -336,3 +336,17 @@ def test_a_robot_can_be_added_later(tmp_path: Path, simulator: BuiltIn) -> None:
         assert asyncio.run(made.do(add_robot(made, "Gundam", "")))
         assert made.status.robot is not None
         assert heard.all(StepNews)[-1].step is Step.ROBOT
+
+
+def test_a_line_for_halt_gives_way_to_another_without_telling_that_there_is_none(
+    tmp_path: Path, simulator: BuiltIn
+) -> None:
+    with desk(tmp_path) as (made, heard):
+        assert join(made, simulator.port)
+        heard.wait_for(lambda: heard.halt is HaltState.READY)
+        old = made._line
+        assert old is not None
+        made.open_halt_line("Gundam")
+        old._thread.join(LIMIT)
+        heard.wait_for(lambda: heard.halt is HaltState.READY)
+        assert HaltState.CLOSED not in [news.state for news in heard.all(HaltNews)]
