@@ -185,10 +185,13 @@ class Exchange:
         """Nanoseconds from the request that was answered to the accepted reply."""
         if self.reply is None or not self.others:
             return self.latency
-        serial = self.reply.item.serial
-        return self.reply.time - next(
-            request.time for request in reversed(self.requests) if request.item.serial == serial
-        )
+        return self.reply.time - self.answered_by(self.reply).time
+
+    def answered_by(self, reply: FrameObservation) -> FrameObservation:
+        """Return the try that a reply of the call answers."""
+        serial = reply.item.serial
+        tries = (request for request in reversed(self.requests) if request.item.serial == serial)
+        return next(tries, self.request)
 
     @property
     def convention(self) -> Convention:

@@ -20,6 +20,9 @@ from bcapscope.traffic.question import Question
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG = SECOND
+_SOON = SECOND // 20
+"""A reply that comes so soon after a try tells of lost packets before it, not of a long call."""
+
 _FORGOTTEN = 10 * SECOND
 _REPLACED = 2 * SECOND
 _SMALLEST_WDT = 80
@@ -219,12 +222,12 @@ class Session(Watcher):
         self.tell(FOREVER, call, say, then, time=notices[-1].time)
 
     def _look_for_long(self, call: Exchange, service: Exchange) -> None:
-        if not call.retries and call.reply is not None:
+        replies = call.late_replies if call.reply is None else (call.reply,) if call.retries else ()
+        if not replies:
             return
-        end = max((reply.time for reply in call.late_replies), default=0)
-        end = call.reply.time if call.reply is not None else end
-        took = end - call.request.time
-        if took < _LONG:
+        last = max(replies, key=lambda reply: reply.time)
+        took, waited = last.time - call.request.time, last.time - call.answered_by(last).time
+        if took < _LONG or waited < _SOON:
             return
 
         def say(speech: Speech) -> str:
@@ -234,8 +237,9 @@ class Session(Watcher):
                 else f"gave {called(call)} up"
             )
             return (
-                f"at {speech.at(call.request.time)} {name_of(call)} took the controller {span(took)}, "
-                f"{speech.client(call.conversation)} {what}, and Service_Start asked for no WDT"
+                f"at {speech.at(call.request.time)} {name_of(call)} was answered after {span(took)}, "
+                f"{span(waited)} after the try that was answered, {speech.client(call.conversation)} {what}, "
+                "and Service_Start asked for no WDT"
             )
 
         self.tell(NO_WDT, call, say, before=service, began=call.request.time, time=call.request.time)

@@ -177,7 +177,7 @@ PHRASES: dict[str, str] = {
     "{client} did not close its session": "{client} がセッションを閉じていません",
     "at {time} {name} of {client} was never answered": "{time} の {client} の {name} に応答がありませんでした",
     "the controller said S_EXECUTING {times}, the last time {span} after the request": "コントローラは S_EXECUTING を {times} 返し、最後は要求の {span} 後でした",
-    "at {time} {name} took the controller {span}, {client} {clause}, and Service_Start asked for no WDT": "{time} に {name} はコントローラで {span} かかり、{client} は {clause}。Service_Start で WDT が指定されていません",
+    "at {time} {name} was answered after {span}, {span2} after the try that was answered, {client} {clause}, and Service_Start asked for no WDT": "{time} の {name} には {span} 後に応答 (応答された試行からは {span2} 後)。{client} は {clause}。Service_Start で WDT が指定されていません",
     "sent {name} {times} meanwhile": "その間に {name} を {times} 送りました",
     "gave {name} up": "{name} を打ち切りました",
     "it is the first call of the session, and that should be Service_Start": "これがセッションの最初の呼び出しですが、最初は Service_Start であるべきです",

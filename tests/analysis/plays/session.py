@@ -117,8 +117,8 @@ def _executing(answered: bool, option: str = ",WDT=400") -> Play:
     return play
 
 
-def _long_call(option: str) -> Play:
-    """A Motor that takes 3 s, and a client that asks again after 1 s each."""
+def _long_call(option: str, is_lost: bool = False) -> Play:
+    """A Motor that takes 3 s, or is lost twice, and a client that asks again after 1 s each."""
 
     def play(story: Story) -> None:
         client = story.client()
@@ -129,7 +129,7 @@ def _long_call(option: str) -> Play:
             last = client.ask(
                 50 + 1000 * number, "Robot_Execute", ROBOT, text("Motor"), i4s(1, 0), reserved=first
             )
-        client.answer(3050, last, EMPTY)
+        client.answer(2053 if is_lost else 3050, last, EMPTY)
         client.close(3100)
 
     return play
@@ -231,8 +231,15 @@ SCENES = (
         "long-call-without-wdt",
         _long_call(""),
         (1, 2, 9, 10, 11, 12),
-        ("Motor took the controller 3 s", "sent Motor 5 3 times meanwhile", "no WDT"),
+        ("answered after 3 s, 1 s after the try", "sent Motor 5 3 times meanwhile", "no WDT"),
         _long_call(",WDT=400"),
+    ),
+    Scene(
+        "long-call-without-wdt",
+        _long_call(""),
+        (1, 2, 9, 10, 11, 12),
+        ("Motor was answered after 3 s",),
+        _long_call("", is_lost=True),
     ),
     Scene(
         "wdt-too-small",
