@@ -28,6 +28,8 @@ def halting(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
     """
 
     class Halting(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
+        _must_signal_resume: bool
+
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
             file: IO[str] | None = getattr(self, "_file", None)
