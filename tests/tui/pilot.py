@@ -57,7 +57,19 @@ class Hand(Pilot[None]):
         """Press keys, one after the other."""
         for key in keys:
             await self.app._press_keys([key])
+            await self._reached()
             await self._wait_for_screen()
+
+    async def _reached(self) -> None:
+        """Wait until the key has gone its way: to the application, to what has the focus, and back up.
+
+        Who gets it may be waiting for a thread, which looks as quiet as having done with it.
+        """
+        for place in (self.app, self.app.focused, self.app.screen, self.app):
+            done = asyncio.Event()
+            if place is not None and place.call_later(done.set):
+                async with asyncio.timeout(LIMIT):
+                    await done.wait()
 
     async def resize_terminal(self, width: int, height: int) -> None:
         """Make the terminal another size; Textual waits for a moment before it takes that."""

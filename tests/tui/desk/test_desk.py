@@ -68,6 +68,7 @@ def desk(folder: Path) -> Iterator[tuple[Desk, Heard]]:
 
 
 def join(made: Desk, port: int, robot: str = "Gundam", tcp: bool = False) -> bool:
+    """Connect; over UDP the simulator, which all tests share, has room for ten desks in ten seconds."""
     target = Target("127.0.0.1", port, tcp, timeout=300.0)
     return asyncio.run(made.do(connect(made, target, AUTOMATIC, robot, "")))
 
@@ -160,7 +161,7 @@ def test_after_halt_slave_mode_is_left_though_the_controller_may_have_left_it(
     tmp_path: Path, simulator: BuiltIn
 ) -> None:
     with desk(tmp_path) as (made, heard):
-        assert join(made, simulator.port)
+        assert join(made, simulator.port, tcp=True)
         start_robslave(made)
         robot_call(made, "slvChangeMode", Variant(VT.I4, 2))
         made.halt()
@@ -301,14 +302,14 @@ def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: BuiltIn) -> Non
 
 def test_too_much_for_udp_is_told_and_not_sent(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, _):
-        assert join(made, simulator.port)
+        assert join(made, simulator.port, tcp=True)
         with pytest.raises(LocalProtocolError, match="TCP"):
             robot_call(made, "slvGetMode", Variant(VT.BSTR, "x" * 300))
 
 
 def test_everything_sent_is_in_the_audit_log(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path / "log") as (made, _):
-        assert join(made, simulator.port)
+        assert join(made, simulator.port, tcp=True)
         robot_call(made, "Motor", Variant(VT.I4, 1))
     (path,) = (tmp_path / "log").iterdir()
     lines = [orjson.loads(line) for line in path.read_bytes().splitlines()]
@@ -324,14 +325,14 @@ def test_everything_sent_is_in_the_audit_log(tmp_path: Path, simulator: BuiltIn)
 def test_a_log_that_cannot_be_written_is_told_once(tmp_path: Path, simulator: BuiltIn) -> None:
     (tmp_path / "file").write_text("")
     with desk(tmp_path / "file") as (made, heard):
-        assert join(made, simulator.port)
+        assert join(made, simulator.port, tcp=True)
         troubles = [each for each in heard.news if type(each).__name__ == "Trouble"]
         assert len(troubles) == 1
 
 
 def test_a_robot_can_be_added_later(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, heard):
-        assert join(made, simulator.port, robot="")
+        assert join(made, simulator.port, robot="", tcp=True)
         assert made.status.robot is None
         assert asyncio.run(made.do(add_robot(made, "Gundam", "")))
         assert made.status.robot is not None
@@ -342,7 +343,7 @@ def test_a_line_for_halt_gives_way_to_another_without_telling_that_there_is_none
     tmp_path: Path, simulator: BuiltIn
 ) -> None:
     with desk(tmp_path) as (made, heard):
-        assert join(made, simulator.port)
+        assert join(made, simulator.port, tcp=True)
         heard.wait_for(lambda: heard.halt is HaltState.READY)
         old = made._line
         assert old is not None
