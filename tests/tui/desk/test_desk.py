@@ -302,7 +302,7 @@ def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: BuiltIn) -> Non
 
 def test_too_much_for_udp_is_told_and_not_sent(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path) as (made, _):
-        assert join(made, simulator.port, tcp=True)
+        assert join(made, simulator.port)
         with pytest.raises(LocalProtocolError, match="TCP"):
             robot_call(made, "slvGetMode", Variant(VT.BSTR, "x" * 300))
 
