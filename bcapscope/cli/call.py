@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import IO, Any, TextIO
@@ -14,7 +13,7 @@ from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate, palette
 from bcapscope.cli.request import Request, check_owners, read_request, read_script
-from bcapscope.cli.signals import end_in_order
+from bcapscope.cli.signals import run_in_order
 from bcapscope.client.reach import NAMES, Reach
 from bcapscope.client.session import open_target
 from bcapscope.errors import ExchangeTimeout
@@ -103,10 +102,9 @@ def command(
     names = {owner: given for owner in _NAMED if (given := _given(named, owner)) is not None}
     check_owners(requests, {*NAMES, *names})
     calls = _Calls(target, names, arm, _Printer(dump, as_json, color))
-    end_in_order()
     with failures_told(target):
         try:
-            code = asyncio.run(calls.make(requests))
+            code = run_in_order(calls.make(requests))
         except ValueError as error:
             raise click.UsageError(str(error)) from None
     sys.exit(code)

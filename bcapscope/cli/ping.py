@@ -17,7 +17,7 @@ from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo
-from bcapscope.cli.signals import end_in_order
+from bcapscope.cli.signals import run_in_order
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, open_target
 from bcapscope.client.target import reason_of
@@ -79,12 +79,11 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
     Exit codes: 0 calls were answered; 2 the command line makes no sense; 9 no answer, or the connection
     broke; 130 it was ended.
     """
-    end_in_order()
     found = _Found()
     code = Exit.UNANSWERED
     with failures_told(target):
         try:
-            asyncio.run(_ping(target, count, interval / 1000, found))
+            run_in_order(_ping(target, count, interval / 1000, found))
             code = Exit.OK if found.round_trips and found.broken is None else Exit.UNANSWERED
         except KeyboardInterrupt:
             code = Exit.INTERRUPTED
@@ -130,14 +129,16 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
     session.paces = usual._replace(others=usual.others._replace(retries=0))
     loop = asyncio.get_running_loop()
     begin = loop.time()
-    for number in range(count):
-        await asyncio.sleep(begin + number * interval - loop.time())
-        settled = await session.exchange(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
-        if isinstance(settled, TimedOut):
-            found.lost += 1
-        else:
-            found.round_trips.append(settled.took / 1e6)
-    session.paces = usual
+    try:
+        for number in range(count):
+            await asyncio.sleep(begin + number * interval - loop.time())
+            settled = await session.exchange(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
+            if isinstance(settled, TimedOut):
+                found.lost += 1
+            else:
+                found.round_trips.append(settled.took / 1e6)
+    finally:
+        session.paces = usual
 
 
 def _lines(target: Target, found: _Found) -> Iterator[str]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import socket
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -16,6 +20,40 @@ def end_in_order() -> None:
     for number in _ENDS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
             signal.signal(number, _terminate)
+
+
+def run_in_order(work: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine; what ends programs ends it between two steps, as Ctrl-C does, so that it lets go of all.
+
+    Raises:
+        KeyboardInterrupt: it was ended.
+    """
+    return asyncio.run(_ended_in_order(work))
+
+
+async def _ended_in_order(work: Coroutine[Any, Any, T]) -> T:
+    task, loop, ended = asyncio.current_task(), asyncio.get_running_loop(), asyncio.Event()
+    assert task is not None
+
+    def end() -> None:
+        if not ended.is_set():
+            ended.set()
+            task.cancel()
+
+    before = {number: signal.getsignal(number) for number in _ENDS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # as nohup wants it
+            with suppress(NotImplementedError):  # on Windows, where it ends as before
+                loop.add_signal_handler(number, end)
+    try:
+        return await work
+    except asyncio.CancelledError:
+        if ended.is_set():
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
