@@ -16,14 +16,14 @@ _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(sign
 
 
 def end_in_order() -> None:
-    """Let signals that end programs do as Ctrl-C does, so that all is let go of."""
+    """Let signals that end programs do as Ctrl-C does, and all is let go of."""
     for number in _ENDS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
             signal.signal(number, _terminate)
 
 
 def run_in_order(work: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine; what ends programs ends it between two steps, as Ctrl-C does, so that it lets go of all.
+    """Run a coroutine; what ends programs ends it between two steps, as Ctrl-C does, and all is let go of.
 
     Raises:
         KeyboardInterrupt: it was ended.
