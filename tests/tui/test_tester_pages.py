@@ -17,7 +17,7 @@ from textual.widgets import Input, Select
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.observer import Observer
 from bcapscope.client.session import command_of
-from bcapscope.player.messages import Ended, Outcome, Pacing
+from bcapscope.player.messages import Outcome, Pacing
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.slavemode import PoseType
@@ -25,7 +25,6 @@ from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.kinematics import eight, pose_of
 from bcapscope.tui.desk.builtin import JOINTS
 from bcapscope.tui.screens.slave import SlaveScreen
-from bcapscope.tui.tester.ask import ChoiceDialog
 from bcapscope.tui.tester.history import HistoryLines
 from bcapscope.tui.tester.packetbox import PacketBox
 from tests.tui.pilot import drive, until
@@ -39,6 +38,7 @@ from tests.tui.tester import (
     make_tester,
     screen,
     sight,
+    watched,
     write,
 )
 
@@ -174,24 +174,6 @@ async def play(pilot: Pilot[None], log: Path, pacing: Pacing) -> None:
     assert sum(name == "slvmove" for name, _ in asked) >= 100
     await pilot.press("escape")
     await until(pilot, lambda: pilot.app.screen is screen(pilot))
-
-
-async def watched(pilot: Pilot[None], here: SlaveScreen) -> Ended:
-    """Wait for the end; where this machine was too slow for the mode, clear the error and play again."""
-
-    def over() -> bool:
-        return here.run is not None and (here.run.ended is not None or is_asked())
-
-    def is_asked() -> bool:
-        return isinstance(pilot.app.screen, ChoiceDialog)
-
-    for _ in range(5):
-        await until(pilot, over, LIMIT)
-        if is_asked():
-            await pilot.press("right", "right", "enter")
-    assert here.run is not None
-    assert here.run.ended is not None
-    return here.run.ended
 
 
 def commands(record: Path) -> Iterator[tuple[str, object]]:
