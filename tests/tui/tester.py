@@ -7,7 +7,7 @@ from typing import cast
 
 from textual.events import Paste
 from textual.pilot import Pilot
-from textual.widgets import Input
+from textual.widgets import Button, Input
 
 from bcapscope.player.messages import Ended
 from bcapscope.tui.app import Scope, Spot
@@ -125,16 +125,18 @@ async def finish(pilot: Pilot[None]) -> None:
 async def watched(pilot: Pilot[None], here: SlaveScreen) -> Ended:
     """Wait for the end; where this machine was too slow for the mode, clear the error and play again."""
 
-    def over() -> bool:
-        return here.run is not None and (here.run.ended is not None or is_asked())
+    def ended() -> Ended | None:
+        return here.run.ended if here.run is not None else None
 
     def is_asked() -> bool:
         return isinstance(pilot.app.screen, ChoiceDialog)
 
-    for _ in range(5):
-        await until(pilot, over, PLAYED)
-        if is_asked():
-            await pilot.press("right", "right", "enter")
-    assert here.run is not None
-    assert here.run.ended is not None
-    return here.run.ended
+    for _ in range(12):
+        await until(pilot, lambda: ended() or is_asked(), PLAYED)
+        if is_asked():  # whether to clear it and play again, whether to go to the first set point
+            choices = len(pilot.app.screen.query(Button))
+            await pilot.press(*["right"] * (choices - 1), "enter")
+            await until(pilot, lambda: not is_asked())
+    result = ended()
+    assert result is not None
+    return result
