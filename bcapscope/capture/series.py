@@ -66,7 +66,7 @@ class Series(io.RawIOBase):
     """The files of a recording; what is written is in them after `flush`, in one piece.
 
     A file of a ring is begun for packets that there are, so that none is empty and the oldest is not removed
-    for nothing: call `turn` before packets are written.
+    for nothing: call `turn` before each packet.
 
     Attributes:
         recording: writes packets to them.
@@ -124,7 +124,7 @@ class Series(io.RawIOBase):
         self._size += len(data)
 
     def turn(self) -> None:
-        """Go on with the next file where it is time to; what was not flushed is lost.
+        """Go on with the next file where it is time to.
 
         Raises:
             OSError: it cannot be written.
@@ -132,6 +132,7 @@ class Series(io.RawIOBase):
         bounds = self._bounds
         if bounds is None or not self._is_full(bounds):
             return
+        self.flush()
         self._file.close()
         while len(self._files) >= bounds.files:
             with suppress(OSError):  # somebody else has moved it

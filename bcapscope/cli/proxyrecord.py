@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from bcapscope.capture.packet import Interface
-from bcapscope.capture.recording import RAW
+from bcapscope.capture.recording import RAW, Recording
 from bcapscope.capture.series import Bounds, Series
 from bcapscope.proxy.ring import Kind, Record
 from bcapscope.proxy.witness import Met, met
@@ -66,8 +66,6 @@ class ProxyRecorder:
                 self._end(record, steps)
         steps.sort(key=_time)
         try:
-            if steps:
-                series.turn()
             for time, write in steps:
                 write(time)
             series.flush()
@@ -81,6 +79,12 @@ class ProxyRecorder:
             self._series.close()
             self._series = None
 
+    def _recording(self) -> Recording:
+        """Return what packets are written with, to the next file where it is time to."""
+        assert self._series is not None
+        self._series.turn()
+        return self._series.recording
+
     def _meet(self, who: Met, record: Record, steps: list[tuple[int, Callable[[int], None]]]) -> None:
         near = _Leg(f"clients of {who.listen}", who.client, who.listen)
         far = _Leg(f"controller {who.controller}", who.upstream, who.controller)
@@ -89,9 +93,8 @@ class ProxyRecorder:
             steps.append((record.came, partial(self._begin, near)))
 
     def _begin(self, leg: _Leg, time: int) -> None:
-        assert self._series is not None
         leg.begun = True
-        self._series.recording.opened(leg.asking, leg.asked, time, where=leg.where)
+        self._recording().opened(leg.asking, leg.asked, time, where=leg.where)
 
     def _add(self, record: Record, steps: list[tuple[int, Callable[[int], None]]]) -> None:
         transport, near, far = self._legs[record.client]
@@ -101,15 +104,15 @@ class ProxyRecorder:
                 steps.append((time, partial(self._write, transport, leg, record)))
 
     def _write(self, transport: Transport, leg: _Leg, record: Record, time: int) -> None:
-        assert self._series is not None
-        recording = self._series.recording
         source, target = leg.ends(record.up)
         if transport is Transport.TCP:
             if not leg.begun:
                 self._begin(leg, time)
-            recording.segment(source, target, record.data, time, where=leg.where, comment=record.note)
+            self._recording().segment(source, target, record.data, time, where=leg.where, comment=record.note)
         else:
-            recording.datagram(source, target, record.data, time, where=leg.where, comment=record.note)
+            self._recording().datagram(
+                source, target, record.data, time, where=leg.where, comment=record.note
+            )
 
     def _end(self, record: Record, steps: list[tuple[int, Callable[[int], None]]]) -> None:
         transport, *legs = self._legs[record.client]
@@ -120,16 +123,15 @@ class ProxyRecorder:
                 steps.append((record.came, partial(self._finish, leg, record.up)))
 
     def _finish(self, leg: _Leg, up: bool, time: int) -> None:
-        assert self._series is not None
         if leg.begun:
-            self._series.recording.finished(*leg.ends(up), time, where=leg.where)
+            self._recording().finished(*leg.ends(up), time, where=leg.where)
 
     def _forget(self, client: int, cut: bool, time: int) -> None:
         assert self._series is not None
         transport, *legs = self._legs.pop(client)
         for leg in legs if transport is Transport.TCP else ():
             if leg.begun and cut:
-                self._series.recording.finished(leg.asking, leg.asked, time, where=leg.where, reset=True)
+                self._recording().finished(leg.asking, leg.asked, time, where=leg.where, reset=True)
             self._series.recording.ended(leg.asking, leg.asked)
 
 
