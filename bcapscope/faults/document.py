@@ -127,7 +127,7 @@ def plain(value: object) -> Any:
 def _decode(kind: type, written: object) -> object:
     if kind in QUANTITIES:
         return kind.read(written)
-    raise NotImplementedError(f"{kind} is no quantity")
+    raise NotImplementedError(f"{kind} is no quantity")  # so a hook of msgspec tells what it does not know
 
 
 class _Loader(Composer, SafeConstructor, Resolver):

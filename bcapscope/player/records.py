@@ -182,7 +182,7 @@ def _seconds(value: object) -> float | None:
 
 def _float(value: object) -> float:
     try:
-        return float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+        return float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]  # as caught
     except (TypeError, ValueError, OverflowError):
         return float("nan")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 
 from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.finding import Finding
 from bcapscope.analysis.statistics import Summary
 from bcapscope.analysis.stay import Stay
 from bcapscope.render.escape import printable
@@ -45,21 +46,23 @@ class Judge:
         end = copy.deepcopy(self)
         findings = end._diagnosis.finish(ended)
         statistics = self._summary.statistics()
-        causes = tuple(
-            Cause(
-                each.rule,
-                each.severity.value,
-                printable(each.sentence),
-                each.frames,
-                each.consequence_of or 0,
-                printable(each.advice),
-                each.source,
-            )
-            for each in findings
-        )
+        causes = tuple(map(cause_of, findings))
         lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))
         return Verdict(causes, end._diagnosis.seen, end._stays, lines)
 
     def _heed(self, stay: Stay) -> None:
         if len(self._stays) < MOST_LINES:
             self._stays.extend((*stay_lines(stay, INK, self._tongue), ""))
+
+
+def cause_of(finding: Finding) -> Cause:
+    """Make a finding ready to be shown."""
+    return Cause(
+        finding.rule,
+        finding.severity.value,
+        printable(finding.sentence),
+        finding.frames,
+        finding.consequence_of or 0,
+        printable(finding.advice),
+        finding.source,
+    )

@@ -8,9 +8,9 @@ import pytest
 from textual.pilot import Pilot
 
 from bcapscope.protocol.wording import display_width
-from bcapscope.render.escape import printable
 from bcapscope.tui.ink import plain
-from bcapscope.tui.traffic.report import Cause, Verdict
+from bcapscope.tui.traffic.judge import cause_of
+from bcapscope.tui.traffic.report import Verdict
 from bcapscope.tui.widgets.findingpage import FindingPage
 from bcapscope.tui.words import Language, speak
 from tests.analysis.plays import SCENES
@@ -27,19 +27,7 @@ def _english_again() -> Iterator[None]:
 
 def test_nothing_of_a_finding_is_cut_off() -> None:
     found = [stage(scene.fires) for scene in SCENES[::8]]
-    causes = tuple(
-        Cause(
-            each.rule,
-            each.severity.value,
-            printable(each.sentence),
-            each.frames,
-            each.consequence_of or 0,
-            each.advice,
-            each.source,
-        )
-        for story in found
-        for each in story.findings
-    )
+    causes = tuple(cause_of(each) for story in found for each in story.findings)
 
     async def act(pilot: Pilot[None]) -> None:
         page = pilot.app.screen.query_one(FindingPage)
