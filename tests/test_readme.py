@@ -1,4 +1,4 @@
-"""What the README shows is what is printed."""
+"""What the README and the pages in ``docs`` show is what is printed, and their links lead somewhere."""
 
 from __future__ import annotations
 
@@ -11,14 +11,25 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {
+    path: path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+}
 
 
 def shown() -> list[tuple[str, str]]:
-    """List each command line that the README shows with what it says that comes out of it."""
-    blocks = re.findall(r"^```console\n(.*?)^```$", README, re.DOTALL | re.MULTILINE)
+    """List each command line that a page shows with what it says that comes out of it, once."""
+    blocks = [block for page in PAGES.values() for block in re.findall(r"(?ms)^```console\n(.*?)^```$", page)]
     runs = [run for block in blocks for run in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]]
-    return [(command, output) for command, _, output in (run.partition("\n") for run in runs)]
+    return list(
+        dict.fromkeys((command, output) for command, _, output in (run.partition("\n") for run in runs))
+    )
+
+
+def anchors(page: str) -> set[str]:
+    """Name the headings of a page as links name them."""
+    titles = re.findall(r"(?m)^#+ (.+)$", re.sub(r"(?ms)^```.*?^```$", "", page))
+    return {re.sub(r"[^\w -]", "", title).lower().replace(" ", "-") for title in titles}
 
 
 @pytest.mark.parametrize(("command", "expected"), shown(), ids=lambda text: text[:60])
@@ -32,4 +43,19 @@ def test_every_sample_is_what_is_printed(command: str, expected: str, tmp_path: 
 
 
 def test_there_are_samples() -> None:
-    assert len(shown()) >= 4
+    assert len(shown()) >= 7
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_every_link_leads_somewhere(path: Path) -> None:
+    for link in re.findall(r"\]\(([^)\s]+)\)", PAGES[path]):
+        name, _, anchor = link.partition("#")
+        there = (path.parent / name).resolve() if name else path
+        assert there.exists(), link
+        assert not anchor or anchor in anchors(PAGES[there]), link
+
+
+def test_the_readme_leads_to_every_page() -> None:
+    assert {f"docs/{path.name}" for path in PAGES if path.parent.name == "docs"} <= set(
+        re.findall(r"\]\(([^)\s#]+)", PAGES[ROOT / "README.md"])
+    )

@@ -33,7 +33,7 @@ def command(
     """Look for what went wrong in captures, and tell the first cause first.
 
     A finding has: number, severity, rule, one sentence, the frames that prove it, what to do, and where the
-    rule is from. Consequences stand under their cause. The rules are listed in the README.
+    rule is from. Consequences stand under their cause. docs/rules.md lists the rules.
 
     A filter chooses calls: told is what concerns them and what that follows from. The rules see all calls
     even so, as most of them reason about what came before, or never came.

@@ -1,4 +1,4 @@
-"""Findings as text and as JSON, and the list of rules in the README."""
+"""Findings as text and as JSON, and the list of rules in the documentation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bcapscope.protocol.wording import display_width
 from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record, rule_table
 from bcapscope.render.palette import ANSI
 
-README = Path(__file__).parents[2] / "README.md"
+RULES = Path(__file__).parents[2] / "docs" / "rules.md"
 SEEN = Seen(512, 256, 1, 2_100_000_000)
 CAUSE = Finding(
     "late-reply",
@@ -115,5 +115,5 @@ def test_json_has_exactly_these_keys() -> None:
     assert json.loads(finding_record(1, CAUSE))["consequence_of"] is None
 
 
-def test_the_readme_lists_the_rules() -> None:
-    assert rule_table() in README.read_text(encoding="utf-8")
+def test_the_documentation_lists_the_rules() -> None:
+    assert rule_table() in RULES.read_text(encoding="utf-8")

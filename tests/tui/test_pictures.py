@@ -1,4 +1,4 @@
-"""Pictures of the main screens, which the README shows; ``pytest --golden-write`` makes them anew."""
+"""Pictures of the main screens, which the documentation shows; ``pytest --golden-write`` makes them anew."""
 
 from __future__ import annotations
 
