@@ -15,6 +15,7 @@ from contextlib import suppress
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
+from bcapscope.cli.courtesy import Courtesy, idle_priority
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.output import narrate
 from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes, watch
@@ -74,6 +75,7 @@ class Proxy:
         self._link, self._other_end = self._context.Pipe()
         self._watcher: multiprocessing.process.BaseProcess | None = None
         self._watched = False
+        self._courtesy: Courtesy | None = None
         self._ports: list[TcpPort | UdpPort] = []
         self._ending = 0.0
         self._hung_up = False
@@ -116,6 +118,8 @@ class Proxy:
         if answer != READY:
             raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
         self._watched = True
+        assert self._watcher.pid is not None
+        self._courtesy = Courtesy(self._ring, idle_priority(self._watcher.pid))
         self._forget_name()
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
             self.relay.watch(self._link.fileno(), lambda _: self._hear())
@@ -204,7 +208,9 @@ class Proxy:
             self._hung_up = True
 
     def _look_around(self) -> None:
-        """Do what is due about once a second."""
+        """Do what is due from time to time."""
+        if self._watched and self._courtesy is not None:
+            self._courtesy.look(time.monotonic())
         if self._ending and time.monotonic() - self._ending > _ANSWERS_WITHIN:
             self.relay.stop()
         if self._watched and self._link.poll():

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import gc
 import json
-import os
 import shutil
 import signal
 import time
 from collections.abc import Iterable
-from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session import IN_SLAVE_MODE
+from bcapscope.cli.courtesy import step_back
 from bcapscope.cli.output import palette
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxystatus import Delays, losses, rates, totals
@@ -61,7 +60,7 @@ def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
         relay: over which it asks and is answered; its end is the relay's.
         wishes: what is to be done.
     """
-    _step_back()
+    _leave_to_relay()
     screen = Screen()
     recorder = None
     try:
@@ -86,17 +85,12 @@ def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
         shared.close()
 
 
-def _step_back() -> None:
+def _leave_to_relay() -> None:
     """Leave the processor, and the signals that the terminal sends, to the relay."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    if hasattr(os, "sched_setscheduler"):
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    if hasattr(os, "nice"):
-        with suppress(OSError):
-            os.nice(_NICENESS)
+    step_back(_NICENESS)
     gc.freeze()
 
 

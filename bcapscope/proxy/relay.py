@@ -122,7 +122,7 @@ class Relay:
         """Move bytes until stopped.
 
         Args:
-            idle: called about once a second; it must not wait.
+            idle: called some twenty times a second; it must not wait.
         """
         self._stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
@@ -211,10 +211,10 @@ class Relay:
         """Return the number of the next client."""
         return self.counts[Count.CLIENTS] + 1
 
-    def part(self, session: Session, why: str, cut: bool = False) -> None:
-        """Forget a client, perhaps after cutting it off by a reset."""
+    def part(self, session: Session, why: str) -> None:
+        """Forget a client."""
         if self.sessions.pop(session.number, None) is not None:
-            self.ring.must(Kind.GONE, session.number, why.encode(), time.time_ns(), up=cut)
+            self.ring.must(Kind.GONE, session.number, why.encode(), time.time_ns())
             if self.policy is not None:
                 self.policy.gone(session.number, time.monotonic_ns())
 
@@ -298,6 +298,7 @@ class Relay:
     def _beat(self) -> None:
         """Write what is noted; from time to time do what does not come by itself."""
         self.ring.flush()
+        self._idle()
         self._beats += 1
         if self._beats % _SWEEP_EVERY == 0:
             now = time.time_ns()
@@ -305,7 +306,6 @@ class Relay:
                 port.sweep(now)
             for session in list(self.sessions.values()):
                 session.sweep(now)
-            self._idle()
 
 
 def direction_of(up: bool) -> Direction:

@@ -28,7 +28,7 @@ MOST_TOLD = 1024
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
-_WRITTEN, _READ, _COUNTS, _FIGURES = 0, 1, 8, 64  # places in the header, in 8 bytes
+_WRITTEN, _READ, _AHEAD, _COUNTS, _FIGURES = 0, 1, 2, 8, 64  # places in the header, in 8 bytes
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 
@@ -42,11 +42,13 @@ class Kind(IntEnum):
     OPENED = 2
     """A new client; `data` is JSON."""
     END = 3
-    """A stream's direction has ended."""
+    """A stream's direction has ended by FIN: it came, or left; `data` is why, where none had come."""
     GONE = 4
-    """A client is forgotten; `data` is why, `up` whether it and its controller were cut off."""
+    """A client is forgotten; `data` is why."""
     TOLD = 5
     """Something for the user, in words."""
+    RESET = 6
+    """As `END`, by RST, after which there is no other direction either."""
 
 
 class Count(IntEnum):
@@ -150,7 +152,7 @@ class RingWriter(_Ring):
     def __init__(self, memory: memoryview) -> None:
         super().__init__(memory)
         self._written = 0
-        self._owed: deque[tuple[Kind, bool, int, int, bytes]] = deque()
+        self._owed: deque[tuple[Kind, bool, int, int, int, bytes]] = deque()
         self._abandoned = False
         self.notes: list[Noted] = []
 
@@ -179,6 +181,21 @@ class RingWriter(_Ring):
             self._space[place : place + size] = b"".join(parts)
             self._marks[_WRITTEN] = self._written = written + size
         notes.clear()
+
+    @property
+    def written(self) -> int:
+        """Bytes that were written so far."""
+        return self._written
+
+    @property
+    def taken(self) -> int:
+        """Bytes that were taken so far, by the reader that is ahead if there is one."""
+        return max(self._marks[_READ], self._marks[_AHEAD])
+
+    @property
+    def share(self) -> float:
+        """Share of the memory that no room is in, 0 to 1."""
+        return (self._written - self._marks[_READ]) / self._size
 
     def abandon(self) -> None:
         """Go on without a reader."""
@@ -236,7 +253,9 @@ class RingWriter(_Ring):
         self._marks[_WRITTEN] = self._written = written + need
         return True
 
-    def must(self, kind: Kind, client: int, data: bytes, now: int, *, up: bool = False) -> None:
+    def must(
+        self, kind: Kind, client: int, data: bytes, came: int, *, left: int = 0, up: bool = False
+    ) -> None:
         """Write what has to be known, now or as soon as there is room; everything else waits for it.
 
         Where the reader stands still, what waits is bounded all the same: a client that comes and goes
@@ -248,12 +267,12 @@ class RingWriter(_Ring):
         if kind is Kind.TOLD and len(self._owed) >= MOST_TOLD:
             self.counts[Count.UNWATCHED] += 1
             return
-        self._owed.append((kind, up, client, now, data))
+        self._owed.append((kind, up, client, came, left, data))
         self._settle()
 
     def _unmeet(self, client: int) -> bool:
         """Take back all that waits of a client that the reader has not met; tell whether that is so."""
-        if not any(kind is Kind.OPENED and number == client for kind, _, number, _, _ in self._owed):
+        if not any(kind is Kind.OPENED and number == client for kind, _, number, *_ in self._owed):
             return False
         kept = deque(each for each in self._owed if each[2] != client)
         self.counts[Count.UNWATCHED] += len(self._owed) - len(kept)
@@ -264,8 +283,8 @@ class RingWriter(_Ring):
         owed, self._owed = self._owed, deque()
         unwatched = self.counts[Count.UNWATCHED]
         while owed:
-            kind, up, client, now, data = owed[0]
-            if not self._put(up, client, now, 0, data, b"", kind):
+            kind, up, client, came, left, data = owed[0]
+            if not self._put(up, client, came, left, data, b"", kind):
                 self.counts[Count.UNWATCHED] = unwatched  # it is not given up
                 break
             owed.popleft()
@@ -291,7 +310,7 @@ class RingReader(_Ring):
         """
         super().__init__(memory)
         self.place = self._ready = 0
-        self._ahead = ahead
+        self._mark = _AHEAD if ahead else _READ
 
     @property
     def waiting(self) -> int:
@@ -318,8 +337,7 @@ class RingReader(_Ring):
                 note = str(space[end : end + noted], "utf-8", "replace") if noted else ""
                 records.append(Record(Kind(kind), bool(up), client, came, left, data, note))
         self.place = read
-        if not self._ahead:
-            self._marks[_READ] = read
+        self._marks[self._mark] = read
         if read >= self._ready:
             self._ready = self._marks[_WRITTEN]
         return records

@@ -1,0 +1,96 @@
+"""The watcher gives way while it keeps up, and gets its share when it does not."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from bcapscope.cli.courtesy import AGAIN_AFTER, FULL, TAKEN_WITHIN, Courtesy, _may_come_back, idle_priority
+from bcapscope.proxy.ring import HEADER, RingReader, RingWriter
+
+SIZE = 1 << 14
+POLICIES = pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="Linux has idle priority")
+
+
+class Scene:
+    """A ring with a recorder and a decoder, and what was asked of the watcher."""
+
+    def __init__(self) -> None:
+        memory = memoryview(bytearray(HEADER + SIZE))
+        self.writer = RingWriter(memory)
+        self.recorder, self.decoder = RingReader(memory, ahead=True), RingReader(memory)
+        self.asked: list[bool] = []
+        self.now = 0.0
+        self.courtesy = Courtesy(self.writer, self.asked.append)
+
+    def pass_for(self, seconds: float, *, recorded: bool = True, decoded: bool = True) -> None:
+        for _ in range(round(seconds / 0.05)):
+            self.writer.put(True, 1, 2, 3, b"\x01")
+            if recorded:
+                self.recorder.take()
+            if decoded:
+                self.decoder.take()
+            self.now += 0.05
+            self.courtesy.look(self.now)
+
+
+def test_it_gives_way_while_it_keeps_up() -> None:
+    scene = Scene()
+    scene.pass_for(100)
+    assert scene.asked == [True]
+
+
+def test_what_is_not_recorded_in_time_ends_it_and_time_without_delay_brings_it_back() -> None:
+    scene = Scene()
+    scene.pass_for(2)
+    scene.pass_for(2 * TAKEN_WITHIN + 0.2, recorded=False, decoded=False)
+    assert scene.asked == [True, False]
+    scene.pass_for(AGAIN_AFTER - 1)
+    assert scene.asked == [True, False]
+    scene.pass_for(2)
+    assert scene.asked == [True, False, True]
+
+
+def test_what_is_recorded_may_be_decoded_later_until_half_the_ring_waits() -> None:
+    scene = Scene()
+    while scene.writer.share < FULL - 0.01:
+        scene.pass_for(0.05, decoded=False)
+    assert scene.now > 3 * TAKEN_WITHIN
+    assert scene.asked == [True]
+    scene.pass_for(1, decoded=False)
+    assert scene.asked == [True, False]
+
+
+def test_without_a_recording_the_decoder_counts() -> None:
+    scene = Scene()
+    scene.pass_for(2, recorded=False)
+    assert scene.asked == [True]
+    scene.pass_for(1, recorded=False, decoded=False)
+    assert scene.asked == [True, False]
+
+
+def test_silence_is_no_delay() -> None:
+    scene = Scene()
+    scene.pass_for(1)
+    scene.recorder.take()  # what was there at its last look
+    scene.courtesy.look(scene.now + 1000)
+    scene.courtesy.look(scene.now + 2000)
+    assert scene.asked == [True]
+
+
+@POLICIES
+def test_a_process_gets_idle_priority_only_if_it_can_come_back() -> None:
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        give = idle_priority(process.pid)
+        before = os.sched_getscheduler(process.pid)
+        give(True)
+        expected = os.SCHED_IDLE if _may_come_back() else before
+        assert os.sched_getscheduler(process.pid) == expected
+        give(False)
+        assert os.sched_getscheduler(process.pid) in {before, os.SCHED_OTHER}
+        process.communicate(b"\n")
+    give(True)
+    assert os.sched_getscheduler(0) != os.SCHED_IDLE
