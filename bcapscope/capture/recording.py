@@ -99,20 +99,29 @@ class Recording:
         self._bare(client, server, _ACK, time, where)
 
     def finished(
-        self, source: Address, target: Address, time: int, *, where: Interface = _NOWHERE, reset: bool = False
+        self,
+        source: Address,
+        target: Address,
+        time: int,
+        *,
+        where: Interface = _NOWHERE,
+        reset: bool = False,
+        comment: str = "",
     ) -> None:
         """Write that an end of a TCP connection sends nothing more, or has broken it off."""
-        self._bare(source, target, _ACK | (_RST if reset else _FIN), time, where)
+        self._bare(source, target, _ACK | (_RST if reset else _FIN), time, where, comment)
 
     def ended(self, client: Address, server: Address) -> None:
         """Forget a connection that is gone."""
         self._sequence.pop((client, server), None)
         self._sequence.pop((server, client), None)
 
-    def _bare(self, source: Address, target: Address, flags: int, time: int, where: Interface) -> None:
+    def _bare(  # noqa: PLR0917 - the inner one of those that write single packets
+        self, source: Address, target: Address, flags: int, time: int, where: Interface, comment: str = ""
+    ) -> None:
         """Write a segment without bytes; SYN and FIN count as one."""
         packet = self._segment(source, target, flags, b"")
-        self._packets.write((time, packet, len(packet), where, ()))
+        self._packets.write((time, packet, len(packet), where, (comment,) if comment else ()))
         if flags & (_SYN | _FIN):
             self._sequence[source, target] = self._sequence.get((source, target), 1) + 1 & 0xFFFFFFFF
 

@@ -60,10 +60,10 @@ class ProxyRecorder:
         for record in records:
             if record.kind is Kind.OPENED:
                 self._meet(met(record), record, steps)
-            elif record.client in self._legs and record.kind is Kind.DATA:
-                self._add(record, steps)
+            elif record.client in self._legs and record.kind is Kind.GONE:
+                steps.append((record.came, partial(self._forget, record.client)))
             elif record.client in self._legs:
-                self._end(record, steps)
+                self._add(record, steps)
         steps.sort(key=_time)
         try:
             for time, write in steps:
@@ -105,7 +105,9 @@ class ProxyRecorder:
 
     def _write(self, transport: Transport, leg: _Leg, record: Record, time: int) -> None:
         source, target = leg.ends(record.up)
-        if transport is Transport.TCP:
+        if record.kind is not Kind.DATA:
+            self._end(leg, record, time)
+        elif transport is Transport.TCP:
             if not leg.begun:
                 self._begin(leg, time)
             self._recording().segment(source, target, record.data, time, where=leg.where, comment=record.note)
@@ -114,24 +116,21 @@ class ProxyRecorder:
                 source, target, record.data, time, where=leg.where, comment=record.note
             )
 
-    def _end(self, record: Record, steps: list[tuple[int, Callable[[int], None]]]) -> None:
-        transport, *legs = self._legs[record.client]
-        if record.kind is Kind.GONE:
-            steps.append((record.came, partial(self._forget, record.client, record.up)))
-        elif transport is Transport.TCP:
-            for leg in legs:
-                steps.append((record.came, partial(self._finish, leg, record.up)))
-
-    def _finish(self, leg: _Leg, up: bool, time: int) -> None:
+    def _end(self, leg: _Leg, record: Record, time: int) -> None:
+        """Write the end of a direction, of a connection that is in the recording."""
         if leg.begun:
-            self._recording().finished(*leg.ends(up), time, where=leg.where)
+            self._recording().finished(
+                *leg.ends(record.up),
+                time,
+                where=leg.where,
+                reset=record.kind is Kind.RESET,
+                comment=record.data.decode("utf-8", "replace"),
+            )
 
-    def _forget(self, client: int, cut: bool, time: int) -> None:
+    def _forget(self, client: int, time: int) -> None:
         assert self._series is not None
-        transport, *legs = self._legs.pop(client)
-        for leg in legs if transport is Transport.TCP else ():
-            if leg.begun and cut:
-                self._recording().finished(leg.asking, leg.asked, time, where=leg.where, reset=True)
+        _, *legs = self._legs.pop(client)
+        for leg in legs:
             self._series.recording.ended(leg.asking, leg.asked)
 
 

@@ -24,6 +24,9 @@ rules it is what one read gave."""
 
 _AT_ONCE = 1 << 16
 
+_RESETS = errno.ECONNRESET, errno.EPIPE
+"""What the system says of a connection that its peer has reset."""
+
 
 class TcpPort:
     """A socket that clients connect to.
@@ -183,6 +186,10 @@ class TcpSession:
 
     def close(self, reset_both: bool, why: str) -> None:
         """Close both connections, after what rules still give out of what they held."""
+        self._close(reset_both, why, why.encode())
+
+    def _close(self, reset_both: bool, why: str, cause: bytes = b"") -> None:
+        """Close; `cause` goes with the ends of those directions that were not ended by their sources."""
         if self._ending:
             return
         self._ending = True
@@ -191,13 +198,25 @@ class TcpSession:
         for half in (self._up, self._down):
             if half.pending and not reset_both:
                 self._send_last(half)
-        for sock in (self._client, self._server):
-            self._relay.unwatch(sock.fileno())
-            if reset_both and not (spoke and sock is self._server):  # what was just sent would be lost
-                reset(sock)
-            else:
-                sock.close()
-        self._relay.part(self, why, reset_both)
+            self._close_sink(half, reset_both and not (spoke and half.up), cause)  # or that would be lost
+        self._relay.part(self, why)
+
+    def _close_sink(self, half: _Half, by_reset: bool, cause: bytes) -> None:
+        """Close the socket that a direction leads to, unless it is broken and was closed before."""
+        sock = half.sink
+        if sock.fileno() < 0:
+            return
+        self._relay.unwatch(sock.fileno())
+        if by_reset or not half.shut:
+            self._note(Kind.RESET if by_reset else Kind.END, half, cause, left=time.time_ns())
+        if by_reset:
+            reset(sock)
+        else:
+            sock.close()
+
+    def _note(self, how: Kind, half: _Half, cause: bytes = b"", *, came: int = 0, left: int = 0) -> None:
+        """Tell how a direction has ended."""
+        self._relay.ring.must(how, self.number, cause, came, left=left, up=half.up)
 
     def _send_last(self, half: _Half) -> None:
         """Write what is pending, as far as it is taken at once."""
@@ -231,8 +250,9 @@ class TcpSession:
 
     def _handle(self, happened: int, sock: socket.socket, incoming: _Half, outgoing: _Half) -> None:
         """Do what can be done on one socket: read the half that begins there, write the other."""
-        if happened & ERROR:
-            self._break(incoming, sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR))
+        problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
+        if problem:  # else it happened to another one, closed since, whose file descriptor this one has now
+            self._break(incoming, problem)
             return
         if happened & WRITE and outgoing.pending:
             self._flush(outgoing)
@@ -257,6 +277,7 @@ class TcpSession:
         if half.up:
             self.heard = came
         if not size:
+            self._note(Kind.END, half, came=came)
             self._finish(half)
         elif relay.policy is not None:
             relay.rule(self, half.up, bytes(relay.buffer[:size]), came)
@@ -271,7 +292,7 @@ class TcpSession:
         if self._relay.ends(self, half.up):
             self._shut(half)
         if self._relay.hides_end(self) and self._up.ended and self._down.ended:
-            self.close(False, "ended by both sides, which did not hear of each other's end")
+            self._close(False, "ended by both sides, which did not hear of each other's end")
         self._want()
 
     def _pass_on(self, half: _Half, data: memoryview, came: int) -> None:
@@ -321,23 +342,26 @@ class TcpSession:
         if half.pending or half.shut or not half.ended or self._closed:
             return
         half.shut = True
-        self._relay.ring.must(Kind.END, self.number, b"", time.time_ns(), up=half.up)
+        self._note(Kind.END, half, left=time.time_ns())
         with suppress(OSError):
             half.sink.shutdown(socket.SHUT_WR)
         if self._up.shut and self._down.shut:
-            self.close(False, "ended by both sides")
+            self._close(False, "ended by both sides")
 
     def _break(self, half: _Half, problem: int) -> None:
         """Pass on that the source of a direction is broken, unless the other side is not to hear of it."""
+        was_reset = problem in _RESETS
+        if was_reset:
+            self._note(Kind.RESET, half, came=time.time_ns())
+        self._relay.unwatch(half.source.fileno())
+        half.source.close()
         if self._relay.hides_end(self):
             self._buried = True
-            self._relay.unwatch(half.source.fileno())
-            half.source.close()
             self._finish(half)
             return
         who = "the client" if half.up else "the controller"
-        text = reason(OSError(problem, "")) if problem else "reset"
-        self.close(True, f"{who}: {text}")
+        why = f"{who}: {reason(OSError(problem, ''))}"
+        self._close(True, why, b"" if was_reset else why.encode())
 
     def _reads(self, half: _Half) -> bool:
         """Tell whether more may be read: never while a peer does not take what there is."""

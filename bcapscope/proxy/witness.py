@@ -71,10 +71,10 @@ class _Client:
         self.is_stream = who.transport is Transport.TCP
         self.ways = (_Way(conversation, Direction.RESPONSE), _Way(conversation, Direction.REQUEST))
 
-    def ended(self, up: bool, time: int) -> None:
+    def ended(self, up: bool, reset: bool, time: int) -> None:
         """Note that an end closed the connection, if it is the first."""
         if self.conversation.closing is None:
-            self.conversation.closing = Closing(self.ways[up].flow.direction, False, time)
+            self.conversation.closing = Closing(self.ways[up].flow.direction, reset, time)
 
 
 class Witness:
@@ -128,9 +128,8 @@ class Witness:
                 for item in parse_datagram(data):
                     self.count += 1
                     yield Observation(self.count, time, time, way.flow, item, 0), note
-            elif kind is Kind.END:
-                client.ended(up, came)
-                yield from self._end(client.ways[up], came)
+            elif kind in (Kind.END, Kind.RESET):
+                yield from self._ended(client, record)
             elif kind is Kind.GONE:
                 del clients[number]
                 self._gone.append((client.conversation, data.decode("utf-8", "replace")))
@@ -143,6 +142,13 @@ class Witness:
         yield from self._pieces(way, way.splitter.feed(data), time, note)
         if len(way.marks) > _MOST_MARKS:
             del way.marks[1 : _MOST_MARKS // 2]
+
+    def _ended(self, client: _Client, record: Record) -> Iterator[tuple[Observation, str]]:
+        _, up, _, came, left, *_ = record
+        if came:  # else it is the proxy that ends it
+            client.ended(up, record.kind is Kind.RESET, came)
+        if time := came if up else left:
+            yield from self._end(client.ways[up], time)
 
     def _end(self, way: _Way, time: int) -> Iterator[tuple[Observation, str]]:
         yield from self._pieces(way, way.splitter.close(), time, "")

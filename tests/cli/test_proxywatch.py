@@ -27,6 +27,7 @@ from bcapscope.protocol.variant import VT, Variant
 from bcapscope.proxy.ring import HEADER, Kind, RingReader, RingWriter
 from bcapscope.render import line
 from bcapscope.traffic.fields import RecordKind
+from tests.cli.run import run
 
 MS = 1_000_000
 TEXT = Variant(VT.BSTR, "")
@@ -104,7 +105,7 @@ class Chain:
             self.say(client, True, encode(serial, 0, function, arguments))
             self.say(client, False, encode(serial, 0, 0, values))
         self.say(client, True, b"no frame")
-        self.ring.must(Kind.GONE, client, b"reset", self.now, up=True)
+        self.ring.must(Kind.GONE, client, b"reset", self.now)
 
 
 def calls(client: int) -> Iterator[tuple[int, tuple[Variant, ...], tuple[Variant, ...]]]:
@@ -186,6 +187,26 @@ def test_a_client_that_vanishes_in_slave_mode_is_told() -> None:
     chain.look()
     told = [text for text in chain.screen.told if "is gone" in text]
     assert told == ["10.0.0.2:1025 is gone (reset) while slave mode is on"]
+
+
+@pytest.mark.parametrize(("kind", "how"), [(Kind.RESET, "broke off (RST)"), (Kind.END, "closed (FIN)")])
+def test_a_controller_that_hangs_up_is_named_live_as_in_the_recording(
+    kind: Kind, how: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "all.pcapng"
+    chain = Chain(path, None)
+    chain.meet(1, "tcp")
+    for serial, (function, arguments, values) in enumerate(calls(1), 1):
+        chain.say(1, True, encode(serial, 0, function, arguments))
+        chain.say(1, False, encode(serial, 0, 0, values))
+    chain.ring.must(kind, 1, b"", chain.now + MS)
+    chain.ring.must(kind, 1, b"", 0, left=chain.now + 2 * MS)
+    chain.ring.must(Kind.GONE, 1, b"why", chain.now + 3 * MS)
+    chain.end()
+    assert f"10.0.0.1:5007 {how}" in " ".join(" ".join(chain.screen.told).split())
+    for server in ("10.0.0.1:5007", "10.0.0.3:5008"):
+        found = run("diagnose", path, "--filter", f"server == '{server}'").out
+        assert f"{server} {how}" in " ".join(found.split())
 
 
 def test_a_client_that_falls_silent_in_slave_mode_is_told_as_a_finding() -> None:

@@ -160,7 +160,10 @@ def test_rules_may_end_a_connection(reset: bool) -> None:
                     else:
                         assert sock.recv(1) == b""
         eventually(lambda: proxy.of(Kind.GONE))
-        assert proxy.of(Kind.GONE)[0].up is reset
+        ends = proxy.of(Kind.RESET if reset else Kind.END)
+        assert [(end.up, end.came, bool(end.left), end.data) for end in ends] == [
+            (up, 0, True, b"the rule") for up in (True, False)
+        ]
         assert "the rule" in proxy.told()
 
 

@@ -66,7 +66,9 @@ def test_half_close_passes_through_and_the_other_half_goes_on() -> None:
         server.shutdown(socket.SHUT_WR)
         assert client.recv(1) == b""
         eventually(lambda: proxy.of(Kind.GONE))
-        assert [record.up for record in proxy.of(Kind.END)] == [True, False]
+        ends = [(record.up, bool(record.came), bool(record.left)) for record in proxy.of(Kind.END)]
+        assert ends == [(up, came, not came) for up in (True, False) for came in (True, False)]
+        assert not proxy.of(Kind.RESET)
         assert proxy.of(Kind.GONE)[0].data == b"ended by both sides"
         assert not proxy.relay.sessions
 
@@ -83,6 +85,10 @@ def test_reset_passes_through(up: bool) -> None:
         eventually(lambda: proxy.of(Kind.GONE))
         who = "the client" if up else "the controller"
         assert proxy.of(Kind.GONE)[0].data.decode() == f"{who}: connection reset by peer"
+        came, left = proxy.of(Kind.RESET)
+        assert (came.up, bool(came.came), came.left, came.data) == (up, True, 0, b"")
+        assert (left.up, left.came, bool(left.left), left.data) == (up, 0, True, b"")
+        assert not proxy.of(Kind.END)
 
 
 def test_who_does_not_read_is_not_written_to_without_end() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from bcapscope.protocol.frame import Malformed, encode
 from bcapscope.proxy.ring import Kind, Record
 from bcapscope.proxy.witness import Met, Witness, met
@@ -56,11 +58,34 @@ def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
         data(True, 30, 31, REQUEST[3:]),
         data(False, 35, 36, REPLY[:4]),
         Record(Kind.END, True, 1, 40, 0, b"", ""),
+        Record(Kind.END, True, 1, 0, 41, b"", ""),
         Record(Kind.GONE, False, 1, 50, 0, b"why", ""),
     )
     assert [(each.began, each.time) for each, _ in found] == [(10, 20), (20, 30), (36, 50)]
     assert isinstance(found[2][0].item, Malformed)
     assert found[0][0].flow.conversation.closing == Closing(Direction.REQUEST, False, 40)
+
+
+@pytest.mark.parametrize("reset", [True, False])
+@pytest.mark.parametrize("up", [True, False])
+def test_a_connection_is_ended_by_the_side_from_which_its_end_came(up: bool, reset: bool) -> None:
+    how, other = (Kind.RESET, Kind.END) if reset else (Kind.END, Kind.RESET)
+    ((seen_, _),) = seen(
+        opened("tcp"),
+        data(up, 10, 11, REQUEST),
+        Record(how, up, 1, 20, 0, b"", ""),
+        Record(how, up, 1, 0, 30, b"", ""),
+        Record(other, not up, 1, 40, 0, b"", ""),
+    )
+    direction = Direction.REQUEST if up else Direction.RESPONSE
+    assert seen_.flow.conversation.closing == Closing(direction, reset, 20)
+
+
+def test_what_the_proxy_ends_is_ended_by_neither_side() -> None:
+    begun = REPLY[:4]
+    ends = [Record(Kind.RESET, up, 1, 0, 20, b"a rule", "") for up in (True, False)]
+    ((seen_, _),) = seen(opened("tcp"), data(False, 10, 11, begun), *ends)
+    assert (seen_.time, seen_.flow.conversation.closing) == (20, None)
 
 
 def test_long_streams_keep_few_times() -> None:
