@@ -40,9 +40,12 @@ CONVENTIONS = (Convention.SEED, Convention.OWN, Convention.CHAIN, Convention.TCP
 
 @pytest.fixture(scope="module")
 def controller(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, Path]]:
-    """Run a simulator that records; give its port and its recording."""
+    """Run a simulator that records, its motor on, which takes longer than some have patience; give its port
+    and its recording.
+    """
     path = tmp_path_factory.mktemp("sim") / "sim.pcapng"
     with simulator(*recording(path)) as process:
+        talk(process.port, CONVENTIONS[0], 0)
         yield process.port, path
 
 
