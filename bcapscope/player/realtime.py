@@ -39,15 +39,19 @@ class Grade(msgspec.Struct, frozen=True):
 
 
 @contextmanager
-def undisturbed(wanted: bool = True) -> Iterator[Grade]:
+def undisturbed(wanted: bool = True, *, collecting: bool = False) -> Iterator[Grade]:
     """Take all that the system gives, for the length of a block.
 
+    What was loaded before stays: looking through it for garbage again and again costs milliseconds.
+
     Args:
-        wanted: also what disturbs others, priority and memory; garbage collection rests in any case.
+        wanted: also what disturbs others, priority and memory.
+        collecting: of what comes anew, garbage is collected; else that rests until the end.
     """
     gc.collect()
     gc.freeze()
-    gc.disable()
+    if not collecting:
+        gc.disable()
     grade = _take() if wanted else Grade(False, False, "real-time priority was not asked for")
     try:
         yield grade

@@ -22,6 +22,13 @@ def test_garbage_rests_meanwhile() -> None:
     assert gc.get_freeze_count() == 0
 
 
+def test_who_serves_for_long_goes_on_collecting() -> None:
+    with undisturbed(wanted=False, collecting=True):
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > 0
+    assert gc.get_freeze_count() == 0
+
+
 def test_priority_is_given_back() -> None:
     before = os.sched_getscheduler(0)
     with undisturbed() as grade:
