@@ -132,6 +132,15 @@ class Recorder:
         elif way in self._ways:
             self._gaps[way] = self._gaps.get(way, 0) + len(data)
 
+    def finished(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
+        """Record that an end of a TCP connection, of which there is anything, has ended it."""
+        if not self._ways.isdisjoint(((source, target), (target, source))) and self._has_room(0):
+            comment = self._resume()
+            self._add(
+                0,
+                lambda recording: recording.finished(source, target, time, reset=reset, comment=comment),
+            )
+
     def ended(self, client: Address, server: Address) -> None:
         """Forget a TCP connection."""
         ways = {(client, server), (server, client)} & self._ways

@@ -58,8 +58,11 @@ class Tap(Protocol):
     def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
         """Take bytes of a TCP connection."""
 
+    def finished(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
+        """Take notice that an end of a TCP connection sends nothing more, or has broken it off."""
+
     def ended(self, client: Address, server: Address) -> None:
-        """Take notice of the end of a TCP connection."""
+        """Take notice that nothing more comes of a TCP connection."""
 
 
 class Answerer(Protocol):
@@ -270,13 +273,16 @@ class Server:
             data = sock.recv(_PORTION)
         except BlockingIOError:
             return
-        except OSError:
-            data = b""
+        except OSError as error:
+            self._part_from(connection, error)
+            return
         if data:
             if self.tap:
                 self.tap.segment(connection.client, self.address, data, time.time_ns())
             self._send(self._simulator.segment(connection.peer, data, self.now()))
         else:
+            if self.tap:
+                self.tap.finished(connection.client, self.address, time.time_ns())
             self._drop(connection)
 
     def _send(self, outputs: list[Output]) -> None:
@@ -304,8 +310,8 @@ class Server:
             sent = connection.socket.send(backlog)
         except BlockingIOError:
             sent = 0
-        except OSError:
-            self._drop(connection)
+        except OSError as error:
+            self._part_from(connection, error)
             return
         if self.tap and sent:
             self.tap.segment(self.address, connection.client, bytes(backlog[:sent]), time.time_ns())
@@ -314,12 +320,20 @@ class Server:
             connection.blocked = bool(backlog)
             self._arrange()
 
-    def _drop(self, connection: _Connection, by_reset: bool = False) -> None:
+    def _part_from(self, connection: _Connection, error: OSError) -> None:
+        """Let go of a client that has reset its connection, or cannot be reached any more."""
+        if self.tap and isinstance(error, ConnectionError):
+            self.tap.finished(connection.client, self.address, time.time_ns(), reset=True)
+        self._drop(connection, is_broken=True)
+
+    def _drop(self, connection: _Connection, by_reset: bool = False, is_broken: bool = False) -> None:
         if self._connections.pop(connection.socket, None) is None:
             return
         del self._by_peer[connection.peer]
         self._arrange()
         if self.tap:
+            if not is_broken:
+                self.tap.finished(self.address, connection.client, time.time_ns(), reset=by_reset)
             self.tap.ended(connection.client, self.address)
         self._simulator.disconnect(connection.peer, self.now())
         if by_reset:

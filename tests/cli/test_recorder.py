@@ -10,6 +10,7 @@ from threading import Event
 
 import pytest
 
+from bcapscope.capture.file import open_capture as captured
 from bcapscope.cli import recorder as module
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.recorder import Recorder, open_capture
@@ -131,6 +132,20 @@ def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path) -> Non
     gaps = [line for line in lines if f"{(100 - kept) * len(REQUEST)} bytes" in line]
     assert len(lines) == kept + 2
     assert len(gaps) == 1, lines
+
+
+def test_the_ends_of_a_connection_are_written_if_the_rest_is(tmp_path: Path) -> None:
+    path, told = tmp_path / "a.pcapng", list[str]()
+    recorder = Recorder(open_capture(path), "a.pcapng", told.append)
+    recorder.finished(CLIENT, SERVER, TIME)
+    recorder.segment(CLIENT, SERVER, REQUEST, TIME + 1)
+    recorder.finished(CLIENT, SERVER, TIME + 2)
+    recorder.finished(SERVER, CLIENT, TIME + 3, reset=True)
+    recorder.ended(CLIENT, SERVER)
+    recorder.finished(CLIENT, SERVER, TIME + 4)
+    assert recorder.close()
+    with captured(str(path)) as capture:
+        assert [(packet[0] - TIME, packet[1][33]) for packet in capture] == [(1, 24), (2, 17), (3, 20)]
 
 
 def test_a_connection_that_ended_unseen_is_forgotten() -> None:

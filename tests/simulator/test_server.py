@@ -51,6 +51,26 @@ def exchange(server: Server, sock: socket.socket, data: bytes) -> bytes:
     raise AssertionError("no answer")
 
 
+class Ends:
+    """Keeps how TCP connections ended: by the client or not, and whether by reset."""
+
+    def __init__(self, server: Server) -> None:
+        self.told: list[tuple[bool, bool]] = []
+        self._server = server.address
+
+    def datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        raise AssertionError("there are none")
+
+    def segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        pass
+
+    def finished(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
+        self.told.append((target == self._server, reset))
+
+    def ended(self, client: Address, server: Address) -> None:
+        self.told.append((False, False))
+
+
 @pytest.mark.parametrize("kind", [socket.SOCK_STREAM, socket.SOCK_DGRAM])
 def test_both_transports_answer_on_one_port(server: Server, kind: socket.SocketKind) -> None:
     with client(server, kind) as sock:
@@ -235,3 +255,23 @@ def test_a_scenario_closes_a_connection(how: str) -> None:
             with pytest.raises(ConnectionResetError):
                 exchange(made, sock, START)
     made.close()
+
+
+def test_who_ended_a_connection_is_told_and_how(server: Server) -> None:
+    ends = server.tap = Ends(server)
+    found = []
+    for how in ("fin", "reset", "by the server"):
+        with client(server, socket.SOCK_STREAM) as sock:
+            exchange(server, sock, START)
+            if how == "reset":
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
+            if how == "by the server":
+                server.reset()
+            else:
+                sock.close()
+                while not ends.told:
+                    server.step(0.05)
+        found.append(ends.told)
+        ends.told = []
+    gone = (False, False)
+    assert found == [[(True, False), (False, False), gone], [(True, True), gone], [(False, False), gone]]
