@@ -14,6 +14,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.palette import PLAIN, Palette
 from bcapscope.render.phrase import PhraseBuilder
 from bcapscope.render.record import RecordRenderer
+from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Question
 
@@ -21,8 +22,9 @@ from bcapscope.traffic.question import Question
 class AnswerRenderer:
     """Writes answers, with the time that they took and the tries that were needed."""
 
-    def __init__(self, palette: Palette = PLAIN) -> None:
+    def __init__(self, palette: Palette = PLAIN, tongue: Tongue = english) -> None:
         self._palette = palette
+        self._tongue = tongue
         self._records = RecordRenderer()
 
     def line(
@@ -41,14 +43,15 @@ class AnswerRenderer:
         builder = PhraseBuilder(f"{color.name}{printable(name)}{color.reset} ".replace("%", "%%"))
         result = hresult_name(reply.code)
         if is_failure(reply.code):
-            builder.text(f"{color.bad}{result} ({describe(reply.code).text}){color.reset}")
+            builder.text(f"{color.bad}{result} ({self._tongue(describe(reply.code).text)}){color.reset}")
         else:
             builder.text(f"{color.good}{result}{color.reset}")
         builder.arguments(reply.arguments, partial(result_role, function_id))
         retries = len(attempts) - 1
         builder.text(f"  {color.dim}{took / 1e6:.3f} ms{color.reset}")
         if retries:
-            builder.text(f" after {counted(retries, 'retry', 'retries')}")
+            tries = f"after {counted(retries, 'retry', 'retries')}"
+            builder.text(f" {self._tongue(tries)}")
         return builder.done().fill((), flatten(reply.arguments))
 
     def record(

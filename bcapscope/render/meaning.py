@@ -10,21 +10,23 @@ from bcapscope.protocol.variant import VT, Value, vt_name
 from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import quoted
 from bcapscope.render.number import cy_text, date_text, single_text
+from bcapscope.render.tongue import Tongue, english
 
 LONGEST_STRING = 60
 """Characters of a string that are shown unless all are asked for."""
 
 
-def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING) -> str:
+def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING, tongue: Tongue = english) -> str:
     """Write one value; "" for none, for bytes and for arrays.
 
     Args:
         value: the value.
         vt: its type; the flag of an array is of no account.
         longest: characters of a string to show; None for all.
+        tongue: for the words.
     """
     if isinstance(value, str):
-        return _string_text(value, longest)
+        return _string_text(value, longest, tongue)
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
@@ -32,14 +34,14 @@ def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING) -> s
     if not isinstance(value, int):
         return ""
     if vt == VT.CY:
-        return f"{value}, as currency {cy_text(value)}"
+        return f"{value}, {tongue(f'as currency {cy_text(value)}')}"
     return f"{value} {hresult_name(value)}" if vt == VT.ERROR else str(value)
 
 
-def _string_text(text: str, longest: int | None) -> str:
+def _string_text(text: str, longest: int | None, tongue: Tongue) -> str:
     if longest is None or len(text) <= longest:
         return quoted(text)
-    return f"{quoted(text[:longest])}… {len(text) - longest} more characters"
+    return f"{quoted(text[:longest])}… {tongue(f'{len(text) - longest} more characters')}"
 
 
 def _float_text(value: float, vt: int) -> str:
@@ -49,39 +51,40 @@ def _float_text(value: float, vt: int) -> str:
     return f"{value!r}, {date}" if date else repr(value)
 
 
-def meaning(field: Field, longest: int | None = LONGEST_STRING) -> str:
+def meaning(field: Field, longest: int | None = LONGEST_STRING, tongue: Tongue = english) -> str:
     """Say in one line what a field holds; "" where its name says all.
 
     Args:
         field: the field.
         longest: characters of a string to show; None for all.
+        tongue: for the words; what is from the wire, and names, are the same in any.
     """
-    text = _typed(field, longest) if field.vt is not None else _untyped(field)
+    text = _typed(field, longest, tongue) if field.vt is not None else _untyped(field, tongue)
     if field.unit:
         text += f" {field.unit}"
-    return f"{text}, {field.text}" if field.text and field.vt is not None else text
+    return f"{text}, {tongue(field.text)}" if field.text and field.vt is not None else text
 
 
-def _untyped(field: Field) -> str:
+def _untyped(field: Field, tongue: Tongue) -> str:
     """Describe one of the frame's own fields."""
     value = field.value
     if isinstance(value, bytes):
-        return counted(len(value), "byte") + (f", {field.text}" if field.text else "")
+        return tongue(counted(len(value), "byte")) + (f", {field.text}" if field.text else "")
     if field.name == "type" or value is None:
         return field.text
     if field.name == HRESULT and isinstance(value, int):
-        return f"{field.text}, {describe(value).text}"
+        return f"{field.text}, {tongue(describe(value).text)}"
     return f"{value} {field.text}".rstrip()
 
 
-def _typed(field: Field, longest: int | None) -> str:
+def _typed(field: Field, longest: int | None, tongue: Tongue) -> str:
     """Describe a value: with its type where the field holds all of a VARIANT, alone where only its data."""
     value, vt = field.value, field.vt or 0
-    text = value_text(value, vt, longest)
+    text = value_text(value, vt, longest, tongue)
     if isinstance(value, tuple):
-        text = counted(len(value), "element")
+        text = tongue(counted(len(value), "element"))
     elif isinstance(value, bytes):
-        text = counted(len(value), "byte")
+        text = tongue(counted(len(value), "byte"))
     if field.name == "data" and isinstance(value, str):
         return ""  # its characters come next
     has_type = any(child.name == "type" for child in islice(field.children, 2))

@@ -16,6 +16,7 @@ from bcapscope.protocol.frame import Malformed
 from bcapscope.protocol.hresult import describe, is_failure
 from bcapscope.render.escape import printable
 from bcapscope.render.meaning import LONGEST_STRING, meaning
+from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.traffic.question import Question
 
@@ -95,48 +96,52 @@ def sections(seen: Observation, question: Question | None) -> tuple[Section, ...
     return (Section("", item.raw, wire), inner)
 
 
-def rows(section: Section, full: bool = False) -> Iterator[Row]:
+def rows(section: Section, full: bool = False, tongue: Tongue = english) -> Iterator[Row]:
     """Yield the rows of a section in the order of its bytes, lazily.
 
     Args:
         section: one of `sections`.
         full: every character and every element, not only the first of many.
+        tongue: for what is said of a field; its name is the same in any.
     """
     for field in section.fields:
-        yield from _field(field, 0, full)
+        yield from _field(field, 0, full, tongue)
 
 
-def _field(field: Field, depth: int, full: bool) -> Iterator[Row]:
+def _field(field: Field, depth: int, full: bool, tongue: Tongue) -> Iterator[Row]:
     """Yield a field and what it consists of."""
     kind = RowKind.FIELD if field.children else RowKind.LEAF
     failed = is_failure(field.value) if field.name == HRESULT and isinstance(field.value, int) else None
-    text = meaning(field, None if full else LONGEST_STRING)
+    text = meaning(field, None if full else LONGEST_STRING, tongue)
     yield Row(kind, depth, field.start, field.stop, field.name, text, failed)
     if kind is RowKind.LEAF:
-        yield from _problems(field.start, field.stop, field.problems, depth)
-    yield from _children(field, depth + 1, full)
+        yield from _problems(field.start, field.stop, field.problems, depth, tongue)
+    yield from _children(field, depth + 1, full, tongue)
     if failed is not None and isinstance(field.value, int):
         found = describe(field.value)
         for note in filter(None, (found.advice, "the meaning is a guess" if found.guess else None)):
-            yield Row(RowKind.NOTE, depth + 1, field.start, field.start, "", note)
+            yield Row(RowKind.NOTE, depth + 1, field.start, field.start, "", tongue(note))
 
 
-def _children(field: Field, depth: int, full: bool) -> Iterator[Row]:
+def _children(field: Field, depth: int, full: bool, tongue: Tongue) -> Iterator[Row]:
     count = len(field.value) if isinstance(field.value, tuple) and field.name == "data" else 0
     if full or count <= MOST_ELEMENTS:
         for child in field.children:
-            yield from _field(child, depth, full)
+            yield from _field(child, depth, full, tongue)
         return
     start = field.start
     for child in islice(field.children, MOST_ELEMENTS):
-        yield from _field(child, depth, full)
+        yield from _field(child, depth, full, tongue)
         start = child.stop
-    yield Row(RowKind.LEAF, depth, start, field.stop, f"… {count - MOST_ELEMENTS} more", "")
+    more = f"… {tongue(f'{count - MOST_ELEMENTS} more')}"
+    yield Row(RowKind.LEAF, depth, start, field.stop, more, "")
     for problem in field.problems:
         if problem.offset >= start:
-            yield from _problems(problem.offset, problem.offset + 1, (problem,), depth)
+            yield from _problems(problem.offset, problem.offset + 1, (problem,), depth, tongue)
 
 
-def _problems(start: int, stop: int, problems: Iterable[Problem], depth: int) -> Iterator[Row]:
+def _problems(
+    start: int, stop: int, problems: Iterable[Problem], depth: int, tongue: Tongue
+) -> Iterator[Row]:
     for problem in problems:
-        yield Row(RowKind.PROBLEM, depth, start, stop, "", printable(problem.reason))
+        yield Row(RowKind.PROBLEM, depth, start, stop, "", tongue(printable(problem.reason)))

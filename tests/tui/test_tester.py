@@ -126,6 +126,7 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
         panel = here.query_one(ConnectionPanel)
         here.query_one("#option", Input).value = "Timeout=abc"
         assert isinstance(panel.wish(), str)
+        assert "f5 Connect" in sight(pilot)
         await until(pilot, lambda: "1 to 600000 is expected" in sight(pilot))
         here.query_one("#option", Input).value = "Timeout=50,Retry=1"
         await pilot.press("f5")
@@ -174,6 +175,7 @@ def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
 def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
+        await until(pilot, lambda: "f5 Disconnect" in sight(pilot))
         here.query_one("#tabs", Choice).chosen = "variable"
         await focus(pilot, "#variable .name")
         await write(pilot, "I5")
@@ -187,6 +189,10 @@ def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
         await answered(pilot, "#variable ResultView", "(EMPTY)")
         await pilot.press("tab", "enter")
         await answered(pilot, "#variable ResultView", "42")
+        lines = here.query_one(HistoryLines)
+        put, got = (plain(lines.line(lines.count - back)) for back in (2, 1))
+        assert "Variable_PutValue I5(42) S_OK" in put
+        assert "Variable_GetValue I5 S_OK" in got
         await pilot.press("tab", "tab", "enter")
         watch = here.query_one(WatchList)
         await until(pilot, lambda: watch.count == 2 and "  42  " in plain(watch.line(1)))

@@ -90,7 +90,7 @@ class Desk:
         self._line: HaltLine | None = None
         self._stack = AsyncExitStack()
         self._book = Book()
-        self._recorder = Recorder(self._take)
+        self._recorder = Recorder(self._take, self._subject)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="desk", daemon=True)
         self._thread.start()
@@ -257,7 +257,10 @@ class Desk:
 
     def subject_of(self, record: Record) -> Opened | None:
         """Return what a call was asked of; None where that is not open any more."""
-        function, first = FUNCTIONS.get(record.function_id), record.arguments[:1]
+        return self._subject(record.function_id, record.arguments)
+
+    def _subject(self, function_id: int, arguments: Sequence[Variant]) -> Opened | None:
+        function, first = FUNCTIONS.get(function_id), arguments[:1]
         handle = first[0].value if first else None
         if function is None or not isinstance(handle, int):
             return None

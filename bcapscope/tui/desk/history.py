@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from bcapscope.protocol.commands import call_name
-from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.render.answer import AnswerRenderer
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import utc_text
@@ -21,11 +21,15 @@ from bcapscope.traffic.question import COMMAND_FUNCTIONS
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.desk.record import Record, Who, why
 from bcapscope.tui.desk.saved import takes_handle
+from bcapscope.tui.words import told
 
 _PLAIN = re.compile(r"[\w\s.@:-]*")
 """Text without anything that an expression of the filter language cannot do without."""
 
-_LONGEST = 18
+_LONGEST, _LONGEST_NAME = 18, 24
+
+_PLAIN_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
+"""Of these one is as a rule in use at a time; their names would push the results out of sight."""
 
 Chooser: TypeAlias = Callable[[Record], bool]
 """Tells whether a call is wanted."""
@@ -34,18 +38,27 @@ _MARKS = {Who.USER: " ", Who.SCREEN: "·", Who.WATCH: "~"}
 
 
 def history_line(record: Record, palette: Palette) -> str:
-    """Write a call: number, time of day (UTC), who made it unless the user did, call, result, time."""
+    """Write a call: number, time of day (UTC), who made it but for the user, call, subject, result, time."""
     color = palette
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_MARKS[record.who]}"
-    name = f"{call_name(record.function_id, record.arguments)}{_given(record)}"
+    name = f"{call_name(record.function_id, record.arguments)}{_of(record)}{_given(record)}"
     if record.reply is not None:
-        text = AnswerRenderer(palette).line(
+        text = AnswerRenderer(palette, told).line(
             name, record.function_id, record.reply, record.took, record.attempts
         )
     else:
         took = f"{color.dim}{record.took / 1e6:.3f} ms{color.reset}"
         text = f"{color.name}{printable(name)}{color.reset} {color.bad}{why(record)}{color.reset}  {took}"
     return f"{color.dim}{head}{color.reset} {text}"
+
+
+def _of(record: Record) -> str:
+    """Name what a call was made of, where there are many and the arguments do not tell which."""
+    subject = record.subject
+    if subject is None or subject.kind in _PLAIN_SUBJECTS:
+        return ""
+    text = subject.label
+    return f" {text}" if len(text) <= _LONGEST_NAME else f" {text[: _LONGEST_NAME - 1]}…"
 
 
 def _given(record: Record) -> str:

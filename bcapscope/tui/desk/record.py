@@ -11,6 +11,7 @@ from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.variant import Variant
 from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.traffic.opened import Opened
 from bcapscope.tui.words import say, told
 
 
@@ -50,6 +51,7 @@ class Record:
         packets: everything sent and received for it, in order.
         notices: how often S_EXECUTING came.
         late: replies that did not count.
+        subject: what it was made of, such as a variable; None where that was not open.
     """
 
     number: int
@@ -64,6 +66,7 @@ class Record:
     packets: tuple[Observation, ...] = field(repr=False)
     notices: int = 0
     late: int = 0
+    subject: Opened | None = None
 
     @property
     def sent(self) -> tuple[Observation, ...]:

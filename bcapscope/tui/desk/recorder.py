@@ -5,14 +5,16 @@ Whoever makes the calls, the user or the program itself, they end up here, since
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 
 from bcapscope.errors import Attempt
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import is_failure
 from bcapscope.protocol.requester import Answered, Event, Executing, Late, Refused, TimedOut
+from bcapscope.protocol.variant import Variant
 from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.traffic.opened import Opened
 from bcapscope.tui.desk.record import Ending, Record, Who
 
 WHO: ContextVar[Who] = ContextVar("who", default=Who.SCREEN)
@@ -29,9 +31,21 @@ class Recorder:
         last: the call that ended last.
     """
 
-    def __init__(self, take: Callable[[Record], None], first_number: int = 1) -> None:
-        """Give each record to `take` as soon as its call has ended."""
+    def __init__(
+        self,
+        take: Callable[[Record], None],
+        subject: Callable[[int, Sequence[Variant]], Opened | None],
+        first_number: int = 1,
+    ) -> None:
+        """Give each record to `take` as soon as its call has ended.
+
+        Args:
+            take: is given the records.
+            subject: tells what a call was made of, by its function and its arguments.
+            first_number: of the first record.
+        """
         self._take = take
+        self._subject = subject
         self.next_number = first_number
         self.last: Record | None = None
         self._call: _Call | None = None
@@ -100,14 +114,15 @@ class Recorder:
     ) -> None:
         request = call.packets[0].item
         code = request.code if isinstance(request, Frame) else -1
-        arguments = request.arguments if isinstance(request, Frame) else ()
+        given = request.arguments if isinstance(request, Frame) else ()
+        arguments = tuple(each.variant for each in given)
         self._call = None
         self.last = Record(
             number=self.next_number,
             who=call.who,
             began=call.began,
             function_id=code,
-            arguments=tuple(each.variant for each in arguments),
+            arguments=arguments,
             ending=ending,
             reply=reply,
             took=took,
@@ -115,6 +130,7 @@ class Recorder:
             packets=tuple(call.packets),
             notices=call.notices,
             late=call.late,
+            subject=self._subject(code, arguments),
         )
         self.next_number += 1
         self._take(self.last)

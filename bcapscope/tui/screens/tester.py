@@ -105,6 +105,7 @@ class Tester(Parted):
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual has it
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
+        Binding("f5", "disconnect", "tester.disconnect", id="disconnect", tooltip="tester.disconnect.tip"),
         Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
         Binding("shift+f6", "part_before", "", show=False),
         Binding("f7", "recover", "tester.recovery", id="recover", tooltip="tester.recovery.tip"),
@@ -129,6 +130,7 @@ class Tester(Parted):
         self._stack = ExitStack()
         self._builtin: BuiltIn | None = None
         self._connected = False
+        self._is_connecting = False
         self._last_stay = LastStay()
 
     @property
@@ -219,6 +221,7 @@ class Tester(Parted):
         if status.is_connected != self._connected:
             self._connected = status.is_connected
             self.query_one(ConnectionPanel).show(status)
+            self.refresh_bindings()
         self.query_one(FormTabs).show(status.open)
         self._show_status()
 
@@ -263,7 +266,7 @@ class Tester(Parted):
         target, providers = read_option(wish.option, wish.host, wish.port, wish.tcp)
         opener = self.query_one("#add-robot Opener", Opener)
         panel.begin()
-        panel.busy(True)
+        self._busy(panel, True)
         try:
             if await self.desk.do(connect(self.desk, target, providers, opener.object_name, "")):
                 self.query_one("#robot-forms .command").focus()
@@ -273,8 +276,13 @@ class Tester(Parted):
                 scope_of(self).keep()
         finally:
             if panel.children:  # else the screen is being closed
-                panel.busy(False)
+                self._busy(panel, False)
                 panel.show(self.desk.status)
+
+    def _busy(self, panel: ConnectionPanel, connecting: bool) -> None:
+        self._is_connecting = connecting
+        panel.busy(connecting)
+        self.refresh_bindings()
 
     @on(DisconnectWanted)
     def _disconnect(self) -> None:
@@ -350,12 +358,19 @@ class Tester(Parted):
 
     # What keys do.
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer to connect or to disconnect, as the buttons do."""
+        if action in ("connect", "disconnect"):
+            return (action == "disconnect") == (self._connected or self._is_connecting)
+        return super().check_action(action, parameters)
+
     def action_connect(self) -> None:
-        """Connect, or disconnect."""
-        if self._connected:
-            self._disconnect()
-        else:
-            self.query_one(ConnectionPanel).connect()
+        """Connect."""
+        self.query_one(ConnectionPanel).connect()
+
+    def action_disconnect(self) -> None:
+        """Disconnect, or connect no further."""
+        self._disconnect()
 
     def action_robslave(self) -> None:
         """Start RobSlave."""

@@ -58,12 +58,15 @@ class ConnectionPanel(Vertical):
     def wait(self) -> None:
         """Take notice that where the controller is will be told; connect not before."""
         self._is_coming, self._is_wanted = True, False
+        self._problem = ""
+        self._write()
 
     def put(self, host: str, port: int) -> None:
         """Fill in where the controller is, and connect if that is wanted by now."""
         self.query_one("#host", Input).value = host
         self.query_one("#port", Input).value = str(port)
         self._is_coming = False
+        self._write()
         if self._is_wanted:
             self.connect()
 
@@ -124,7 +127,8 @@ class ConnectionPanel(Vertical):
             color = INK.bad if last.done is False else INK.dim
             text = f"{color}{printable(last.text)}{INK.reset}"
         if not text:
-            text = f"{INK.dim}{say('tester.connect.hint')}{INK.reset}"
+            hint = "tester.simulator.starting" if self._is_coming else "tester.connect.hint"
+            text = f"{INK.dim}{say(hint)}{INK.reset}"
         self.query_one("#steps", InkedText).write(" ".join(parts))
         self.query_one("#found", InkedText).write(text)
 
@@ -138,7 +142,7 @@ class ConnectionPanel(Vertical):
     @on(Input.Changed)
     def _check(self, message: Input.Changed) -> None:
         message.stop()
-        wish = self.wish()
+        wish = "" if self._is_coming else self.wish()
         self._problem = wish if isinstance(wish, str) else ""
         self._write()
 

@@ -106,19 +106,17 @@ class FieldTree(Lines):
         at = self._visible[index]
         section, row, stop = self._entries[at]
         if row is None:
-            return f"{INK.dim}{self._sections[section].caption}{INK.reset}"
+            return f"{INK.dim}{told(self._sections[section].caption)}{INK.reset}"
         indent = "  " * row.depth
         if row.kind is RowKind.PROBLEM:
-            return f"       {indent}{INK.problem}!! {told(row.text)}{INK.reset}"
+            return f"       {indent}{INK.problem}!! {row.text}{INK.reset}"
         if row.kind is RowKind.NOTE:
-            return f"       {indent}{INK.dim}{told(row.text)}{INK.reset}"
+            return f"       {indent}{INK.dim}{row.text}{INK.reset}"
         fold = " " if stop == at + 1 else "▸" if at in self._folded else "▾"
         name_width = _NARROW_NAME if self.size.width < _NARROW else _NAME_WIDTH
         width = max(1, name_width - len(indent))
         place = f"{row.start:>4}" if row.stop > row.start else "    "
-        return (
-            f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {value_colored(_told(row), INK)}"
-        )
+        return f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {value_colored(row, INK)}"
 
     def on_lines_moved(self, message: Lines.Moved) -> None:
         """Tell which bytes the cursor is on."""
@@ -133,7 +131,7 @@ class FieldTree(Lines):
         for number, section in enumerate(self._sections):
             if section.caption:
                 self._entries.append(_Entry(number, None, len(self._entries) + 1))
-            found = list(islice(rows(section, self._full), MOST_ROWS))
+            found = list(islice(rows(section, self._full, told), MOST_ROWS))
             self._entries += _entries(number, found, len(self._entries))
         self._folded = {at for at in range(len(self._entries)) if self._says_all(at)}
         self._arrange()
@@ -188,14 +186,6 @@ class FieldTree(Lines):
         """Show every element and every character, or the first of many again."""
         self._full = not self._full
         self._fill()
-
-
-def _told(row: Row) -> Row:
-    """Put the meaning of a result code into the language of the labels; its name is the vendor's in any."""
-    if row.failed is None:
-        return row
-    code, comma, meaning = row.text.partition(", ")
-    return row._replace(text=f"{code}{comma}{told(meaning)}")
 
 
 def _entries(section: int, found: list[Row], first: int) -> list[_Entry]:

@@ -6,7 +6,7 @@ WORDS: dict[str, tuple[str, str]] = {
         "Stop what runs, let go of everything and close",
         "動作を止め、すべて解放して終了します",
     ),
-    "shell.halt": ("HALT", "緊急停止"),
+    "shell.halt": ("HALT", "即時停止"),
     "shell.halt.tip": (
         "Stop the robot at once, whatever else is going on",
         "ほかの状態に関わらずロボットを即時停止します",

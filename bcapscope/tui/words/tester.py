@@ -10,8 +10,8 @@ WORDS: dict[str, tuple[str, str]] = {
         "Everything that is sent is written to the audit log.",
         "b-CAP Tester と同じ操作を端末で行います: コントローラへの接続、コマンドの実行、"
         "ロボット・変数・タスクの追加、送受信した全バイトの表示。\n"
-        "ロボットが動く可能性のある呼び出しは、アーム (F8) するまで送信しません。"
-        "シミュレータでは不要です。F12 はどの画面からでもロボットを即時停止します。\n"
+        "ロボットが動く可能性のある呼び出しは、動作を許可 (F8) するまで送信しません。"
+        "シミュレータでは許可は不要です。F12 はどの画面からでもロボットを即時停止します。\n"
         "送信した内容はすべて監査ログに記録します。",
     ),
     # boxes and tabs
@@ -36,16 +36,24 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.ip": ("IP", "IP"),
     "tester.option": ("Option", "オプション"),
     "tester.connect": ("Connect", "接続"),
-    "tester.connect.tip": ("Connect step by step, or disconnect", "順を追って接続、または切断します"),
+    "tester.connect.tip": ("Connect step by step", "順を追って接続します"),
     "tester.disconnect": ("Disconnect", "切断"),
+    "tester.disconnect.tip": (
+        "Let go of everything and disconnect, or connect no further",
+        "すべて解放して切断します。接続中なら中断します",
+    ),
     "tester.connect.hint": ("Enter or F5 connects", "Enter または F5 で接続"),
-    "tester.step.link": ("way", "経路"),
+    "tester.step.link": ("link", "通信路"),
     "tester.step.service": ("service", "サービス"),
     "tester.step.controller": ("controller", "コントローラ"),
     "tester.step.identity": ("type", "型式"),
     "tester.step.robot": ("robot", "ロボット"),
     "tester.host.missing": ("Type the controller's address", "コントローラのアドレスを入力してください"),
     "tester.port.wrong": ("The port is a number from 1 to 65535", "ポートは 1 から 65535 の数値です"),
+    "tester.simulator.starting": (
+        "The built-in simulator starts …",
+        "内蔵シミュレータを起動しています …",
+    ),
     "tester.simulator.failed": (
         "The built-in simulator did not start: {reason}",
         "内蔵シミュレータを起動できません: {reason}",
@@ -209,23 +217,23 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.recovery.position": ("First position", "開始位置"),
     "tester.recovery.number": ("The mode is a number such as 0x002", "モードは 0x002 のような数値です"),
     # arming, HALT, what is always in sight
-    "tester.arm": ("Arm", "アーム"),
+    "tester.arm": ("Arm", "動作許可"),
     "tester.arm.tip": (
         "Let calls pass that may move the robot, or no longer",
         "動作を伴う呼び出しの許可 / 解除",
     ),
-    "tester.arm.title": ("Arm?", "アームしますか?"),
+    "tester.arm.title": ("Arm?", "動作を許可しますか?"),
     "tester.arm.warning": (
         "The robot may move with the next call. Is everybody out of its reach, the emergency stop at hand? "
         "It lapses after three minutes without a motion.",
         "次の呼び出しでロボットが動く可能性があります。可動範囲に人はいませんか? 非常停止はすぐ押せますか? "
         "3 分間動作がないと解除されます。",
     ),
-    "tester.arm.yes": ("Arm", "アームする"),
-    "tester.arm.no": ("Do not arm", "アームしない"),
+    "tester.arm.yes": ("Arm", "許可する"),
+    "tester.arm.no": ("Do not arm", "許可しない"),
     "tester.not_armed": (
         "Not sent: it may move the robot, and you did not arm",
-        "送信していません: 動作の可能性があり、アームされていません",
+        "送信していません: ロボットが動く可能性があり、動作が許可されていません",
     ),
     "tester.fact.peer": ("Controller: {peer}", "コントローラ: {peer}"),
     "tester.fact.version": ("Version: {version}", "バージョン: {version}"),
@@ -235,9 +243,9 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.status.none": ("○ not connected", "○ 未接続"),
     "tester.status.simulator": ("SIMULATOR", "シミュレータ"),
     "tester.status.slave": ("SLAVE {mode} {kind}", "スレーブ {mode} {kind}"),
-    "tester.status.free": ("no arming", "アーム不要"),
-    "tester.status.safe": ("SAFE", "安全"),
-    "tester.status.armed": ("ARMED", "アーム中"),
+    "tester.status.free": ("no arming", "許可不要"),
+    "tester.status.safe": ("SAFE", "動作未許可"),
+    "tester.status.armed": ("ARMED", "動作許可中"),
     "tester.halt.closed": ("–", "–"),
     "tester.halt.opening": ("HALT …", "停止 …"),
     "tester.halt.ready": ("HALT", "停止"),
@@ -248,7 +256,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.halted": ("HALT was answered after {ms} ms", "HALT は {ms} ms で応答されました"),
     "tester.unhalted": ("HALT failed: {reason}", "HALT に失敗しました: {reason}"),
     "tester.halt.gone": (
-        "HALT has no way to the controller any more: {reason}",
+        "HALT has lost its connection to the controller: {reason}",
         "HALT 用の接続が失われました: {reason}",
     ),
     "tester.audit.broken": (

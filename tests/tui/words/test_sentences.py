@@ -7,7 +7,7 @@ import io
 import json
 import pkgutil
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -24,7 +24,11 @@ from bcapscope.player.preflight import check
 from bcapscope.player.reading import read
 from bcapscope.player.resampling import resample
 from bcapscope.player.trajectory import TrajectoryError
+from bcapscope.protocol import enumerations
+from bcapscope.protocol.frame import encode, parse_datagram
+from bcapscope.protocol.variant import VT, Variant
 from bcapscope.render.escape import printable
+from bcapscope.render.outline import rows, sections
 from bcapscope.render.preflight import PreflightRenderer, source_lines
 from bcapscope.render.slave import stay_lines
 from bcapscope.render.statistics import statistics_lines
@@ -36,6 +40,7 @@ from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import Story, stage
 from tests.cli.run import CAPTURES
+from tests.render.scenes import ROBOT, observe
 from tests.tui.words.english import left_over, untold
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
@@ -236,3 +241,33 @@ def test_no_word_of_a_name_is_ever_exchanged(name: str) -> None:
 @pytest.mark.parametrize("text", ["Something that nobody has said yet.", "x" * 5000, "a; b: c, d"])
 def test_what_is_not_known_is_shown_as_it_is(text: str) -> None:
     assert told(text) == text
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        enumerations.AUTO_MODES,
+        enumerations.MOVE_OPTIONS,
+        enumerations.OBJECT_OPTIONS,
+        enumerations.PROVIDERS,
+        enumerations.SPEED_AXES,
+        enumerations.SYS_STATE_BITS,
+        enumerations.TASK_START_MODES,
+        enumerations.TASK_STATES,
+        enumerations.TASK_STOP_MODES,
+    ],
+)
+def test_what_numbers_and_keys_stand_for(table: Mapping[object, str]) -> None:
+    assert [text for text in table.values() if told(text) == text or left_over(told(text))] == []
+
+
+def test_a_tree_is_japanese_but_for_names_and_what_is_from_the_wire() -> None:
+    words = "handle of a Robot"
+    arguments = ROBOT, Variant(VT.BSTR, words), Variant.array(VT.R8, (1.0,) * 40)
+    seen = observe(parse_datagram(encode(1, 0, 64, arguments))[0])
+    found = [row for section in sections(seen, None) for row in rows(section, tongue=told)]
+    texts = {row.name: row.text for row in found}
+    assert texts["hRobot"].endswith(", Robot のハンドル")
+    assert texts["bstrCommand"] == f'VT_BSTR "{words}"'
+    assert texts["vntParam"].endswith("要素 40 個")
+    assert "… ほか 8 個" in texts
