@@ -26,7 +26,7 @@ class Bounds:
 
     Attributes:
         files: how many there are at most.
-        size: bytes after which the next one begins; 0 for any size.
+        size: bytes after which the next one begins, with the packet that comes then; 0 for any size.
         seconds: after which the next one begins; 0 for any time.
     """
 
@@ -100,6 +100,7 @@ class Series(io.RawIOBase):
     def write(self, data: bytes, /) -> int:  # type: ignore[override]  # whole blocks, which are bytes
         """Take whole blocks of the capture."""
         self._pending.append(data)
+        self._waiting += len(data)
         return len(data)
 
     def flush(self) -> None:
@@ -110,7 +111,7 @@ class Series(io.RawIOBase):
         """
         if not self._pending:
             return
-        data, self._pending = b"".join(self._pending), []
+        data, self._pending, self._waiting = b"".join(self._pending), [], 0
         try:
             rest = memoryview(data)
             while rest:
@@ -153,13 +154,15 @@ class Series(io.RawIOBase):
         return tuple(self._files)
 
     def _is_full(self, bounds: Bounds) -> bool:
-        if self._size <= self._head:
+        size = self._size + self._waiting
+        if size <= self._head:
             return False
-        too_large = bounds.size and self._size >= bounds.size
+        too_large = bounds.size and size >= bounds.size
         return bool(too_large or (bounds.seconds and time.monotonic() - self._began >= bounds.seconds))
 
     def _open(self) -> None:
         self._pending.clear()
+        self._waiting = 0
         self._count += 1
         path = self._path
         if self._bounds is not None:

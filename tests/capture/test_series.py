@@ -65,6 +65,21 @@ def test_a_file_that_is_there_is_kept(tmp_path: Path) -> None:
         Series(tmp_path / "a.pcapng")
 
 
+def test_a_file_of_a_ring_is_too_large_by_less_than_a_packet_however_many_are_flushed_at_once(
+    tmp_path: Path,
+) -> None:
+    series, size = Series(tmp_path / "a.pcapng", Bounds(9, size=20_000)), 1000
+    for number in range(100):
+        series.turn()
+        series.recording.datagram(CLIENT, SERVER, bytes(size), number)
+    series.flush()
+    series.close()
+    sizes = [path.stat().st_size for path in series.paths]
+    assert len(sizes) == 6
+    assert all(20_000 <= each < 20_000 + size + 100 for each in sizes[:-1])
+    assert [packet[0] for path in series.paths for packet in packets(path)] == list(range(100))
+
+
 def test_the_oldest_of_a_ring_are_removed_and_each_can_be_read_alone(tmp_path: Path) -> None:
     series = Series(tmp_path / "a.pcapng", Bounds(3, size=20_000))
     for number in range(100):

@@ -58,7 +58,7 @@ def test_a_client_that_goes_begins_no_file_of_a_ring(tmp_path: Path) -> None:
     recorder = ProxyRecorder(tmp_path / "r.pcapng", Bounds(2, size=ROOM), TOLD.append)
     recorder.take([Record(Kind.OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")])
     for time in (1_000, 2_000):
-        recorder.take([Record(Kind.DATA, True, 1, time, time + 1, bytes(ROOM), "")])
+        recorder.take([Record(Kind.DATA, True, 1, time, time + 1, bytes(ROOM // 2), "")])
     recorder.take([Record(Kind.GONE, False, 1, 3_000, 0, b"", "")])
     recorder.close()
     times = []
