@@ -163,7 +163,7 @@ class Callbook:
         made = Exchange(call, seen.flow.conversation, question, seen, habits)
         made.last = self._frame(last, seen)
         made.reply = self._frame(reply, seen) if reply else None
-        made.others = tuple(Event(_ROLES[role], self._frame(number, seen)) for role, number in others)
+        made.others = [Event(_ROLES[role], self._frame(number, seen)) for role, number in others]
         made.activity, made.gone_on = activity, gone_on
         made.silent, made.let_go, made.skipped_handles = silent, let_go, skipped
         return Row(made, None if thing is None else _thing(thing))

@@ -107,7 +107,7 @@ class Exchange:
         self.activity = request.time
         self.habits = habits
         self.reply: FrameObservation | None = None
-        self.others: tuple[Event, ...] = ()
+        self.others: list[Event] | tuple[()] = ()  # nearly all calls share the empty one
         self.gone_on = 0
         self.silent = self.let_go = False
         self.skipped_handles = 0
@@ -115,6 +115,13 @@ class Exchange:
     def __repr__(self) -> str:
         events = ", ".join(f"{event.role} {event.seen.number}" for event in self.events)
         return f"Exchange({self.call}, {self.question.function_id}, {self.question.command!r}: {events})"
+
+    def add(self, role: Role, seen: FrameObservation) -> None:
+        """Take in one more of `others`."""
+        if self.others:
+            self.others.append(Event(role, seen))
+        else:
+            self.others = [Event(role, seen)]
 
     @property
     def is_plain(self) -> bool:

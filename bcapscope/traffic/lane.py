@@ -11,6 +11,7 @@ from bcapscope.protocol.hresult import E_BUSY, S_EXECUTING, is_failure
 from bcapscope.protocol.variant import VT
 from bcapscope.traffic.convention import Habits, ReplyReserved
 from bcapscope.traffic.exchange import Event, Exchange, FrameObservation, Role, Stray
+from bcapscope.traffic.heard import Heard
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.question import question_of
 
@@ -40,6 +41,11 @@ answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 MOST_SHADOWED = 16
 """Unanswered requests of one serial on TCP that are remembered for their replies."""
 
+MOST_HELD = 65536
+"""Retries, notices and further replies of open calls that are kept, about 30 MB. The older C client tries
+without end (start-jsk/denso b-Cap.c): every 20 ms, it is there in 20 minutes. The call that goes beyond is
+let go with those before it, and what else comes of it begins another."""
+
 MOST_PAST = 1024
 """Serials of settled calls: at least as many are known, at most twice."""
 
@@ -61,10 +67,13 @@ class Lane:
         "_conversation",
         "_habits",
         "_handle",
+        "_heard",
+        "_held",
         "_is_tcp",
         "_let_go",
         "_mark",
         "_newest",
+        "_overfull",
         "_past",
         "_past_before",
         "_session",
@@ -88,6 +97,9 @@ class Lane:
         self._mark = -1  # reserved of the first packet seen last; on UDP only whether it was 0
         self._by_serial: dict[int, Exchange] = {}
         self._newest: Exchange | None = None
+        self._heard: dict[Exchange, Heard] = {}  # of those open calls in which something was looked for
+        self._held = 0  # frames that open calls have besides request and reply
+        self._overfull = 0  # the latest call at which they became too many
         self._session = 0  # the call that started the service session
         self._answered = 0  # the latest call that was answered
         self._handle = 0  # the last handle of this service session that came back
@@ -143,6 +155,8 @@ class Lane:
     def settle(self, now: int) -> Iterator[Exchange]:
         """Give out the calls for which nothing more is to be expected at time `now`."""
         waiting = self.waiting
+        if waiting and waiting[0].call <= self._overfull:
+            yield from self.let_go(sum(exchange.call <= self._overfull for exchange in waiting))
         while waiting:
             exchange = waiting[0]
             if self._settles_at(exchange) > now:
@@ -155,7 +169,7 @@ class Lane:
         for _ in range(min(count, len(self.waiting))):
             exchange = self.waiting.popleft()
             exchange.let_go = exchange.reply is None
-            self._let_go = exchange.call
+            self._let_go = max(self._let_go, exchange.call)
             yield self._finish(exchange)
 
     def close(self) -> Iterator[Exchange]:
@@ -165,6 +179,7 @@ class Lane:
         while self.waiting:
             exchange = self.waiting.popleft()
             exchange.silent = over or exchange.call < self._answered
+            exchange.let_go = exchange.reply is None and exchange.call <= self._overfull
             yield self._finish(exchange)
 
     # requests
@@ -190,10 +205,8 @@ class Lane:
         starts_anew = prior.call < self._session or (
             frame.code == SERVICE_START and prior is not self._newest
         )
-        if not starts_anew and any(
-            try_.item.raw == frame.raw and seen.time - try_.time <= COPIES_WITHIN_NS
-            for try_ in prior.requests
-        ):
+        sent = None if starts_anew else self._heard_of(prior).sent.get(frame.raw)
+        if sent is not None and seen.time - sent <= COPIES_WITHIN_NS:
             self._add(prior, Role.DUPLICATE, seen)
             return True
         first = prior.request.item
@@ -205,8 +218,10 @@ class Lane:
         ):
             return False
         self._learn_first(frame.serial, frame.reserved)
-        prior.others = (Event(Role.RETRY, prior.request), *prior.others)
+        prior.others = [Event(Role.RETRY, prior.request), *prior.others]
         prior.request = seen
+        self._held += 1
+        self._heard_of(prior).add(Role.REQUEST, seen)
         return True
 
     def _goes_back_to_zero(self, seen: FrameObservation, frame: Frame) -> bool:
@@ -232,7 +247,7 @@ class Lane:
         self._by_serial[frame.serial] = exchange
         overtaken = (frame.serial - last.serial) & 0xFFFF >= 0x8000
         if exchange.reply is not None and exchange is self._newest and not overtaken:
-            exchange.others += (Event(Role.LOST, exchange.reply),)
+            self._note(exchange, Role.LOST, exchange.reply)
             exchange.reply = None
         if not overtaken:
             exchange.last = seen
@@ -263,26 +278,43 @@ class Lane:
             self._mark = reserved
 
     def _add(self, exchange: Exchange, role: Role, seen: FrameObservation) -> None:
-        exchange.others += (Event(role, seen),)
+        self._note(exchange, role, seen)
         exchange.activity = seen.time
+        if self._held > MOST_HELD:
+            self._overfull = self._let_go = max(self._overfull, self._let_go, exchange.call)
+            self._forget_serials(exchange)
+
+    def _note(self, exchange: Exchange, role: Role, seen: FrameObservation) -> None:
+        exchange.add(role, seen)
+        self._held += 1
+        if exchange in self._heard:
+            self._heard[exchange].add(role, seen)
+
+    def _heard_of(self, exchange: Exchange) -> Heard:
+        heard = self._heard.get(exchange)
+        if heard is None:
+            heard = self._heard[exchange] = Heard(exchange)
+        return heard
 
     # replies
 
     def _learn_reply(self, exchange: Exchange, frame: Frame) -> None:
-        for request in exchange.requests:
-            if request.item.serial == frame.serial:
-                self._habits = self._habits.after_reply(request.item.reserved, frame.reserved)
+        asked = self._heard_of(exchange).reserved.get(frame.serial)
+        if asked is not None:
+            self._habits = self._habits.after_reply(asked, frame.reserved)
 
     def _accept(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
         exchange.reply = seen
         exchange.activity = seen.time
+        if self._heard and exchange in self._heard:
+            self._heard[exchange].add(Role.REPLY, seen)
         if exchange.call > self._answered and frame.code != E_BUSY:
             self._answered = exchange.call
 
     def _reply_in_trouble(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
         if frame.code == S_EXECUTING:
             self._add(exchange, Role.NOTICE, seen)
-        elif any(reply.item.raw == frame.raw for reply in _replies(exchange)):
+        elif frame.raw in self._heard_of(exchange).replies:
             self._add(exchange, Role.DUPLICATE, seen)
         elif exchange.reply is None and not exchange.gone_on and frame.serial == exchange.last.item.serial:
             self._accept(exchange, seen, frame)
@@ -321,6 +353,13 @@ class Lane:
         exchange.habits = self._habits
         if exchange.question.function_id in _OPENERS:
             self._follow_handles(exchange)
+        self._held -= len(exchange.others)
+        if self._heard:
+            self._heard.pop(exchange, None)
+        self._forget_serials(exchange)
+        return exchange
+
+    def _forget_serials(self, exchange: Exchange) -> None:
         frame = exchange.request.item
         serial = frame.serial
         self._forget(serial, exchange)
@@ -328,7 +367,6 @@ class Lane:
             named = (frame.reserved,) if frame.reserved else ()
             for other in {*exchange.serials, *named} - {serial}:
                 self._forget(other, exchange)
-        return exchange
 
     def _forget(self, serial: int, exchange: Exchange) -> None:
         if self._by_serial.get(serial) is exchange:
@@ -355,11 +393,3 @@ class Lane:
         if self._handle and 0 < skipped < len(exchange.requests):
             exchange.skipped_handles = skipped
         self._handle = handle
-
-
-def _replies(exchange: Exchange) -> Iterator[FrameObservation]:
-    if exchange.reply is not None:
-        yield exchange.reply
-    for role, seen in exchange.others:
-        if role in (Role.LATE, Role.LOST):
-            yield seen

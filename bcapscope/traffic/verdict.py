@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -108,7 +109,6 @@ def _replies_differ(exchange: Exchange) -> bool:
 
 def _all_crossed(exchange: Exchange) -> bool:
     """Tell whether each reply that was not heeded may have met the next try on its way."""
-    return all(
-        any(0 <= request.time - reply.time <= CROSSING_NS for request in exchange.requests)
-        for reply in exchange.lost_replies
-    )
+    asked = sorted(request.time for request in exchange.requests)
+    lost = [(reply.time, bisect_left(asked, reply.time)) for reply in exchange.lost_replies]
+    return all(after < len(asked) and asked[after] - time <= CROSSING_NS for time, after in lost)

@@ -56,11 +56,11 @@ def made(
     request = see(0, Direction.REQUEST, 10, 0, question.function_id)
     exchange = Exchange(call, conversation, question, request, Habits())
     tries = [see(n, Direction.REQUEST, 10 + n, 10, question.function_id) for n in range(1, retries + 1)]
-    exchange.others = (
+    exchange.others = [
         *(Event(Role.RETRY, seen) for seen in tries),
         *(Event(Role.LATE, see(retries + 0.1, Direction.RESPONSE, 10, 0, code)) for _ in range(late)),
         *(Event(Role.NOTICE, see(0.5, Direction.RESPONSE, 10, 0, 0x900)) for _ in range(notices)),
-    )
+    ]
     if latency is not None:
         exchange.reply = see(latency, Direction.RESPONSE, 10 + retries, 0, code)
         exchange.activity = exchange.reply.time

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from bcapscope.traffic import lane
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.lane import (
-    MOST_SHADOWED,
-)
+from bcapscope.traffic.lane import MOST_SHADOWED
 from bcapscope.traffic.observation import Transport
 from tests.traffic.playbook import (
     BUSY,
@@ -294,6 +293,56 @@ def test_unanswered_requests_of_one_serial_are_bounded() -> None:
         client.ask(90_000, serial, 0, MOVE)
     calls = calls_of(script.track())
     assert [call.call for call in calls] == list(range(1, len(script.seen) + 1))
+
+
+FLOODS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
+    "tries without end": (
+        [
+            "1: >1 >>2 >>3 >>4 >>5 >>6 not_followed, not followed",
+            "2: >>7 >>8 >>9 >>10 >>11 >>12 not_followed, not followed",
+            "3: >>13 <14 answered, cannot tell",
+        ],
+        [*((20 * n, 1 + n, int(n > 0), MOVE) for n in range(13)), (260, -13, 0, POSE)],
+    ),
+    "notices without end": (
+        ["1: >1 ...2 ...3 ...4 ...5 ...6 not_followed, not followed", "stray 7 of 1", "stray 8 of 1"],
+        [(0, 1, 0, MOVE), *((20 * n, -1, S_EXECUTING) for n in range(1, 7)), (140, -1, 0, POSE)],
+    ),
+    "another answer each time": (
+        ["stray 8 of 1", "1: >1 <2 late<3 late<4 late<5 late<6 late<7 answered, executed twice"],
+        [(0, 1, 0, MOVE), *((5 * n, -1, 0, r8s(float(n))) for n in range(1, 8))],
+    ),
+    "copies without end": (
+        [
+            "1: >1 =2 =3 =4 =5 =6 not_followed, not followed",
+            "2: >7 =8 not_followed, not followed",
+            "stray 9 of 2",
+        ],
+        [*((5 * n, 1, 0, MOVE) for n in range(8)), (60, -1, 0, POSE)],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FLOODS)
+def test_frames_of_open_calls_are_bounded(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lane, "MOST_HELD", 4)
+    expected, lines = FLOODS[name]
+    script = Script()
+    play(script, lines)
+    settled = script.track()
+    assert summaries(settled) == expected
+    assert all(stray.overlooked for stray in strays_of(settled))
+
+
+def test_calls_that_have_settled_do_not_count_as_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lane, "MOST_HELD", 4)
+    script = Script()
+    client = script.client()
+    for start in range(0, 60_000, 6000):
+        client.ask(start, 1, 0, MOVE)
+        client.ask(start + 2, 2, 1, MOVE)
+        client.reply(start + 3, 2, 0, 0, POSE)
+    assert {str(call.outcome) for call in calls_of(script.track())} == {"answered"}
 
 
 def test_nothing_is_a_retry_on_tcp() -> None:
