@@ -17,6 +17,7 @@ from bcapscope.cli.files import NewFile, check_free, force
 from bcapscope.cli.output import narrate
 from bcapscope.cli.pairing import settle
 from bcapscope.cli.reading import Reading
+from bcapscope.cli.signals import end_in_order
 from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.trajectory import CsvTrajectory, JsonTrajectory
@@ -63,6 +64,7 @@ def command(
     """
     if output.suffix.casefold() not in _WRITERS:
         raise click.BadParameter("the name has to end in .csv or .json", param_hint="--output")
+    end_in_order()
     files = _Files(output, force)
     reading = Reading(paths, ports)
     test = None if wanted is None else wanted.bind(CALL_GETTERS)

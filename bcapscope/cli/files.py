@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -33,9 +34,10 @@ def check_free(path: Path, overwrite: bool | None = None) -> None:
     Raises:
         FileRefused: something is there already, or is no file.
     """
-    if path.exists() and not path.is_file():
+    is_there = os.path.exists(path)  # that of Path has an exception for a name that is too long
+    if is_there and not path.is_file():
         raise FileRefused(path, "no file, but something else is there")
-    if path.exists() and not overwrite:
+    if is_there and not overwrite:
         hint = "" if overwrite is None else "; --force overwrites it"
         raise FileRefused(path, f"exists already{hint}")
 
@@ -43,37 +45,33 @@ def check_free(path: Path, overwrite: bool | None = None) -> None:
 class NewFile:
     """A file that gets its name when it is complete; until then it stands beside, under a name of its own.
 
-    What is not kept is removed, so that a command that fails leaves nothing half written. It is open only
-    while something is written, so that there may be any number of them.
+    What is not kept is removed, so that a command that fails leaves nothing half written; nor does one that a
+    signal ends, after `signals.end_in_order`, as nothing is there before it is written in the block. It is
+    open only while something is written, so that there may be any number of them.
     """
 
     def __init__(self, path: Path) -> None:
-        """Begin a file that is to stand where `path` is.
-
-        Raises:
-            FileRefused: nothing can be written there.
-        """
+        """Begin a file that is to stand where `path` is."""
         self._path = path
         self._part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            self._part.open("xb").close()
-        except OSError as error:
-            raise FileRefused(path, _reason(error)) from None
+        self._mode = "xb"
 
     def write(self, data: bytes) -> None:
         """Write some more.
 
         Raises:
-            FileRefused: there is no more room.
+            FileRefused: nothing can be written there, or there is no more room.
         """
         try:
-            with self._part.open("ab") as file:
+            with self._part.open(self._mode) as file:
+                self._mode = "ab"
                 file.write(data)
         except OSError as error:
             raise FileRefused(self._path, _reason(error)) from None
 
     def keep(self, path: Path | None = None, overwrite: bool = False) -> None:
-        """Give the file its name, or another one in the same directory; nothing is written afterwards.
+        """Give the file, to which something was written, its name, or another one in the same directory;
+        nothing is written afterwards.
 
         Raises:
             FileRefused: something is there already, or it cannot have that name.
@@ -93,7 +91,8 @@ class NewFile:
 
     def discard(self) -> None:
         """Remove the file unless it was kept."""
-        self._part.unlink(missing_ok=True)
+        with suppress(OSError):  # it is not there, or cannot be
+            self._part.unlink()
 
 
 def _reason(error: OSError) -> str:

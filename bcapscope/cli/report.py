@@ -16,6 +16,7 @@ from bcapscope.cli.files import NewFile, check_free, force
 from bcapscope.cli.output import narrate
 from bcapscope.cli.pairing import follow
 from bcapscope.cli.reading import STDIN, Reading
+from bcapscope.cli.signals import end_in_order
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter
 from bcapscope.traffic.getters import CALL_GETTERS
@@ -49,6 +50,7 @@ def command(
             raise
         narrate(_INSTALL)
         sys.exit(Exit.NOT_INSTALLED)
+    end_in_order()
     to_stdout = str(output) == STDIN
     if not to_stdout:
         check_free(output, force)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -134,6 +136,29 @@ def test_what_cannot_be_written_is_said(tmp_path: Path) -> None:
     assert "Traceback" not in ran.err
     (tmp_path / "dir.csv").mkdir()
     assert run_here("extract", SESSION, "-o", tmp_path / "dir.csv", "--force").code == Exit.UNWRITABLE
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
+def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path) -> None:
+    pipe = tmp_path / "session.pcapng"
+    os.mkfifo(pipe)
+    argv = [sys.executable, "-m", "bcapscope", "extract", str(pipe), "-o", str(tmp_path / "way.csv")]
+    with subprocess.Popen(argv, stderr=subprocess.PIPE) as process, pipe.open("wb") as writer:
+        try:
+            writer.write(SESSION.read_bytes())
+            writer.flush()
+            until = time.monotonic() + 30
+            while not (begun := list(tmp_path.glob(".way*.part"))):
+                assert time.monotonic() < until
+                assert process.poll() is None
+                time.sleep(0.01)
+            process.terminate()
+            _, told = process.communicate(timeout=30)
+        finally:
+            process.kill()
+    assert begun
+    assert (process.returncode, told) == (Exit.INTERRUPTED, b"")
+    assert list(tmp_path.iterdir()) == [pipe]
 
 
 def test_the_name_tells_the_format(tmp_path: Path) -> None:
