@@ -174,13 +174,26 @@ class Lane:
 
     def close(self) -> Iterator[Exchange]:
         """Give out all calls; the traffic has ended."""
-        closing = self._conversation.closing
-        over = closing is not None and closing.mutes
+        self._silence()
         while self.waiting:
             exchange = self.waiting.popleft()
-            exchange.silent = over or exchange.call < self._answered
             exchange.let_go = exchange.reply is None and exchange.call <= self._overfull
             yield self._finish(exchange)
+
+    def _silence(self) -> None:
+        """Tell of which open calls no reply was to be expected any more when the traffic ended.
+
+        Servers answer in order. On UDP the network may change it, but does not take long to.
+        """
+        closing = self._conversation.closing
+        over = closing is not None and closing.mutes
+        end = max((exchange.activity for exchange in self.waiting), default=0)
+        overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
+        answered = overtaken  # when a later call was answered first, or too late to tell
+        for exchange in reversed(self.waiting):
+            exchange.silent = over or answered < overtaken
+            if exchange.reply is not None and exchange.reply.item.code != E_BUSY:
+                answered = min(answered, exchange.reply.time)
 
     # requests
 

@@ -115,8 +115,8 @@ PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
         ],
     ),
     "a client that asks without waiting loses one": (
-        ["1: >1 unanswered, unanswered", "2: >2 <3 answered, answered"],
-        [(0, 1, 0, MOVE), (1, 2, 0, OTHER), (2.5, -2, 0, POSE)],
+        ["1: >1 unanswered, unanswered", "2: >2 <3 answered, answered", "3: >4 <5 answered, answered"],
+        [(0, 1, 0, MOVE), (1, 2, 0, OTHER), (2.5, -2, 0, POSE), (200, 3, 0, MOVE), (201, -3, 0, POSE)],
     ),
     "a client that asks without waiting is answered out of order": (
         ["1: >1 <4 answered, answered", "2: >2 <3 answered, answered"],
@@ -217,8 +217,8 @@ PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
         ["1: >1 >>2 late<3 capture_ended, reply late"],
         [(0, 1, 0, MOVE), (2, 2, 1, MOVE), (2.5, -1, 0, POSE)],
     ),
-    "the server answered a later call, so it has nothing more to say to the one before": (
-        ["1: >1 unanswered, unanswered", "2: >2 <3 answered, answered"],
+    "a later call was answered just before the end: the reply to the one before may still be on its way": (
+        ["1: >1 capture_ended, capture ended", "2: >2 <3 answered, answered"],
         [(0, 1, 0, MOVE), (1, 2, 0, OTHER), (2, -2, 0, POSE)],
     ),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bcapscope.traffic.convention import Convention
@@ -141,6 +141,8 @@ def test_the_convention_is_found(profile: Profile, seed: int) -> None:
             assert calls[-1].convention is Convention(profile.convention)
 
 
+# Here the reply to a call came after that to the next one, which the client had asked soon after a notice.
+@example(Profile(timeout=2, tries=3, loss=0.0, delay=39.0, slow=0.1, restart=0.1), 344356, 0.34375)
 @given(PROFILES, SEEDS, st.floats(0, 1))
 def test_a_capture_that_is_cut_short_gives_the_same_calls_as_far_as_it_goes(
     profile: Profile, seed: int, part: float
