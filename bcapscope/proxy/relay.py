@@ -107,6 +107,7 @@ class Relay:
         if self._ticker is not None:
             self.watch(self._ticker, self._ticked)
         self._stopped = self._closed = False
+        self._parted: list[tuple[int, bytes, int]] = []
 
     def listen(self, ports: Iterable[Port]) -> None:
         """Take clients from these ports."""
@@ -148,6 +149,7 @@ class Relay:
         self.close_ports()
         for session in list(self.sessions.values()):
             session.close(False, "the proxy ended")
+        self._tell_parted()
         for port in self._ports:
             port.release()
         self._handlers.clear()
@@ -212,9 +214,9 @@ class Relay:
         return self.counts[Count.CLIENTS] + 1
 
     def part(self, session: Session, why: str) -> None:
-        """Forget a client."""
+        """Forget a client; that is told soon, behind what came of it and could not be passed on any more."""
         if self.sessions.pop(session.number, None) is not None:
-            self.ring.must(Kind.GONE, session.number, why.encode(), time.time_ns())
+            self._parted.append((session.number, why.encode(), time.time_ns()))
             if self.policy is not None:
                 self.policy.gone(session.number, time.monotonic_ns())
 
@@ -241,9 +243,12 @@ class Relay:
         """Tell the rules that a stream has ended in one direction; tell whether its end may be passed on."""
         if self.policy is None:
             return True
-        direction = direction_of(up)
-        self._perform(self.policy.ended(session.number, direction, time.monotonic_ns()))
-        return not self.policy.holds(session.number, direction)
+        self._perform(self.policy.ended(session.number, direction_of(up), time.monotonic_ns()))
+        return not self.holds(session, up)
+
+    def holds(self, session: Session, up: bool) -> bool:
+        """Tell whether rules hold something of a direction, so that its end may not be passed on yet."""
+        return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: Session) -> bool:
         """Tell whether neither side of a client may hear of the other's end."""
@@ -295,9 +300,15 @@ class Relay:
         os.read(self._ticker, 8)
         self._beat()
 
+    def _tell_parted(self) -> None:
+        parted, self._parted = self._parted, []
+        for number, why, when in parted:
+            self.ring.must(Kind.GONE, number, why, when)
+
     def _beat(self) -> None:
         """Write what is noted; from time to time do what does not come by itself."""
         self.ring.flush()
+        self._tell_parted()
         self._idle()
         self._beats += 1
         if self._beats % _SWEEP_EVERY == 0:

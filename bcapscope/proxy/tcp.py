@@ -77,9 +77,7 @@ class TcpPort:
         except (BlockingIOError, ConnectionError):
             return
         except OSError as error:  # no more file descriptors, say
-            relay.tell(f"no client can be taken on {self.address} TCP: {reason(error)}")
-            self._paused = True
-            relay.change(self._socket.fileno(), 0)
+            self._pause(error)
             return
         why = self._refusal(address[0])
         if why:
@@ -87,12 +85,23 @@ class TcpPort:
             relay.tell(f"{endpoint_of(address)} {why}; its connection is closed")
             reset(client)
             return
-        server = socket.socket(self.controller[0], socket.SOCK_STREAM)
+        try:
+            server = socket.socket(self.controller[0], socket.SOCK_STREAM)
+        except OSError as error:  # that was the last one
+            reset(client)
+            self._pause(error)
+            return
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
         session = TcpSession(self, client, server, address)
         if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
             session.fail(problem)
+
+    def _pause(self, error: OSError) -> None:
+        """Take no more clients until the next sweep."""
+        self.relay.tell(f"no client can be taken on {self.address} TCP: {reason(error)}")
+        self._paused = True
+        self.relay.change(self._socket.fileno(), 0)
 
     def _refusal(self, host: str) -> str:
         if not self._listener.allows(host):
@@ -138,8 +147,9 @@ class TcpSession:
         relay = port.relay
         for sock in (client, server):
             sock.setblocking(False)
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            with suppress(OSError):  # on macOS a client that has gone by now has no options any more
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self.number = relay.next_number()
         self.conversation = conversation(endpoint_of(address), port.to, Transport.TCP)
         self.heard = time.time_ns()
@@ -228,10 +238,15 @@ class TcpSession:
             self._relay.tell(f"{self.conversation.client}: {left} bytes were not taken by {whose} any more")
 
     def sweep(self, now: int) -> None:
-        """Give up a connection that is not made; read on where rules held too much."""
+        """Give up a connection that is not made; go on where rules held too much, or have lost what they held
+        before an end.
+        """
         if not self._connected and now - self.heard > CONNECT_WITHIN:
             self.fail(errno.ETIMEDOUT)
         elif self._relay.policy is not None:
+            for half in (self._up, self._down):
+                if half.ended and not half.shut and not self._relay.holds(self, half.up):
+                    self._shut(half)
             self._want()
 
     def _client_happened(self, happened: int) -> None:

@@ -69,6 +69,18 @@ def test_the_end_of_a_stream_waits_for_what_is_delayed() -> None:
         assert time.monotonic() - began >= 0.15
 
 
+def test_the_end_of_a_stream_passes_when_what_was_held_before_it_is_dropped() -> None:
+    policy = live(expression="serial == 1")
+    with connected(policy) as (proxy, client, server):
+        client.sendall(request(1))
+        client.shutdown(socket.SHUT_WR)
+        eventually(lambda: [end for end in proxy.of(Kind.END) if end.came])
+        (held,) = policy.intercept.held
+        policy.drop(held.number, time.monotonic_ns())
+        assert read_all(server) == b""
+        eventually(lambda: [(end.up, end.came) for end in proxy.of(Kind.END) if end.left] == [(True, 0)])
+
+
 def test_both_ends_wait_for_what_is_delayed_and_then_all_is_over() -> None:
     with connected(live("delay=100ms")) as (proxy, client, server):
         client.sendall(request(1))

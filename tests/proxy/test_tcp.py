@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import select
 import socket
 import struct
 import threading
@@ -10,7 +12,9 @@ from contextlib import contextmanager
 
 import pytest
 
+from bcapscope.proxy.poller import READ
 from bcapscope.proxy.ring import Count, Kind
+from bcapscope.proxy.tcp import TcpSession
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
 
 
@@ -144,6 +148,50 @@ def test_an_unreachable_controller_is_told_and_the_client_is_cut_off() -> None:
             client.recv(1)
         eventually(proxy.told)
         assert f"no connection to 127.0.0.1:{port} over TCP: connection refused" in proxy.told()
+
+
+def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with listening() as door, running(port_of(door), "tcp") as proxy:
+        kind = socket.socket
+
+        def none_left(family: int, type: int, proto: int = 0, fileno: int | None = None) -> socket.socket:
+            if fileno is None:  # it is not one that was taken already
+                raise OSError(errno.EMFILE, "")
+            return kind(family, type, proto, fileno)
+
+        with kind(socket.AF_INET, socket.SOCK_STREAM) as client:
+            monkeypatch.setattr("bcapscope.proxy.tcp.socket.socket", none_left)
+            client.settimeout(PATIENCE)
+            client.connect(proxy.address)
+            with pytest.raises(ConnectionResetError):
+                client.recv(1)
+            monkeypatch.undo()
+        eventually(lambda: "too many open files" in proxy.told())
+        with socket.create_connection(proxy.address, PATIENCE):
+            door.accept()[0].close()
+
+
+def test_what_came_and_could_not_be_passed_on_any_more_is_told_before_its_client_is_forgotten() -> None:
+    with connected() as (client, server, proxy):
+        client.sendall(b"x")
+        receive(server, 1)
+        proxy.stop()
+        (session,) = proxy.relay.sessions.values()
+        assert isinstance(session, TcpSession)
+        client.sendall(b"the last")
+        cut(server)
+        for end, sign in ((session._server, select.POLLERR), (session._client, select.POLLIN)):
+            poll = select.poll()
+            poll.register(end, sign)
+            assert poll.poll(PATIENCE * 1000)
+        session._client_happened(READ)
+        assert not proxy.relay.sessions
+        proxy.relay.close()
+        kinds = [(record.kind, record.data) for record in (*proxy.look(), *proxy.look())]
+        assert kinds.index((Kind.DATA, b"the last")) < len(kinds) - 1
+        assert kinds[-1][0] is Kind.GONE
 
 
 def test_strangers_are_cut_off() -> None:
