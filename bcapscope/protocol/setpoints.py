@@ -25,6 +25,8 @@ _Layout: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each part
 # Rows of two poses, as the receive formats 4 and 5 ask for, by their length.
 _PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
+_PLAIN = (PLAIN,)  # looked for in a row the very object is found at once, where == compares field by field
+
 _MOST_PARTS = 8  # no arrangement has as many
 
 
@@ -105,7 +107,7 @@ def split_set_point(
         receive: as slvRecvFormat said; None where that was not seen.
     """
     bare = _bare_pose(parameter, pose_type)
-    if bare and send in (None, PLAIN) and not (receive and receive.user_io):
+    if bare and (send is None or send in _PLAIN) and not (receive and receive.user_io):
         return SetPoint(bare)
     parts = _parts(parameter)
     choices = _set_point_layouts(send, receive, _kinds(parts))

@@ -53,11 +53,13 @@ class Conversation:
     Attributes:
         client: its session.
         heard: when it last sent something, ns.
+        running: the call that is under way; None if there is none.
     """
 
     def __init__(self, machine: Machine, number: int, udp: bool, report: Callable[[Report], None]) -> None:
         self.client = Client(machine, number)
         self.heard = 0
+        self.running: Running | None = None
         self._profile = machine.profile
         self._report = report
         self._responder = Responder(
@@ -69,14 +71,8 @@ class Conversation:
         )
         self._waiting: deque[Frame] = deque()
         self._request: tuple[int, tuple[Variant, ...], int] = (0, (), 0)
-        self._running: Running | None = None
         self._next_notice: int | None = None
         self._stuck = False
-
-    @property
-    def is_running(self) -> bool:
-        """Whether a call is under way."""
-        return self._running is not None
 
     def receive(self, frame: Frame, now: int) -> list[bytes]:
         """Take a sound request; return the frames to send."""
@@ -96,26 +92,26 @@ class Conversation:
 
     def poll(self, now: int) -> list[bytes]:
         """Look whether the running call is done, or a notice is due; return the frames to send."""
-        if self._running is None:
+        if self.running is None:
             return []
-        answer = self._running.poll(now)
+        answer = self.running.poll(now)
         if answer is None:
             return self._notices(now)
-        self._running = None
+        self.running = None
         reply = self._answer(answer, now)
         stuck, self._stuck = self._stuck, False
         return [*([] if stuck else [reply]), *self._next(now)]
 
     def due(self, now: int) -> int | None:
         """Return when to poll next; None if no call runs."""
-        if self._running is None:
+        if self.running is None:
             return None
-        due = self._running.due(now)
+        due = self.running.due(now)
         return due if self._next_notice is None else min(due, self._next_notice)
 
     def close(self, now: int) -> None:
         """End it: the client is gone, and what it asked for is answered no more."""
-        self._running = None
+        self.running = None
         self._waiting.clear()
         self._responder.forget()
         self.client.leave(now)
@@ -126,13 +122,13 @@ class Conversation:
         outcome = self.client.call(frame.code, arguments, now)
         if isinstance(outcome, Answer):
             return [self._answer(outcome, now)]
-        self._running = outcome
+        self.running = outcome
         self._next_notice = None if self.client.wdt is None else now + self.client.wdt
         return []
 
     def _next(self, now: int) -> list[bytes]:
         frames: list[bytes] = []
-        while self._waiting and self._running is None:
+        while self._waiting and self.running is None:
             frame = self._waiting.popleft()
             decision = self._responder.receive(frame)
             if decision.verdict is Verdict.NEW:

@@ -62,9 +62,9 @@ def eight(values: tuple[float, ...]) -> Joints:
 
 def beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = LIMITS) -> int | None:
     """Return the first axis (1..6) that is outside of its limits, or None."""
-    for axis, (value, (low, high, _, _)) in enumerate(zip(joints, limits, strict=False), 1):
-        if not low <= value <= high:
-            return axis
+    for axis, (low, high, _, _) in enumerate(limits):
+        if not low <= joints[axis] <= high:
+            return axis + 1
     return None
 
 

@@ -184,7 +184,7 @@ class Simulator:
     def _receive(self, peer: Peer, conversation: Conversation, frame: Frame, now: int) -> list[Output]:
         """Hand on a request; what others wait for may have come true by it."""
         outputs = [Output(peer, each) for each in conversation.receive(frame, now)]
-        if conversation.is_running:
+        if conversation.running:
             self._running[peer] = conversation
         return outputs + self._poll(now) if self._running else outputs
 
@@ -192,7 +192,7 @@ class Simulator:
         outputs: list[Output] = []
         for peer, conversation in list(self._running.items()):
             outputs += [Output(peer, each) for each in conversation.poll(now)]
-            if not conversation.is_running:
+            if not conversation.running:
                 del self._running[peer]
         return outputs
 

@@ -168,4 +168,4 @@ class Stage:
         assert len(conversation.client.objects) <= MOST_OBJECTS
         assert len(conversation._waiting) <= MOST_WAITING
         assert len(conversation._responder._calls) <= MOST_REMEMBERED
-        assert conversation.is_running == conversation._responder.running
+        assert (conversation.running is not None) == conversation._responder.running
