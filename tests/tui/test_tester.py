@@ -129,10 +129,13 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
         assert "f5 Connect" in sight(pilot)
         await until(pilot, lambda: "1 to 600000 is expected" in sight(pilot))
         here.query_one("#option", Input).value = "Timeout=50,Retry=1"
+        here.query_one("#host", Input).value = "127.0.0.1:9"  # goes before what stands in the port's field
+        here.query_one("#port", Input).value = "10"
         await pilot.press("f5")
         await until(pilot, lambda: "no answer to 2 tries" in sight(pilot))
         assert "✗ service" in sight(pilot)
         assert not here.query_one("#connect", Button).disabled
+        assert here.query_one("#port", Input).value == "9"
         await finish(pilot)
 
     drive(make_tester(tmp_path, "127.0.0.1", 9), act)
@@ -257,7 +260,9 @@ def trajectory(folder: Path) -> Path:
 
 def test_slave_mode_with_a_log_file_and_start(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
-        await connected(pilot)
+        tester = await connected(pilot)
+        await executed(pilot, "TakeArm", "0, 0")
+        assert tester.desk.status.holds_arm  # which the player needs
         await pilot.press("f9")
         await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
         here = pilot.app.screen

@@ -353,6 +353,9 @@ class Desk:
             changes["open"] = self._book.all()
             if self.status.robot not in self._book.all():
                 changes["robot"] = None
+            command = command_of(record.function_id, record.arguments)
+            if command in ("takearm", "givearm"):
+                changes["holds_arm"] = command == "takearm"
         if record.reply is not None:
             changes |= {"round_trip": record.took, "is_silent": False}
         elif record.ending is Ending.UNANSWERED:

@@ -64,6 +64,7 @@ class Status:
         open: what is open, in the order in which it was opened.
         robot: the one that commands go to.
         slave_mode: number of the mode that the robot is in as far as our own calls tell.
+        holds_arm: our TakeArm was answered, and no GiveArm since; an error may have taken the arm back.
         round_trip: ns, of the last call that was answered.
         is_silent: the last call was not answered.
     """
@@ -73,6 +74,7 @@ class Status:
     open: tuple[Opened, ...] = ()
     robot: Opened | None = None
     slave_mode: int = 0
+    holds_arm: bool = False
     round_trip: int = 0
     is_silent: bool = False
 

@@ -18,14 +18,16 @@ from textual.widgets import Button, ContentSwitcher, Input, Select
 from bcapscope.errors import BcapError
 from bcapscope.player.messages import Pacing, Topic
 from bcapscope.protocol.slavemode import mode_pose_type
+from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.render.escape import printable
 from bcapscope.render.playing import ended_lines, peer_line, trouble_lines
 from bcapscope.render.preflight import PreflightRenderer
 from bcapscope.tui.app import scope_of
-from bcapscope.tui.desk.desk import Desk
+from bcapscope.tui.desk.desk import Desk, handle_variant
+from bcapscope.tui.desk.news import Status
 from bcapscope.tui.desk.performance import Performance, Wish, prepare
 from bcapscope.tui.desk.playing import Stage
-from bcapscope.tui.desk.record import cause
+from bcapscope.tui.desk.record import Who, cause
 from bcapscope.tui.desk.recovery import Step, step
 from bcapscope.tui.desk.slaverun import SlaveRun
 from bcapscope.tui.ink import INK
@@ -221,7 +223,7 @@ class SlaveScreen(Place):
         if not desk.arming.lets_pass(desk.now()) and not await self._arm():
             self._state(f"{INK.bad}{say('tester.not_armed')}")
             return
-        if status.slave_mode and not await self._left():
+        if not await self._released(status):
             return
         robot = status.robot.label if status.robot else "Arm"
         record = (
@@ -244,10 +246,15 @@ class SlaveScreen(Place):
             if self.query("#start"):  # else the screen is being closed
                 self._busy(False)
 
-    async def _left(self) -> bool:
-        """Leave slave mode, in which nothing else may be asked; the player enters it anew."""
+    async def _released(self, status: Status) -> bool:
+        """Leave slave mode, and give the arm back: the player is a client of its own, and needs both."""
+        desk = self._desk
         try:
-            await self._desk.do(step(self._desk, Step.MODE, "", 0))
+            if status.slave_mode:
+                await desk.do(step(desk, Step.MODE, "", 0))
+            if status.holds_arm and status.robot is not None:
+                values = handle_variant(status.robot), Variant(VT.BSTR, "GiveArm"), EMPTY
+                await desk.do(desk.invoke("Robot_Execute", *values, who=Who.SCREEN))
         except (BcapError, OSError) as error:
             self._state(f"{INK.bad}{printable(cause(error))}")
             return False

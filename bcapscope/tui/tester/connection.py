@@ -72,8 +72,7 @@ class ConnectionPanel(Vertical):
 
     def wish(self) -> ConnectWanted | str:
         """Return what the fields ask for, or what is wrong with them."""
-        host = self.query_one("#host", Input).value.strip()
-        port = self.query_one("#port", Input).value.strip()
+        host, port = self._place()
         tcp = not self.query_one("#udp", Tick).value
         option = self.query_one("#option", Input).value
         if not host:
@@ -85,6 +84,14 @@ class ConnectionPanel(Vertical):
         except ValueError as error:
             return str(error)
         return ConnectWanted(host, int(port), tcp, option)
+
+    def _place(self) -> tuple[str, str]:
+        """Return host and port as they stand there; a port behind the host counts, as in `host:5007`."""
+        host = self.query_one("#host", Input).value.strip()
+        name, colon, port = host.rpartition(":")
+        if colon and ":" not in name and port.isdecimal():  # else it is an address of IPv6
+            return name, port
+        return host, self.query_one("#port", Input).value.strip()
 
     def begin(self) -> None:
         """Forget the steps of the connection before."""
@@ -162,6 +169,8 @@ class ConnectionPanel(Vertical):
             self._problem = wish
             self._write()
         else:
+            self.query_one("#host", Input).value = wish.host
+            self.query_one("#port", Input).value = str(wish.port)
             self.post_message(wish)
 
     @on(Button.Pressed, "#disconnect")

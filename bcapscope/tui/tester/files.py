@@ -24,6 +24,7 @@ class FilePicker(ModalScreen[str | None]):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
+        Binding("backspace", "up", "", show=False),
     ]
 
     def __init__(self, title: str, recent: Sequence[str], folder: Path) -> None:
@@ -31,17 +32,24 @@ class FilePicker(ModalScreen[str | None]):
         super().__init__()
         self._title = title
         self._recent = [path for path in recent if Path(path).exists()]
-        self._folder = folder
+        self._folder = folder.absolute()  # a relative one has no name to show, and none above it
 
     def compose(self) -> ComposeResult:
         """Put what was used lately above the tree."""
         with Vertical(classes="dialog -tall") as box:
             box.border_title = self._title
+            box.border_subtitle = say("tester.browse.hint")
             if self._recent:
                 yield Static(say("tester.recent"), markup=False, classes="caption")
                 options = [Option(Text(printable(path)), id=str(at)) for at, path in enumerate(self._recent)]
                 yield OptionList(*options, markup=False, id="recent")
             yield DirectoryTree(self._folder, id="tree")
+
+    def action_up(self) -> None:
+        """Show the folder above."""
+        tree = self.query_one(DirectoryTree)
+        tree.path = Path(tree.path).parent
+        tree.focus()
 
     @on(OptionList.OptionSelected)
     def _take_recent(self, message: OptionList.OptionSelected) -> None:

@@ -187,6 +187,10 @@ WORDS: dict[str, tuple[str, str]] = {
         "プロジェクト、制御ログ (CSV)、JointTrajectory、キャプチャを選んでください",
     ),
     "tester.browse": ("Browse", "参照"),
+    "tester.browse.hint": (
+        "Backspace: the folder above · esc closes",
+        "Backspace: 上のフォルダ · esc で閉じる",
+    ),
     "tester.recent": ("used lately", "最近使ったファイル"),
     "tester.interval": ("ms", "ms"),
     "tester.speed": ("speed ×", "速度 ×"),
