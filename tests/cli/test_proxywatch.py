@@ -202,8 +202,12 @@ def test_a_controller_that_hangs_up_is_named_live_as_in_the_recording(
     chain.ring.must(kind, 1, b"", chain.now + MS)
     chain.ring.must(kind, 1, b"", 0, left=chain.now + 2 * MS)
     chain.ring.must(Kind.GONE, 1, b"why", chain.now + 3 * MS)
+    chain.look()
+    told = [text for text in chain.screen.told if f"10.0.0.1:5007 {how}" in text]
+    assert len(told) == 1
     chain.end()
-    assert f"10.0.0.1:5007 {how}" in " ".join(" ".join(chain.screen.told).split())
+    summed_up = [text for text in chain.screen.told if "controller-hung-up" in text]
+    assert len(summed_up) == 2  # as it arose, and at the end
     for server in ("10.0.0.1:5007", "10.0.0.3:5008"):
         found = run("diagnose", path, "--filter", f"server == '{server}'").out
         assert f"{server} {how}" in " ".join(found.split())

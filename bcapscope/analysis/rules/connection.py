@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client import Client
+from bcapscope.analysis.client import Client, Clients
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.rule import SECOND, Incident, Rule, Watcher, last_time
+from bcapscope.analysis.rules.rule import SECOND, Incident, Report, Rule, Watcher, last_time
 from bcapscope.analysis.speech import Speech, called, span
 from bcapscope.protocol.functions import ID
-from bcapscope.traffic.observation import Closing
+from bcapscope.traffic.observation import Closing, Conversation
 
 HUNG_UP = Rule(
     "controller-hung-up",
@@ -26,7 +26,23 @@ class Connection(Watcher):
 
     rules = (HUNG_UP,)
 
+    def __init__(self, report: Report, clients: Clients) -> None:
+        super().__init__(report, clients)
+        self._judged: set[Conversation] = set()
+
+    def forget(self, conversation: Conversation) -> None:
+        client = self.clients.find(conversation)
+        if client is not None:  # it is remembered for a while, but its connection is over
+            self._judged.add(conversation)
+            self._judge(client)
+
     def gone(self, client: Client, ended: int) -> None:
+        if client.conversation in self._judged:
+            self._judged.discard(client.conversation)
+        else:
+            self._judge(client)
+
+    def _judge(self, client: Client) -> None:
         closing = client.hung_up
         stopped = client.closed is not None or client.last.question.function_id == ID["Service_Stop"]
         if closing is not None and not stopped:
