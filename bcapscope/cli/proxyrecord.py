@@ -11,6 +11,7 @@ from bcapscope.capture.recording import RAW, Recording
 from bcapscope.capture.series import Bounds, Series
 from bcapscope.proxy.ring import Kind, Record
 from bcapscope.proxy.witness import Met, met
+from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Transport
 
 
@@ -70,7 +71,8 @@ class ProxyRecorder:
                 write(time)
             series.flush()
         except OSError as error:
-            self._tell(f"{self._path} is not written any more: {(error.strerror or str(error)).lower()}")
+            why = (error.strerror or str(error)).lower()
+            self._tell(f"{printable(str(self._path))} is not written any more: {why}")
             self.close()
 
     def close(self) -> None:

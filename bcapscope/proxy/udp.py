@@ -69,7 +69,7 @@ class UdpPort:
         self._forget_after = forget_after
         self._sessions: dict[SocketAddress, UdpSession] = {}
         self._strangers: set[str] = set()
-        self._dropped = 0
+        self._dropped = self._wayless = 0
 
     def open(self) -> None:
         """Begin to take clients; what came before is as if nobody had listened, since it may be old."""
@@ -157,7 +157,9 @@ class UdpPort:
         try:
             upstream = connect_datagrams(*self.controller)
         except OSError as error:
-            relay.tell(f"{endpoint_of(address)}: no way to {self.to}: {reason(error)}")
+            self._wayless += 1
+            if self._wayless & (self._wayless - 1) == 0:  # the 1st, 2nd, 4th, 8th …, as each datagram asks
+                relay.tell(f"{endpoint_of(address)}: no way to {self.to}: {reason(error)}")
             return None
         session = self._sessions[address] = UdpSession(self, address, upstream)
         return session

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import socket
+
+import pytest
 
 from bcapscope.proxy import udp
 from bcapscope.proxy.relay import GIVE_WAY_AFTER
@@ -170,3 +173,23 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
 def test_listening_on_all_addresses_the_one_in_use_is_recorded() -> None:
     with listen_on(Endpoint("0.0.0.0", 0), Transport.UDP) as sock:
         assert facing(sock, ("127.0.0.1", 9)) == ("127.0.0.1", port_of(sock))
+
+
+def test_no_way_to_a_controller_is_told_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_way(*_: object) -> socket.socket:
+        raise OSError(errno.ENETUNREACH, "")
+
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        monkeypatch.setattr("bcapscope.proxy.udp.connect_datagrams", no_way)
+        for _ in range(5):
+            client.send(b"lost")
+        eventually(lambda: proxy.told().count("network is unreachable") == 3)  # the 1st, 2nd and 4th
+        monkeypatch.undo()
+        client.send(b"found")
+        while server.recv(10) != b"found":
+            pass
+        assert proxy.told().count("network is unreachable") == 3
