@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import describe, hresult_name, is_failure
-from bcapscope.protocol.variant import ARRAY, Variant
+from bcapscope.protocol.variant import ARRAY, VT, Variant
 from bcapscope.render.escape import printable
 from bcapscope.render.meaning import value_text
 from bcapscope.simulator.conversation import Report
@@ -57,6 +57,8 @@ def _text(variant: Variant) -> str:
         return value_text(value, variant.vt, LONGEST_VALUE)
     base = variant.vt & ~ARRAY
     shown = value[:LONGEST_VALUE]
+    if base == VT.R8:
+        return repr([*shown])  # as one by one, but at once: every slvMove has two such rows
     texts = [
         _text(each) if isinstance(each, Variant) else value_text(each, base, LONGEST_VALUE) for each in shown
     ]
