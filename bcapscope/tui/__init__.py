@@ -2,5 +2,5 @@
 
 import os
 
-# What a key did is drawn after 8 ms at most; Textual reads this once.
-os.environ.setdefault("TEXTUAL_FPS", "120")
+# Textual draws what a key did up to two of these turns after what it drew before, and reads this once.
+os.environ.setdefault("TEXTUAL_FPS", "240")

@@ -37,8 +37,9 @@ CLOSING_LIMIT = 10.0
 LOOK_EACH = 1.0
 """Seconds from one look at the terminal to the next."""
 
-_GARBAGE = (20_000, 50, 1000)
-"""How rarely to look for cycles: a look at everything takes 50 ms, in which no key is answered."""
+_GARBAGE = (2_000, 20, 1000)
+"""How often to look for cycles, as no key is answered meanwhile: often among what is new, of which Textual's
+strips are many (1 ms; 30 ms if ten times as many have gathered), rarely among everything (50 ms)."""
 
 Closer = Callable[[], Awaitable[None]]
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from math import ceil
 from typing import ClassVar
 
+from rich.segment import Segment
 from rich.style import Style
 from textual.binding import Binding, BindingType
-from textual.cache import LRUCache
+from textual.cache import FIFOCache
+from textual.color import TRANSPARENT
 from textual.events import Click, Resize
+from textual.filter import LineFilter
 from textual.geometry import Region, Size
 from textual.message import Message
 from textual.reactive import reactive
@@ -16,23 +20,26 @@ from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
 from bcapscope.tui.app import scope_of
-from bcapscope.tui.ink import segments
+from bcapscope.tui.ink import Styles, segments
 
 _KEPT = 500
 """Strips that are kept: several screens full."""
 
 _SIDEWAYS = 8
 
-_SEEN = 64
-"""Which part of a list must be added before its scroll bar is told: less is not seen, and to draw the bar is
-to draw all beside it."""
+_UNTOLD = 8
+"""Which part of a list may be added before its scroll bar is told, though the bar looks the same: how far it
+leads when dragged depends on what it was told."""
+
+_EIGHTHS = 8
+"""The ends of a scroll bar are drawn to an eighth of a line."""
 
 
 class Lines(ScrollView, can_focus=True):
     """A list with a cursor; what it shows is what `count` and `line` say.
 
     A subclass tells by `changed` that its lines are others than before, and by `grown` that there are more of
-    them.
+    them. It has neither border nor padding, which would not be drawn.
 
     Attributes:
         cursor: index of the line that the cursor is on; 0 where there is none.
@@ -70,12 +77,12 @@ class Lines(ScrollView, can_focus=True):
 
     def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
-        self._strips: LRUCache[tuple[object, ...], Strip] = LRUCache(_KEPT)
-        self._version = 0
+        self._strips: FIFOCache[tuple[object, ...], Strip] = FIFOCache(_KEPT)
         self._width = 0
         self._told = 0
-        self._columns = 0
-        self._style: Style | None = None
+        self._styles: dict[str, Styles] = {}
+        self._background = TRANSPARENT
+        self._filters: tuple[LineFilter, ...] = ()
 
     @property
     @abstractmethod
@@ -90,7 +97,7 @@ class Lines(ScrollView, can_focus=True):
 
     def changed(self, cursor: int = 0) -> None:
         """Show other lines than before, with the cursor on one of them."""
-        self._version += 1
+        self._strips.clear()
         self._width = 0
         self._told = self.count
         self._measure()
@@ -122,10 +129,21 @@ class Lines(ScrollView, can_focus=True):
         size = Size(max(self._width, self.size.width), max(self._told, self.size.height))
         if size != self.virtual_size:
             self.set_reactive(Lines.virtual_size, size)
-            bar = self.vertical_scrollbar
-            told = bar.window_virtual_size
-            if bar.window_size != self.size.height or not told <= size.height <= told + told // _SEEN:
-                bar.window_virtual_size, bar.window_size = size.height, self.size.height
+            self._tell_bar()
+
+    def _tell_bar(self) -> None:
+        """Tell the scroll bar what is in sight, if it looks otherwise then: it takes long to draw."""
+        bar, height = self.vertical_scrollbar, self.size.height
+        there, told = self.virtual_size.height, bar.window_virtual_size
+        before = _thumb(told, bar.window_size, bar.position)
+        if before != _thumb(there, height, self.scroll_y) or not told <= there <= told + told // _UNTOLD:
+            bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
+
+    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
+        """Draw what came in sight."""
+        if round(old_value) != round(new_value):
+            self.refresh(self.size.region)
+            self._tell_bar()
 
     @property
     def follows(self) -> bool:
@@ -134,7 +152,7 @@ class Lines(ScrollView, can_focus=True):
 
     def repaint(self) -> None:
         """Show the same lines in another way."""
-        self._version += 1
+        self._strips.clear()
         self.refresh()
 
     def redraw(self, *indexes: int) -> None:
@@ -148,8 +166,8 @@ class Lines(ScrollView, can_focus=True):
 
     def notify_style_update(self) -> None:
         """Draw all anew in other colours."""
-        self._version += 1
-        self._style = None
+        self._strips.clear()
+        self._styles.clear()
         super().notify_style_update()
 
     def on_resize(self, event: Resize) -> None:
@@ -158,52 +176,70 @@ class Lines(ScrollView, can_focus=True):
         self._see_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Draw what is in sight; the width is asked for once, not for every line."""
-        self._columns = self.size.width
-        return super().render_lines(crop)
+        """Draw what is in sight.
 
-    def render_line(self, y: int) -> Strip:
-        """Draw one line of what is in sight."""
+        Strips are kept as they go to the terminal. Textual's own way makes each of them anew for a border, which
+        there is not, also where lines only went one up or down.
+        """
+        look = self.background_colors[1], tuple(self.get_line_filters())
+        if look != (self._background, self._filters):
+            self._background, self._filters = look
+            self._strips.clear()
         x, top = self.scroll_offset
-        index, width = y + top, self._columns
-        if index >= self._told:
-            return Strip.blank(width, self._base())
-        is_cursor = self.marks_cursor and index == self.cursor
-        key = (index, x, width, is_cursor, is_cursor and self.has_focus, self.sign(index), self._version)
+        width = self.size.width
+        strips = [self._strip(min(y + top, self._told), x, width) for y in crop.line_range]
+        return [strip.crop(crop.x, crop.right) for strip in strips]
+
+    def _strip(self, index: int, x: int, width: int) -> Strip:
+        """Return a line, or a blank one for what is behind the last."""
+        is_there = index < self._told
+        is_cursor = is_there and self.marks_cursor and index == self.cursor
+        sign = self.sign(index) if is_there else None
+        key = (index, x, width, is_cursor, is_cursor and self.has_focus, sign)
         strip = self._strips.get(key)
         if strip is None:
-            strip = self._strips[key] = self._draw(index, x, width, is_cursor)
+            strip = self._strips[key] = self._draw(self.line(index) if is_there else "", x, width, is_cursor)
         return strip
 
     def sign(self, index: int) -> str:
         """Return what else a line depends on, where that changes without `changed` or `repaint`."""
         return ""
 
-    def _base(self) -> Style:
-        if self._style is None:
-            self._style = self.rich_style
-        return self._style
-
     @property
     def marks_cursor(self) -> bool:
         """Whether the line of the cursor has a colour of its own."""
         return True
 
-    def _draw(self, index: int, x: int, width: int, is_cursor: bool) -> Strip:
-        strip = Strip(segments(self.line(index), scope_of(self).inks))
-        if strip.cell_length > self._width:
-            self._width = strip.cell_length
+    def _draw(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
+        styles = self._styles_on(("cursor" if self.has_focus else "blurred") if is_cursor else "")
+        drawn = segments(line, styles)
+        length = sum(segment.cell_length for segment in drawn)
+        if length > self._width:
+            self._width = length
             self.call_later(self._measure)
-        style = self._base()
-        if is_cursor:
-            style = self._cursor_style()
-        return strip.crop_extend(x, x + width, style).apply_style(style)
+        if length < x + width:
+            drawn.append(Segment(" " * (x + width - length), styles[""]))
+        for each in self._filters:
+            drawn = each.apply(drawn, self._background)
+        return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
-    def _cursor_style(self) -> Style:
-        name = "lines--cursor" if self.has_focus else "lines--blurred"
+    def _styles_on(self, ground: str) -> Styles:
+        """Return the styles of pieces of a line, "" for the line itself; they are looked up once for a theme.
+
+        Args:
+            ground: "cursor" or "blurred" for the line of the cursor, "" for others.
+        """
+        if ground not in self._styles:
+            own = self._ground(ground)
+            self._styles[ground] = {"": own} | {name: own + ink for name, ink in scope_of(self).inks.items()}
+        return self._styles[ground]
+
+    def _ground(self, ground: str) -> Style:
+        if not ground:
+            return self.rich_style
         if scope_of(self).no_color:
-            return Style(reverse=self.has_focus, underline=not self.has_focus)
-        return self.get_component_rich_style(name)
+            return Style(reverse=ground == "cursor", underline=ground == "blurred")
+        return self.get_component_rich_style(f"lines--{ground}")
 
     # the cursor
 
@@ -273,3 +309,11 @@ class Lines(ScrollView, can_focus=True):
         if index == self.cursor and event.chain > 1:
             self.action_choose()
         self.go(index)
+
+
+def _thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
+    """Tell where the thumb of a scroll bar is drawn, and how long it is; None where there is none."""
+    if in_sight >= there:
+        return None
+    length = max(1.0, in_sight * in_sight / there)
+    return int((in_sight - length) * top / (there - in_sight) * _EIGHTHS), ceil(length * _EIGHTHS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from textual.app import ComposeResult
-from textual.containers import Horizontal
+from textual.containers import Container, Horizontal
 from textual.events import Resize
 
 from bcapscope.render.hexdump import PER_LINE
@@ -22,8 +22,9 @@ class PacketView(Horizontal):
     """Shows one frame, or the bytes that are none; its two halves are linked."""
 
     def compose(self) -> ComposeResult:
-        """Put the two side by side."""
+        """Put the two side by side; the line between them is not theirs, so that it is drawn once."""
         yield FieldTree(id="fields")
+        yield Container(classes="edge")
         yield HexView(id="bytes")
 
     def show(self, seen: Observation | None, question: Question | None = None) -> None:
@@ -40,9 +41,9 @@ class PacketView(Horizontal):
 
     def on_resize(self, event: Resize) -> None:
         """Give the bytes the columns that they need, and the rest to the tree."""
-        scrollbar = 2
+        scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
-        fits = event.size.width - wide >= _TREE_AT_LEAST
+        fits = event.size.width - edge - wide >= _TREE_AT_LEAST
         self.query_one(HexView).styles.width = wide if fits else width_for(8) + scrollbar
 
     def on_field_tree_lit(self, message: FieldTree.Lit) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from rich.text import Text
-from textual.app import RenderResult
+from rich.cells import cell_len
+from rich.segment import Segment
+from rich.style import Style
 from textual.events import Click
 from textual.message import Message
+from textual.strip import Strip
 from textual.widget import Widget
 
 from bcapscope.tui.words import say
@@ -32,6 +34,7 @@ class ViewBar(Widget):
         self._here = self._views[0][0]
         self._counts: Mapping[str, str] = {}
         self._states: Sequence[str] = ()
+        self._styles: dict[str, Style] = {}
 
     def show(self, here: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
         """Show where one is, the counts by view, and of several texts on the state the first that fits."""
@@ -47,28 +50,38 @@ class ViewBar(Widget):
             found.append((view, f" {number} ", f"{say(name)}{f' {count}' if count else ''} "))
         return found
 
-    def render(self) -> RenderResult:
+    def notify_style_update(self) -> None:
+        """Draw in the colours of a new theme."""
+        self._styles.clear()
+        super().notify_style_update()
+
+    def _style(self, name: str) -> Style:
+        """Return a style, "" for the bar's own; looked up once for a theme, not for each new count."""
+        if name not in self._styles:
+            own = self.get_component_rich_style(f"viewbar--{name}") if name else self.rich_style
+            self._styles[name] = own
+        return self._styles[name]
+
+    def render_line(self, y: int) -> Strip:
         """Write the bar; what there is no room for is left out."""
-        bar = Text(no_wrap=True, end="", overflow="crop")
-        key_style = self.get_component_rich_style("viewbar--key")
+        width = self.size.width
+        bar: list[Segment] = []
         for view, key, label in self._texts():
-            style = self.get_component_rich_style("viewbar--here" if view == self._here else "viewbar--there")
-            bar.append(key, style=key_style if view != self._here else style)
-            bar.append(label, style=style)
-        for text in self._states:
-            state = Text(f"{text} ", style=self.get_component_rich_style("viewbar--state"))
-            space = self.size.width - bar.cell_len - state.cell_len
-            if space >= 0:
-                bar.append(" " * space)
-                bar.append_text(state)
-                break
-        return bar
+            is_here = view == self._here
+            bar.append(Segment(key, self._style("here" if is_here else "key")))
+            bar.append(Segment(label, self._style("here" if is_here else "there")))
+        space = width - sum(segment.cell_length for segment in bar)
+        told = next((f"{text} " for text in self._states if cell_len(text) < space), "")
+        if told:
+            bar.append(Segment(" " * (space - cell_len(told)), self._style("")))
+            bar.append(Segment(told, self._style("state")))
+        return Strip(bar).adjust_cell_length(width, self._style(""))
 
     def on_click(self, event: Click) -> None:
         """Tell which view was clicked."""
         at = 0
         for view, key, label in self._texts():
-            width = Text(key + label).cell_len
+            width = cell_len(key + label)
             if at <= event.x < at + width:
                 self.post_message(self.Wanted(view))
             at += width
