@@ -178,7 +178,7 @@ class Lines(ScrollView, can_focus=True):
     def render_lines(self, crop: Region) -> list[Strip]:
         """Draw what is in sight.
 
-        Strips are kept as they go to the terminal. Textual's own way makes each of them anew for a border, which
+        Strips are kept as they go to the terminal. Textual's own way makes each anew for a border, which
         there is not, also where lines only went one up or down.
         """
         look = self.background_colors[1], tuple(self.get_line_filters())
