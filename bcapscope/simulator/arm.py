@@ -144,7 +144,9 @@ class Arm:
 
 def _between(before: tuple[int, Joints], after: tuple[int, Joints], time: int) -> Joints:
     span = after[0] - before[0]
-    share = max(0.0, min(1.0, (time - before[0]) / span)) if span else 1.0
+    share = (time - before[0]) / span if span else 1.0
+    if not 0.0 <= share <= 1.0:
+        share = 0.0 if share < 0.0 else 1.0
     # Every slvMove asks for this once; a loop takes three times as long.
     a1, a2, a3, a4, a5, a6, a7, a8 = before[1]
     b1, b2, b3, b4, b5, b6, b7, b8 = after[1]

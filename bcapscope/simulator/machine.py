@@ -274,9 +274,8 @@ class Machine:
 
     def due(self) -> int | None:
         """Return when time changes something by itself, in ns; None if nothing is under way."""
-        if self.slave.mode is None or self.slave.is_empty:
-            return None
-        return self.slave.next_tick
+        slave = self.slave
+        return None if slave.mode is None or slave.is_empty else slave.next_tick
 
     def _record(self, time: int) -> Record:
         return Record(time - self.began, self.arm.commanded(time), self.arm.actual(time))
