@@ -263,8 +263,10 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
         resource.prlimit(watcher_of(process.popen.pid), resource.RLIMIT_FSIZE, (20_000, 20_000))
         os.close(writing)
         os.close(reading)
-        flood(process.port, 0.8, PAUSE)
-        process.wait_for("full.pcapng is not written any more: file too large")
+        until = time.monotonic() + PATIENCE
+        while "full.pcapng is not written any more: file too large" not in process.err:
+            assert time.monotonic() < until, process.err
+            flood(process.port, 0.1, PAUSE)
         process.wait_for("standard output is closed")
         assert flood(process.port, 0.1)[0]
         process.end(signal.SIGINT)
