@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from itertools import pairwise
 
 from bcapscope.analysis.client import Client, Clients, command_of
@@ -152,7 +153,7 @@ class Replies(Watcher):
         verdict = call.verdict
         if verdict is Verdict.EXECUTED_TWICE:
             self._twice(call)
-        late = next((reply for reply in call.late_replies if _given_up_at(call, reply)), None)
+        late = _first_late(call) if call.others else None
         if late is not None:
             self._late(call, late)
         elif call.reply is None:
@@ -206,8 +207,8 @@ class Replies(Watcher):
                 self._stopped(last, quiet)
 
     def _late(self, call: Exchange, reply: FrameObservation) -> None:
-        tried = _try_of(call, reply)
-        gave_up = _given_up_at(call, reply)
+        tries = _Tries(call)
+        tried, gave_up = tries.answered_by(reply), tries.given_up_at(reply)
         answered = call.reply is not None
         name, serial = name_of(call), reply.item.serial
         took, waited = span(reply.time - tried.time), span(gave_up - tried.time)
@@ -298,7 +299,7 @@ class Replies(Watcher):
 
     def _lost(self, call: Exchange) -> None:
         reply = call.lost_replies[0]
-        took = span(reply.time - _try_of(call, reply).time)
+        took = span(reply.time - _Tries(call).answered_by(reply).time)
 
         def say(speech: Speech) -> str:
             who = speech.client(call.conversation)
@@ -340,20 +341,33 @@ def _waited_its_turn(call: Exchange, client: Client) -> bool:
     return command_of(call.question) == "slvmove" and latency <= _TURN
 
 
-def _try_of(call: Exchange, reply: FrameObservation) -> FrameObservation:
-    """Return the latest try that a reply can answer."""
-    serial = reply.item.serial
-    tries = [each for each in call.requests if each.item.serial == serial and each.time <= reply.time]
-    return tries[-1] if tries else call.request
+class _Tries:
+    """The tries of a call by serial and by time: of both tries and replies there may be thousands."""
+
+    def __init__(self, call: Exchange) -> None:
+        self._call = call
+        self._times = sorted(each.time for each in call.requests)
+        self._by_serial: dict[int, list[FrameObservation]] = {}
+        for each in call.requests:
+            self._by_serial.setdefault(each.item.serial, []).append(each)
+
+    def answered_by(self, reply: FrameObservation) -> FrameObservation:
+        """Return the latest try that a reply can answer."""
+        tries = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
+        return tries[-1] if tries else self._call.request
+
+    def given_up_at(self, reply: FrameObservation) -> int:
+        """Return when the client stopped waiting for a reply that came later; 0 where it did not."""
+        tried, gone_on = self.answered_by(reply).time, self._call.gone_on
+        after = bisect_right(self._times, tried)
+        if after < len(self._times) and self._times[after] <= reply.time:
+            return self._times[after]
+        return gone_on if tried < gone_on <= reply.time else 0
 
 
-def _given_up_at(call: Exchange, reply: FrameObservation) -> int:
-    """Return when the client stopped waiting for a reply that came later; 0 where it did not."""
-    tried = _try_of(call, reply).time
-    later = [each.time for each in call.requests if tried < each.time <= reply.time]
-    if later:
-        return later[0]
-    return call.gone_on if tried < call.gone_on <= reply.time else 0
+def _first_late(call: Exchange) -> FrameObservation | None:
+    tries = _Tries(call)
+    return next((reply for reply in call.late_replies if tries.given_up_at(reply)), None)
 
 
 def _was(count: int) -> str:
