@@ -170,6 +170,7 @@ def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
         await pilot.press("e")
         await until(pilot, lambda: here.query("#function #field0"))
         assert "slvGetMode" in [each.value for each in here.query("#function .value").results(Input)]
+        assert "64 Robot_Execute ▾" in sight(pilot)
         await finish(pilot)
 
     drive(make_tester(tmp_path), act)

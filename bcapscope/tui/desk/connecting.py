@@ -17,7 +17,7 @@ from bcapscope.tui.desk.halt import ROBOT
 from bcapscope.tui.desk.news import Identity, Step, StepNews
 from bcapscope.tui.desk.record import Ending, Record, Who, cause
 from bcapscope.tui.desk.recorder import WHO
-from bcapscope.tui.words import say
+from bcapscope.tui.words import say, told
 
 ROBSLAVE = "RobSlave"
 """The program that RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
@@ -109,7 +109,7 @@ async def _step(desk: Desk, step: Step, walk: Callable[[], Awaitable[str]]) -> N
 
 async def _link(desk: Desk, target: Target) -> str:
     await desk.open_link(target)
-    return str(target)
+    return told(str(target))
 
 
 async def _service(desk: Desk) -> str:

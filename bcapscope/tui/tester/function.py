@@ -134,7 +134,9 @@ class FunctionPanel(Vertical):
         await self.query_one(FunctionForm).remove()
         form = FunctionForm(function)
         await self.mount(form)
-        self.query_one("#choose-function", Button).label = self._label(function)
+        button = self.query_one("#choose-function", Button)
+        button.label = self._label(function)
+        button.refresh(layout=True)  # it is as wide as its label
         return form
 
     def _label(self, function: Function) -> str:

@@ -8,6 +8,7 @@ from textual.binding import Binding, BindingType
 
 from bcapscope.protocol.commands import command_name
 from bcapscope.protocol.enumerations import stands_for
+from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.hresult import S_OK, hresult_name
 from bcapscope.render.advice import advice
 from bcapscope.render.escape import printable
@@ -113,6 +114,9 @@ def _meaning(record: Record) -> str:
     """Tell what a number that came back stands for; "" where it is but a number."""
     arguments = record.reply.arguments if record.reply is not None else ()
     value = arguments[0].variant.value if arguments else None
+    function = FUNCTIONS.get(record.function_id)
+    if function is not None and function.creates is not None and arguments:
+        return told(f"handle of a {function.creates}")
     command = command_name(record.function_id, record.arguments)
     words = stands_for(record.function_id, command, value) if isinstance(value, int) else ()
     return ", ".join(map(told, words))

@@ -7,7 +7,7 @@ from bcapscope.render.escape import printable
 from bcapscope.tui.desk.arming import Arming
 from bcapscope.tui.desk.halt import HaltNews, HaltState
 from bcapscope.tui.desk.news import Status
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import say
 
 Piece = tuple[str, str]
 """A text and the name of its ink."""
@@ -22,7 +22,7 @@ def status_text(status: Status, arming: Arming, now: int, halt: HaltNews) -> lis
         return [(f" {say('tester.status.none')} ", "dim")]
     pieces = [_peer(status)]
     if status.is_silent:
-        pieces.append((f"{told('no answer')} ", "bad"))
+        pieces.append((f"{say('tester.status.silent')} ", "bad"))
     elif status.round_trip:
         pieces.append((f"{status.round_trip / 1e6:.1f} ms ", "dim"))
     if status.slave_mode:

@@ -8,6 +8,8 @@ PHRASES: dict[str, str] = {
     "{text}; RC8 and COBOTTA want the provider CaoProv.DENSO.VRC, RC9 and COBOTTA PRO want CaoProv.DENSO.VRC9": "{text}。プロバイダは RC8・COBOTTA では CaoProv.DENSO.VRC、RC9・COBOTTA PRO では CaoProv.DENSO.VRC9",
     "{text} would be a packet of {n} bytes, and UDP carries {n2}: connect over TCP, or send less": "{text} は {n} バイトになり、UDP の上限 {n2} バイトを超えます。TCP で接続するか、短くしてください",
     "a call is under way, and b-CAP takes one after the other": "実行中の呼び出しがあります。b-CAP は一度に一つだけです",
+    "{word} over UDP": "{word} (UDP)",
+    "{word} over TCP": "{word} (TCP)",
     "connection refused at {n} ms": "{n} ms に接続拒否",
     "connection refused × {n} at {n2} … {n3} ms": "{n2} … {n3} ms に接続拒否 × {n}",
     "{word} at {n} ms": "{n} ms に {word}",

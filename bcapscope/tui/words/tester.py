@@ -246,6 +246,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.fact.unknown": ("not known", "不明"),
     "tester.status.none": ("○ not connected", "○ 未接続"),
     "tester.status.simulator": ("SIMULATOR", "シミュレータ"),
+    "tester.status.silent": ("no answer", "無応答"),
     "tester.status.slave": ("SLAVE {mode} {kind}", "スレーブ {mode} {kind}"),
     "tester.status.free": ("no arming", "許可不要"),
     "tester.status.safe": ("SAFE", "動作未許可"),
