@@ -46,7 +46,7 @@ _EXITS = {
 _SUFFERED = {
     Verdict.UNANSWERED: "no reply to any try was seen, and the client went on",
     Verdict.CAPTURE_ENDED: "no reply was seen before the capture ended",
-    Verdict.NOT_FOLLOWED: "more calls were open than are kept, so that nobody looked for its reply any more",
+    Verdict.NOT_FOLLOWED: "more was open than is kept, so that nobody looked for its reply any more",
     Verdict.EXECUTED_TWICE: "the controller did it more than once: replies differ, or handles are missing",
     Verdict.REPLY_LATE: "a reply came after the client had asked again or gone on, and was discarded",
     Verdict.REPLY_LOST: "a reply was seen here, and the client asked again all the same",
