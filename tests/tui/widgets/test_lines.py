@@ -134,3 +134,38 @@ def test_a_click_goes_to_the_line() -> None:
         assert numbers(pilot).cursor == 50 - 22 + 4
 
     on_stage(lambda: Numbers(50), act)
+
+
+def test_the_scroll_bar_is_told_what_changes_its_look_and_each_eighth_that_is_added() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        lines = numbers(pilot)
+        lines.changed()
+        await pilot.pause()
+        bar = lines.vertical_scrollbar
+        for there, told in ((1100, 1000), (1125, 1000), (1126, 1126)):
+            lines.there = there
+            lines.grown()
+            assert bar.window_virtual_size == told
+        await pilot.press("down")
+        lines.scroll_to(y=1, animate=False, force=True)
+        assert (lines.scroll_y, bar.position) == (1, 0)  # an eighth of a line of the bar is seven lines
+        await pilot.press("end")
+        assert bar.position == lines.scroll_y > 1000
+        lines.there = 1200
+        lines.grown()
+        assert bar.window_virtual_size == 1200
+
+    on_stage(lambda: Numbers(1000), act)
+
+
+def test_lines_that_went_one_up_are_drawn_as_they_were() -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        lines = numbers(pilot)
+        lines.changed()
+        await pilot.pause()
+        before = lines.render_lines(lines.size.region)
+        lines.scroll_to(y=1, animate=False, force=True)
+        after = lines.render_lines(lines.size.region)
+        assert all(one is other for one, other in zip(before[1:], after[:-1], strict=True))
+
+    on_stage(lambda: Numbers(1000), act)
