@@ -11,6 +11,7 @@ from bcapscope.player.messages import Counts, Ended, Outcome, Peer, Progress, Tr
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.protocol.slavemode import Generation, slave_mode
 from bcapscope.render.escape import printable
+from bcapscope.render.tongue import Tongue, english
 
 _HEADLINES = {
     Outcome.DONE: "played to the end",
@@ -36,13 +37,14 @@ _LABELS = (
 )
 
 
-def peer_line(peer: Peer) -> str:
+def peer_line(peer: Peer, tongue: Tongue = english) -> str:
     """Tell who is there and which mode it will be."""
     kind = "bcapscope's simulator, no robot moves" if peer.simulator else "a controller with a robot"
-    facts = "".join(f", {name} {printable(value)}" for name, value in peer.facts.items())
+    facts = [tongue(f"{name} {printable(value)}") for name, value in peer.facts.items()]
     mode = slave_mode(peer.mode, Generation(peer.generation))
-    meaning = f": {mode.text}" if mode else ""
-    return f"{kind}, {peer.generation}{facts}; slave mode 0x{peer.mode:03X}{meaning}"
+    meaning = f": {tongue(mode.text)}" if mode else ""
+    entered = tongue(f"slave mode 0x{peer.mode:03X}")
+    return f"{', '.join((tongue(kind), peer.generation, *facts))}; {entered}{meaning}"
 
 
 def trouble_lines(trouble: Trouble) -> Iterator[str]:

@@ -285,7 +285,7 @@ class SlaveScreen(Place):
             return
         facts = [told(line) for trouble in run.troubles[-1:] for line in trouble_lines(trouble)]
         if question.topic is not Topic.CLEAR:
-            facts = [] if run.peer is None else [told(peer_line(run.peer))]
+            facts = [] if run.peer is None else [peer_line(run.peer, told)]
         facts += ["", printable(told(question.text))]
         choices = question.choices
         self._dialog = ChoiceDialog(facts, choices)

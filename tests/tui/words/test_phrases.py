@@ -17,7 +17,7 @@ from bcapscope.errors import Attempt, ControllerError, ExchangeTimeout
 from bcapscope.player.finding import Finding
 from bcapscope.player.lateness import Spread
 from bcapscope.player.limits import UNKNOWN, limited
-from bcapscope.player.messages import Counts, Ended, Outcome, Progress, State
+from bcapscope.player.messages import Counts, Ended, Outcome, Peer, Progress, State
 from bcapscope.player.preflight import check
 from bcapscope.protocol.command_table import ROWS
 from bcapscope.protocol.hresult import LEVELS, SUBSYSTEMS, describe
@@ -25,7 +25,7 @@ from bcapscope.protocol.hresult_table import AXIS_FAMILIES, RANGES, RC7_CODES, S
 from bcapscope.protocol.notation import parse
 from bcapscope.protocol.slavemode import MODES
 from bcapscope.render.advice import advice
-from bcapscope.render.playing import ended_lines
+from bcapscope.render.playing import ended_lines, peer_line
 from bcapscope.render.slaverun import figure_lines
 from bcapscope.tui import words
 from bcapscope.tui.words import PHRASES, Language, speak, told
@@ -163,6 +163,14 @@ def test_how_the_player_ended(outcome: Outcome) -> None:
 def test_the_player_at_work() -> None:
     progress = Progress(State.PLAYING, 50, 100, 0.4, 0.4, Spread(50, 1000, 2000, 3000, 4000))
     assert all(JAPANESE.search(line) for line in figure_lines(progress, (1, 8.0, 3.4), tongue=told))
+
+
+def test_who_is_there_before_anything_moves() -> None:
+    facts = {"type name": "VS-068, no answer", "type": "10", "version": "3.0.0"}
+    assert peer_line(Peer(False, "RC7", facts, 0x002, (0.0,), 0.0), told) == (
+        "ロボットのあるコントローラ, RC7, 型式名 VS-068, no answer, 型式番号 10, バージョン 3.0.0; "
+        "スレーブモード 0x002: J 型、Sync: slvMove は取り込まれたとき応答、遅れるとエラー"
+    )
 
 
 def findings() -> Iterator[Finding]:
