@@ -366,20 +366,21 @@ class Lane:
         exchange.habits = self._habits
         if exchange.question.function_id in _OPENERS:
             self._follow_handles(exchange)
-        self._held -= len(exchange.others)
         if self._heard:
             self._heard.pop(exchange, None)
-        self._forget_serials(exchange)
+        frame = exchange.request.item
+        serial = frame.serial
+        if exchange.others or (frame.reserved and frame.reserved != serial):
+            self._held -= len(exchange.others)
+            self._forget_serials(exchange)
+        else:
+            self._forget(serial, exchange)
         return exchange
 
     def _forget_serials(self, exchange: Exchange) -> None:
-        frame = exchange.request.item
-        serial = frame.serial
-        self._forget(serial, exchange)
-        if exchange.others or (frame.reserved and frame.reserved != serial):
-            named = (frame.reserved,) if frame.reserved else ()
-            for other in {*exchange.serials, *named} - {serial}:
-                self._forget(other, exchange)
+        reserved = exchange.request.item.reserved
+        for serial in {*exchange.serials, *((reserved,) if reserved else ())}:
+            self._forget(serial, exchange)
 
     def _forget(self, serial: int, exchange: Exchange) -> None:
         if self._by_serial.get(serial) is exchange:
