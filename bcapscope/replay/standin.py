@@ -191,9 +191,10 @@ class StandIn:
         unknown: calls of which nothing like them was recorded, or no answer that can be given again; they
             are answered E_NOTIMPL.
         keeps_time: its time may stand still while it gets no processor.
+        waits: no call waits for anything but its delay.
     """
 
-    keeps_time = False
+    keeps_time = waits = False
 
     def __init__(
         self, script: Script, report: Callable[[Peer, Report], None], *, delays: bool = True

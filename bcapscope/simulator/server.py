@@ -14,9 +14,10 @@ from contextlib import suppress
 from typing import Any, Protocol, TypeAlias
 
 from bcapscope.errors import BcapError
+from bcapscope.simulator.clock import Clock
 from bcapscope.simulator.simulator import Abort, Output, Peer
 from bcapscope.simulator.turns import Turns
-from bcapscope.transport.arrival import CONTROL, ask_for_times, kernel_time, receiver
+from bcapscope.transport.arrival import CONTROL, Control, ask_for_times, kernel_time, receiver
 from bcapscope.transport.tcp import reset
 
 LARGEST_DATAGRAM = 65535
@@ -26,23 +27,21 @@ LARGEST_BACKLOG = 1 << 20
 LONGEST_WAIT = 0.5
 """Seconds; an interrupt is noticed after that at the latest on every system."""
 
-_HELD_UP = 2_000_000
-"""ns after the moment at which something was due that are the way of the world; behind them we got no
-processor, which a real controller never waits for."""
-
 # ns. To wake a processor that has nothing to do takes longer, on a virtual machine, than to answer a call.
 # Yielding meanwhile would cost a whole time slice wherever another program runs.
 _LINGER = 60_000
 
 _AT_ONCE = 1024  # datagrams that are taken from the system before any but the first is looked at
 _PORTION = 256  # bytes that are taken of a connection before the others have their turn
+_PILE = 16384  # the same where each set point has its own time
+_BIT = 64  # bytes of a pile that have one time: no set point is shorter
+_AT_ONE_TIME = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
 
 _RECEIVE_BUFFER = 4 << 20
 """Bytes of datagrams that may wait while others are answered; the system gives what its own limit allows."""
 
 Address: TypeAlias = tuple[str, int]
 _Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
-_Source: TypeAlias = "socket.socket | int"
 
 
 class ListenError(BcapError):
@@ -70,6 +69,8 @@ class Answerer(Protocol):
 
     @property
     def keeps_time(self) -> bool: ...
+    @property
+    def waits(self) -> bool: ...
     def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
     def connect(self, peer: Peer, now: int) -> bool: ...
     def segment(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
@@ -82,10 +83,13 @@ class Answerer(Protocol):
 class _Connection:
     """A TCP client: its socket and what could not be sent yet."""
 
-    __slots__ = ("backlog", "blocked", "client", "peer", "socket")
+    __slots__ = ("backlog", "blocked", "client", "heard", "number", "peer", "receive", "socket")
 
     def __init__(self, sock: socket.socket, address: Address) -> None:
         self.socket = sock
+        self.number = sock.fileno()
+        self.receive = receiver(sock)
+        self.heard = 0
         self.client: Address = address[:2]
         self.peer = ("tcp", address)
         self.backlog = bytearray()
@@ -95,10 +99,9 @@ class _Connection:
 class Server:
     """Moves bytes between sockets and a simulator.
 
-    While this program gets no processor, the controller's time stands still: else its 8 ms would go by before
-    it has sent the reply that asks its client for the next set point. Where clients wait for no reply they go
-    on meanwhile, and so does the controller's time: datagrams are heard as of when they came, which Linux
-    tells. On TCP, and elsewhere, what has piled up is one jump.
+    Its time is that of a `Clock`: what comes is heard as of when it came, which Linux tells. On TCP it tells
+    that of the last byte only: where set points have piled up that wait for no reply, those before the last
+    are taken as having come evenly since the client's last but those. Elsewhere a pile is one jump.
 
     Attributes:
         address: host and port that it listens on.
@@ -120,19 +123,21 @@ class Server:
         self._simulator = simulator
         self.tap: Tap | None = None
         self.turns: Turns[_Address] = Turns()
-        self._connections: dict[socket.socket, _Connection] = {}
+        self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._awake_until = 0
         self._may_be_more = True
-        self._stood_still = self._heard = 0
+        self._moment = 0  # before which nothing was there
+        self._clock = Clock(simulator)
         self._udp, self._tcp = _listen(host, port)
+        self._datagrams, self._newcomers = self._udp.fileno(), self._tcp.fileno()
         self._receive = receiver(self._udp)
         self._arrange()
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
     def now(self) -> int:
         """Return the controller's time, ns."""
-        return time.monotonic_ns() - self._stood_still
+        return self._clock.now()
 
     def close(self) -> None:
         """Close all sockets."""
@@ -151,139 +156,155 @@ class Server:
         Returns:
             Those of `also` that can be read.
         """
-        due = self._simulator.due(self.now())
-        readable, writable = self._wait([*self._readers, *also], 0 if self.turns else until, due)
-        if due is not None:
-            self._catch_up(due)
+        now = self._clock.now()
+        due = self._simulator.due(now)
+        readers = [*self._readers, *also]
+        readable, writable = self._wait(readers, 0 if self.turns.waiting else until, due, now)
+        moment = self._clock.look()
+        if due is not None and due <= moment:  # whatever came before that is heard before it
+            readable, writable, _ = select.select(readers, self._writers, (), 0)
+            self._may_be_more = True
         for blocked in writable:
             self._flush(self._connections[blocked])
         others = []
         for source in readable:
-            if source is self._udp:
+            if source == self._datagrams:
                 self._take_datagrams()
-            elif source is self._tcp:
+            elif source == self._newcomers:
                 self._accept()
-            elif isinstance(source, int):
+            elif source in also:
                 others.append(source)
             else:
                 self._take_segment(source)
                 if len(readable) > 2:  # datagrams need not wait for all connections that ask for something
                     self._take_datagrams()
                     self._hear_turns()
-        self._hear_turns()
-        now = self.now()
+        if self.turns.waiting:
+            self._hear_turns()
         if readable:
-            self._awake_until = now + _LINGER
-        if self.turns:
-            now = self._as_of(self.turns.since)
-        if due is not None and due <= now:
-            self._heard = now
-            self._send(self._simulator.advance(now))
+            self._awake_until = self._clock.now() + _LINGER
+        if self.turns.waiting:
+            moment = min(moment, self.turns.since)
+        moment = min(moment, self._clock.now())  # what was heard may have set it back
+        if due is not None and due <= moment:
+            self._send(self._simulator.advance(self._clock.tell(moment)))
+            self._clock.answered()
         return others
 
     def reset(self) -> None:
         """Press the pendant's Reset button."""
-        self._send(self._simulator.reset(self.now()))
+        self._send(self._simulator.reset(self._tell_now()))
 
-    def _catch_up(self, due: int) -> None:
-        """Let the controller's time stand still for as long as we were held up."""
-        late = self.now() - due
-        if late > _HELD_UP and not self._simulator.keeps_time:
-            self._stood_still += late
+    def _tell_now(self) -> int:
+        return self._clock.tell(self._clock.look())
 
     def _wait(
-        self, readers: list[_Source], until: float, due: int | None
-    ) -> tuple[list[_Source], list[socket.socket]]:
+        self, readers: list[int], until: float, due: int | None, now: int
+    ) -> tuple[list[int], list[int]]:
         """Wait for sockets that can be read and written; shortly behind a request without going to sleep.
 
         What comes between two looks has come alone, or the next look finds more.
         """
-        now = self.now()
         end = self._awake_until if due is None else min(self._awake_until, due)
         self._may_be_more = True
         while now < end and until:
-            readable, writable, _ = select.select(readers, self._writers, [], 0)
+            readable, writable, _ = select.select(readers, self._writers, (), 0)
             if readable or writable:
+                self._moment = now
                 return readable, writable
             self._may_be_more = False
-            now = self.now()
+            now = self._clock.now()
         self._may_be_more = True
         wait = until if due is None else min(until, max(0, due - now) / 1e9)
-        return select.select(readers, self._writers, [], wait)[:2]
+        return select.select(readers, self._writers, (), wait)[:2]
 
     def _take_datagrams(self) -> None:
         """Take datagrams from the system before it runs out of room: the first is answered at once."""
         receive, turns = self._receive, self.turns
+        asked = CONTROL if self._may_be_more else 0  # what has come between two looks came then
         for number in range(_AT_ONCE if self._may_be_more else 1):
             try:
-                data, control, _, address = receive(LARGEST_DATAGRAM, CONTROL)
+                data, control, _, address = receive(LARGEST_DATAGRAM, asked)
             except OSError:  # nothing left; on Windows also an earlier client's closed port
                 return
             if self.tap:
                 self.tap.datagram(address[:2], self.address, data, time.time_ns())
-            if number or turns:
-                turns.add(address, kernel_time(control, 0), data)
-            elif self._may_be_more:
-                self._hear(address, self._as_of(kernel_time(control, 0)), data)
+            if number or turns.waiting:
+                turns.add(address, self._came(control), data)
             else:
-                self._hear(address, self.now(), data)
+                self._hear(address, self._came(control), data)
 
     def _hear_turns(self) -> None:
-        if self.turns:
-            for address, came, data in self.turns.take():
-                self._hear(address, self._as_of(came), data)
+        for address, came, data in self.turns.take():
+            self._hear(address, came, data)
 
-    def _hear(self, address: _Address, now: int, data: bytes) -> None:
-        self._heard = now
-        self._send(self._simulator.datagram(("udp", address), data, now))
+    def _hear(self, address: _Address, came: int, data: bytes) -> None:
+        self._send(self._simulator.datagram(("udp", address), data, self._clock.tell(came)))
+        self._clock.answered()
 
-    def _as_of(self, came: int) -> int:
-        """Return the controller's time at a time of the system's clock, or now, if it may stand still.
-
-        It never goes back.
-        """
-        now = self.now()
-        if not self._simulator.keeps_time:
-            return now
-        return max(self._heard, now - max(0, time.time_ns() - came))
+    def _came(self, control: Control) -> int:
+        """Return when something came that was just taken from the system."""
+        return self._clock.as_of(kernel_time(control, 0)) if self._may_be_more else self._moment
 
     def _accept(self) -> None:
         with suppress(OSError):
             sock, address = self._tcp.accept()
             peer = ("tcp", address)
-            if not self._simulator.connect(peer, self.now()):
+            if not self._simulator.connect(peer, self._tell_now()):
                 sock.close()
                 return
             sock.setblocking(False)
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._connections[sock] = self._by_peer[peer] = _Connection(sock, address)
+            ask_for_times(sock)
+            connection = _Connection(sock, address)
+            self._connections[connection.number] = self._by_peer[peer] = connection
             self._arrange()
 
     def _arrange(self) -> None:
         """Say anew what is waited for: a client that does not read is not read from either."""
         connections = self._connections.items()
-        self._writers = [sock for sock, each in connections if each.blocked]
-        self._readers = [self._udp, self._tcp, *(sock for sock, each in connections if not each.blocked)]
+        self._writers = [number for number, each in connections if each.blocked]
+        own = (number for number, each in connections if not each.blocked)
+        self._readers = [self._datagrams, self._newcomers, *own]
 
-    def _take_segment(self, sock: socket.socket) -> None:
-        connection = self._connections.get(sock)
+    def _take_segment(self, number: int) -> None:
+        connection = self._connections.get(number)
         if connection is None:
             return
+        goes_on = self._simulator.keeps_time
+        most, asked = _PILE if goes_on else _PORTION, CONTROL if self._may_be_more else 0
         try:
-            data = sock.recv(_PORTION)
+            data, control, _, _ = connection.receive(most, asked)
         except BlockingIOError:
             return
         except OSError as error:
             self._part_from(connection, error)
             return
-        if data:
-            if self.tap:
-                self.tap.segment(connection.client, self.address, data, time.time_ns())
-            self._send(self._simulator.segment(connection.peer, data, self.now()))
-        else:
+        if not data:
             if self.tap:
                 self.tap.finished(connection.client, self.address, time.time_ns())
             self._drop(connection)
+            return
+        if self.tap:
+            self.tap.segment(connection.client, self.address, data, time.time_ns())
+        came, since = self._came(control), connection.heard
+        connection.heard = came
+        if goes_on and came - since > _AT_ONE_TIME:
+            self._hear_evenly(connection, data, since, came)
+        else:
+            self._hear_segment(connection, data, came)
+
+    def _hear_evenly(self, connection: _Connection, data: bytes, since: int, came: int) -> None:
+        """Hear bytes as if they had come evenly between two times."""
+        for start in range(0, len(data), _BIT):
+            bit = data[start : start + _BIT]
+            self._hear_segment(connection, bit, since + (came - since) * (start + len(bit)) // len(data))
+            if connection.number not in self._connections:
+                return
+
+    def _hear_segment(self, connection: _Connection, data: bytes, came: int) -> None:
+        self._send(self._simulator.segment(connection.peer, data, self._clock.tell(came)))
+        self._clock.answered()
 
     def _send(self, outputs: list[Output]) -> None:
         for peer, data in outputs:
@@ -327,7 +348,7 @@ class Server:
         self._drop(connection, is_broken=True)
 
     def _drop(self, connection: _Connection, by_reset: bool = False, is_broken: bool = False) -> None:
-        if self._connections.pop(connection.socket, None) is None:
+        if self._connections.pop(connection.number, None) is None:
             return
         del self._by_peer[connection.peer]
         self._arrange()
@@ -335,7 +356,7 @@ class Server:
             if not is_broken:
                 self.tap.finished(self.address, connection.client, time.time_ns(), reset=by_reset)
             self.tap.ended(connection.client, self.address)
-        self._simulator.disconnect(connection.peer, self.now())
+        self._simulator.disconnect(connection.peer, self._tell_now())
         if by_reset:
             reset(connection.socket)
         else:

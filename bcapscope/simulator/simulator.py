@@ -177,6 +177,11 @@ class Simulator:
         return mode is not None and mode.overwrites
 
     @property
+    def waits(self) -> bool:
+        """Whether a call waits for time to pass."""
+        return bool(self._running)
+
+    @property
     def clients(self) -> int:
         """Clients that are remembered."""
         return len(self._links)

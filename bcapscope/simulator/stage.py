@@ -142,6 +142,11 @@ class Stage:
         """Whether its time goes on while it gets no processor."""
         return self.simulator.keeps_time
 
+    @property
+    def waits(self) -> bool:
+        """Whether a call waits for time to pass."""
+        return self.simulator.waits
+
     # what happens
 
     def _set_up(self, trouble: Trouble, now: int) -> None:

@@ -21,41 +21,38 @@ class Turns(Generic[Sender]):
     """What waits, by sender.
 
     Attributes:
+        waiting: when each of them came, and what it says; the oldest first.
         unheard: datagrams that came too fast, and were thrown away.
     """
 
     def __init__(self) -> None:
+        self.waiting: dict[Sender, deque[tuple[int, bytes]]] = {}
         self.unheard = 0
-        self._waiting: dict[Sender, deque[tuple[int, bytes]]] = {}
         self._bytes = 0
-
-    def __bool__(self) -> bool:
-        """Tell whether anything waits."""
-        return bool(self._waiting)
 
     @property
     def since(self) -> int:
         """When the oldest of those came that wait."""
-        return min(queue[0][0] for queue in self._waiting.values())
+        return min(queue[0][0] for queue in self.waiting.values())
 
     def add(self, sender: Sender, came: int, data: bytes) -> None:
         """Let a datagram wait that came at a given time; one too many is thrown away."""
-        queue = self._waiting.get(sender)
+        queue = self.waiting.get(sender)
         size = len(data) + _COST
         if self._bytes + size > MOST_BYTES or (queue is not None and len(queue) >= MOST_OF_ONE):
             self.unheard += 1
             return
         if queue is None:
-            queue = self._waiting[sender] = deque()
+            queue = self.waiting[sender] = deque()
         queue.append((came, data))
         self._bytes += size
 
     def take(self) -> Iterator[tuple[Sender, int, bytes]]:
         """Yield the oldest datagram of each sender, and when it came."""
-        for sender in list(self._waiting):
-            queue = self._waiting[sender]
+        for sender in list(self.waiting):
+            queue = self.waiting[sender]
             came, data = queue.popleft()
             self._bytes -= len(data) + _COST
             if not queue:
-                del self._waiting[sender]
+                del self.waiting[sender]
             yield sender, came, data

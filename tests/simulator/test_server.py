@@ -11,6 +11,7 @@ from itertools import pairwise
 import pytest
 
 from bcapscope.protocol.frame import Frame, encode
+from bcapscope.simulator.clock import Clock
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.server import Address, ListenError, Server
@@ -136,53 +137,28 @@ def test_a_client_that_asks_for_much_at_once_lets_others_have_their_turn() -> No
     server.close()
 
 
-class HeldUp(Simulator):
-    """A simulator for which something was due 50 ms ago.
+class GoesOn(Simulator):
+    """A simulator with a client that sets the pace.
 
     Attributes:
-        was_due: when.
-        went_on: when it is let go on.
-        heard: when each datagram came.
+        heard: when each piece came.
     """
 
-    was_due = went_on = 0
+    keeps_time = True
 
-    def __init__(self, keeps_time: bool) -> None:
+    def __init__(self) -> None:
         super().__init__(PROFILES["rc8"])
         self.heard: list[int] = []
-        self._keeps_time = keeps_time
-
-    @property
-    def keeps_time(self) -> bool:
-        return self._keeps_time
 
     def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]:
         self.heard.append(now)
         return []
 
-    def due(self, now: int) -> int:
-        self.was_due = now - 50_000_000
-        return self.was_due
-
-    def advance(self, now: int) -> list[Output]:
-        self.went_on = now
-        return []
-
-
-@pytest.mark.parametrize("keeps_time", [False, True])
-def test_time_stands_still_without_a_processor_unless_the_client_goes_on(keeps_time: bool) -> None:
-    simulator = HeldUp(keeps_time)
-    server = Server(simulator, "127.0.0.1", 0)
-    server.step(0)
-    late = simulator.went_on - simulator.was_due
-    behind = time.monotonic_ns() - server.now()
-    assert late >= 50_000_000 if keeps_time else 0 <= late < 25_000_000
-    assert behind < 25_000_000 if keeps_time else behind >= 50_000_000
-    server.close()
+    segment = datagram
 
 
 def test_a_client_that_goes_on_is_heard_as_of_when_its_datagrams_came() -> None:
-    simulator = HeldUp(keeps_time=True)
+    simulator = GoesOn()
     server = Server(simulator, "127.0.0.1", 0)
     now = time.time_ns()
     came = iter(now - ago * 1_000_000 for ago in (90, 60, 70, 30))
@@ -196,9 +172,25 @@ def test_a_client_that_goes_on_is_heard_as_of_when_its_datagrams_came() -> None:
 
     server._receive = receive
     server._take_datagrams()
-    while server.turns:
+    while server.turns.waiting:
         server.step(0)
     assert [round((b - a) / 1e7) for a, b in pairwise(simulator.heard)] == [3, 0, 3]
+    server.close()
+
+
+def test_what_has_piled_up_on_a_connection_came_evenly() -> None:
+    simulator, times = GoesOn(), [0]
+    server = Server(simulator, "127.0.0.1", 0)
+    server._clock = Clock(simulator, lambda: times[0], lambda: 0)
+    with client(server, socket.SOCK_STREAM) as sock:
+        sock.sendall(bytes(60))
+        while not simulator.heard:
+            server.step(0.05)
+        times[0] = 40_000_000
+        sock.sendall(bytes(4 * 64))
+        while len(simulator.heard) < 5:
+            server.step(0.05)
+    assert simulator.heard == [0, 10_000_000, 20_000_000, 30_000_000, 40_000_000]
     server.close()
 
 

@@ -13,7 +13,7 @@ def test_the_oldest_of_each_sender_comes_first() -> None:
     for came, (sender, data) in enumerate((("a", b"1"), ("a", b"2"), ("b", b"3"), ("a", b"4"), ("b", b"5"))):
         turns.add(sender, came, data)
     rounds = []
-    while turns:
+    while turns.waiting:
         rounds.append((turns.since, list(turns.take())))
     assert rounds == [
         (0, [("a", 0, b"1"), ("b", 2, b"3")]),
@@ -28,7 +28,7 @@ def test_what_one_sends_stays_in_order_and_nothing_is_lost_silently(sent: list[t
     for sender, data in sent:
         turns.add(sender, 0, data)
     heard: list[tuple[int, bytes]] = []
-    while turns:
+    while turns.waiting:
         heard += [(sender, data) for sender, _, data in turns.take()]
     for sender in range(4):
         of_sender = [data for each, data in sent if each == sender]
