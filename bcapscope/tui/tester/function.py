@@ -131,12 +131,12 @@ class FunctionPanel(Vertical):
 
     async def choose(self, function: Function) -> FunctionForm:
         """Show the form of another function."""
-        await self.query_one(FunctionForm).remove()
-        form = FunctionForm(function)
-        await self.mount(form)
         button = self.query_one("#choose-function", Button)
         button.label = self._label(function)
         button.refresh(layout=True)  # it is as wide as its label
+        await self.query_one(FunctionForm).remove()
+        form = FunctionForm(function)
+        await self.mount(form)
         return form
 
     def _label(self, function: Function) -> str:
