@@ -17,7 +17,7 @@ from pathlib import Path
 
 from bcapscope.proxy.ring import RingWriter
 
-TAKEN_WITHIN = 0.4
+TAKEN_WITHIN = 0.15
 """Seconds after which what had passed at one look is to be recorded, or shown where nothing is recorded."""
 
 FULL = 0.5
