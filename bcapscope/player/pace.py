@@ -23,7 +23,9 @@ it faster: see `_Throttle`.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import ControllerError, ExchangeTimeout
@@ -58,6 +60,10 @@ _PREPARING, _PREPARING_MOST, _PREPARING_SHARE = 300_000, 1_000_000, 0.4
 first steps after a sleep take ten times as long as those that follow, with caches that others have filled."""
 
 _PATIENCE = 8_000_000
+_MOTION_ERRORS = 0x8420
+"""Upper half of the results that set points can cause by coming too late: the buffer ran empty, too fast."""
+_STAYS = 8
+"""Set points back from a refused one, among which the cause is: more than any controller buffers."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -87,6 +93,14 @@ class Move(NamedTuple):
     def arguments(self, point: Point) -> tuple[Variant, ...]:
         """Return the arguments of Robot_Execute for one set point."""
         return Variant(VT.I4, self.robot), Variant(VT.BSTR, "slvMove"), Variant.array(self.real, point)
+
+
+class _Stay(NamedTuple):
+    """What lay between two set points, ns: all of it, what we were late by, what the reply took."""
+
+    length: int
+    late: int
+    reply: int
 
 
 Idle: TypeAlias = Callable[[int], None]
@@ -126,6 +140,8 @@ class Pacer:
         self._waited = False
         self._sent = self._retries = self._late = self._answered = self._under_way = 0
         self._repeated = self._shifted = self._held = 0
+        self._stays: deque[_Stay] = deque(maxlen=_STAYS)
+        self._overslept = self._reply_took = 0  # of the last call
 
     @property
     def counts(self) -> Counts:
@@ -158,13 +174,15 @@ class Pacer:
                 settled = self._await(due)
             finally:
                 self._under_way = 0
+            self._overslept = _overslept(settled, self._move.pace)
+            self._reply_took = self._exchanger.link.now() - sent - self._overslept
             code = self._code(settled)
             if code != E_SLAVE_OVERFLOW or not self._move.mode.overflow_is_error:
                 break
             self._repeated += 1
             due = sent + REPEAT_AFTER
         if code is not None and is_failure(code):
-            raise ControllerError(_NAME, code, hresult_name(code), describe(code).text)
+            raise self._refusal(code)
         return self._next(due, code)
 
     def _send(self, arguments: tuple[Variant, ...], due: int) -> int:
@@ -177,6 +195,8 @@ class Pacer:
             self.began = sent
         else:
             self.cycle.add(sent - self._last)
+            late = sent - due + self._overslept
+            self._stays.append(_Stay(sent - self._last, late, self._reply_took))
         self._last = sent
         self._sent += 1
         self._under_way = 1
@@ -218,6 +238,15 @@ class Pacer:
         code: int = reply.code
         return code
 
+    def _refusal(self, code: int) -> ControllerError:
+        """Tell that a set point was refused; whose lateness it was where that may be the cause."""
+        meaning = describe(code).text
+        if code >> 16 == _MOTION_ERRORS and self._stays:
+            length, late, reply = (each / 1e6 for each in max(self._stays))
+            meaning += f"; {length:.1f} ms between two set points: this machine was late by {late:.1f} ms, "
+            meaning += f"the reply took {reply:.1f} ms"
+        return ControllerError(_NAME, code, hresult_name(code), meaning)
+
     def _overdue(self, settled: TimedOut) -> Frame:
         """Wait on for the reply, and send nothing meanwhile."""
         exchanger, attempts = self._exchanger, settled.attempts
@@ -247,7 +276,7 @@ class Pacer:
                 self._word = max(self._word, each.sent)
                 code = each.reply.code
                 if is_failure(code):
-                    raise ControllerError(_NAME, code, hresult_name(code), describe(code).text)
+                    raise self._refusal(code)
         late.clear()
 
     def _kept(self, due: int, sent: int) -> int:
@@ -267,6 +296,12 @@ class Pacer:
         ready, free = self._exchanger.link.now() + _PREPARING, self._throttle.free
         self._held += free > ready
         return max(ready, free)
+
+
+def _overslept(settled: Settled, pace: Pace) -> int:
+    """Return by how many ns tries came too late."""
+    times = [each.sent for each in settled.attempts]
+    return sum(max(0, after - before - pace.timeout) for before, after in pairwise(times))
 
 
 class _Throttle:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from bcapscope.errors import ControllerError
 from bcapscope.player.course import Course
 from bcapscope.player.exchanger import BlockingExchanger
 from bcapscope.player.limits import UNKNOWN
@@ -15,7 +16,7 @@ from bcapscope.player.pace import FASTEST, HaltedError, Idle, Move, Pacer
 from bcapscope.player.trajectory import Source, Trajectory
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, S_OK
+from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, S_OK
 from bcapscope.protocol.requester import Pace
 from bcapscope.protocol.slavemode import Generation, PoseType, SlaveMode, slave_mode
 from bcapscope.protocol.variant import VT
@@ -32,6 +33,7 @@ class Controller:
         codes: result of each, S_OK after the last.
         takes: ns until each is answered; None for those that are not.
         oversleeps: ns that the wait for each takes too long.
+        naps: ns that the first wait for a reply to each takes, whatever was wanted.
     """
 
     datagrams = True
@@ -44,6 +46,7 @@ class Controller:
         self.codes: dict[int, int] = {}
         self.takes: dict[int, int | None] = {}
         self.oversleeps: dict[int, int] = {}
+        self.naps: dict[int, int] = {}
         self._now = 0
         self._replies: list[tuple[int, bytes]] = []
 
@@ -66,6 +69,10 @@ class Controller:
             self._replies.append((self._now + takes, reply))
 
     def receive(self, until: int) -> bytes | None:
+        nap = self.naps.pop(len(self.sent) - 1, 0)
+        if nap:
+            self._now += nap
+            return None
         due = self._replies[0][0] if self._replies else until + 1
         self._now = max(self._now, min(due, until))
         return self._replies.pop(0)[1] if due <= self._now else None
@@ -253,3 +260,33 @@ def test_a_controller_that_falls_behind_is_waited_for() -> None:
     assert all(gap > 140 for gap in waits)
     assert pacer.counts.unanswered < 150 / 8 + 1
     assert pacer.lateness.exact().most == 0
+
+
+@pytest.mark.parametrize(
+    ("oversleeps", "takes", "stay", "late", "reply"),
+    [
+        pytest.param(22 * MS, 1 * MS, 29.8, 22.0, 1.0, id="we"),
+        pytest.param(0, 14 * MS, 14.3, 0.0, 14.0, id="the reply"),
+    ],
+)
+def test_whose_lateness_it_was_is_told(
+    oversleeps: int, takes: int, stay: float, late: float, reply: float
+) -> None:
+    controller = Controller()
+    controller.datagrams = False
+    controller.oversleeps, controller.takes = {10: oversleeps}, {9: takes}
+    controller.codes = {11: E_SLAVE_UNDERFLOW}
+    told = (
+        f"; {stay} ms between two set points: this machine was late by {late} ms, the reply took {reply} ms"
+    )
+    with pytest.raises(ControllerError, match=f"{told}$"):
+        play(controller, mode(0x202))
+
+
+def test_tries_that_come_too_late_are_our_lateness() -> None:
+    controller = Controller()
+    controller.takes = {10: 3 * MS, 11: MS}
+    controller.codes = {13: E_SLAVE_UNDERFLOW}
+    controller.naps = {10: 15 * MS}
+    with pytest.raises(ControllerError, match=r"this machine was late by 13\.0 ms"):
+        play(controller, mode(0x202))

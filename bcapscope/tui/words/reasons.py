@@ -3,6 +3,7 @@
 PHRASES: dict[str, str] = {
     # calls
     "{text} was refused: {text2}, {text3}": "{text} は拒否されました: {text2}、{text3}",
+    "{text}; {n} ms between two set points: this machine was late by {n2} ms, the reply took {n3} ms": "{text}。二つの指令値の間隔は {n} ms: このマシンの遅れ {n2} ms、応答まで {n3} ms",
     "{text} was not answered in time, {n} tries:": "{text} に時間内の応答がありません ({n} 回試行)",
     "{text} was not answered in time, 1 try:": "{text} に時間内の応答がありません (1 回試行)",
     "{text}; RC8 and COBOTTA want the provider CaoProv.DENSO.VRC, RC9 and COBOTTA PRO want CaoProv.DENSO.VRC9": "{text}。プロバイダは RC8・COBOTTA では CaoProv.DENSO.VRC、RC9・COBOTTA PRO では CaoProv.DENSO.VRC9",
