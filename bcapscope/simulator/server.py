@@ -6,6 +6,7 @@ modes that wait for the 8 ms grid go out on time. There are never more sockets t
 
 from __future__ import annotations
 
+import re
 import select
 import socket
 import time
@@ -34,7 +35,7 @@ _LINGER = 60_000
 _AT_ONCE = 1024  # datagrams that are taken from the system before any but the first is looked at
 _PORTION = 256  # bytes that are taken of a connection before the others have their turn
 _PILE = 16384  # the same where each set point has its own time
-_BIT = 64  # bytes of a pile that have one time: no set point is shorter
+_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # or what looks like it, which does no harm
 _AT_ONE_TIME = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
 
 _RECEIVE_BUFFER = 4 << 20
@@ -296,9 +297,10 @@ class Server:
 
     def _hear_evenly(self, connection: _Connection, data: bytes, since: int, came: int) -> None:
         """Hear bytes as if they had come evenly between two times."""
-        for start in range(0, len(data), _BIT):
-            bit = data[start : start + _BIT]
-            self._hear_segment(connection, bit, since + (came - since) * (start + len(bit)) // len(data))
+        taken = 0
+        for piece in _BETWEEN_FRAMES.split(data):
+            taken += len(piece)
+            self._hear_segment(connection, piece, since + (came - since) * taken // len(data))
             if connection.number not in self._connections:
                 return
 

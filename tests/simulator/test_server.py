@@ -187,7 +187,7 @@ def test_what_has_piled_up_on_a_connection_came_evenly() -> None:
         while not simulator.heard:
             server.step(0.05)
         times[0] = 40_000_000
-        sock.sendall(bytes(4 * 64))
+        sock.sendall((b"\x01" + bytes(98) + b"\x04") * 4)
         while len(simulator.heard) < 5:
             server.step(0.05)
     assert simulator.heard == [0, 10_000_000, 20_000_000, 30_000_000, 40_000_000]
