@@ -135,6 +135,7 @@ _OTHERS = (
     ("floods", _A, "each sender of datagrams has its turn; of one, 32 wait", "for the simulator's users"),
     ("time", _A, "stands still while this program gets no processor", "for the simulator's users"),
     ("time", _A, "but not in Async and mode 1: set points count as of when they came", "clients do not wait"),
+    ("time", _A, "where several came together on TCP, as if evenly since the last", "no other is known"),
     ("bad frame", _O, "ends its TCP connection without a reply", _SERVER),
     ("clients", _O, "20 over each transport; on UDP one may be forgotten after 10 s of silence", _SERVER),
     ("reset", _D, "the button on the pendant frees the places of dead clients", _SLIDES),
