@@ -20,6 +20,9 @@ ROOT = Path(__file__).parent.parent.parent
 LIMIT = 60.0
 """Seconds after which something that should have been drawn was not."""
 
+_KEPT = 1 << 16
+"""Bytes of what was drawn that are looked through: a large screen, drawn several times."""
+
 _SYNCHRONISED = b"\x1b[?2026;2$y"
 """Says that the terminal draws all between two marks at once, so that the program sends the marks."""
 
@@ -93,7 +96,7 @@ class Terminal:
         end = time.perf_counter() + seconds
         while (left := end - time.perf_counter()) > 0:
             self._take(left)
-        self._text = self._text[-4096:]
+        self._text = self._text[-_KEPT:]
 
     def wait(self, limit: float) -> None:
         """Read what is drawn until the program ends.
@@ -106,7 +109,7 @@ class Terminal:
             if time.perf_counter() > end:
                 sys.exit(f"it has not ended within {limit} s; last: {self.seen()[-2000:]!r}")
             self._take(0.1)
-            self._text = self._text[-4096:]
+            self._text = self._text[-_KEPT:]
 
     def seen(self) -> bytes:
         """Return what was drawn lately, without styles."""
