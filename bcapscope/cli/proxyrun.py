@@ -118,8 +118,6 @@ class Proxy:
         if answer != READY:
             raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
         self._watched = True
-        assert self._watcher.pid is not None
-        self._courtesy = Courtesy(self._ring, idle_priority(self._watcher.pid))
         self._forget_name()
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
             self.relay.watch(self._link.fileno(), lambda _: self._hear())
@@ -145,6 +143,11 @@ class Proxy:
         with undisturbed() as grade:
             if not grade.realtime:
                 self._say(grade.text.encode())
+            # Not earlier: it tries something in a thread, whose stack stays, and would be locked as well.
+            if self._watched:
+                assert self._watcher is not None
+                assert self._watcher.pid is not None
+                self._courtesy = Courtesy(self._ring, idle_priority(self._watcher.pid))
             self.relay.listen(self._ports)
             greet()
             self.relay.run(self._look_around)
