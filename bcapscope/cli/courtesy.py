@@ -80,12 +80,13 @@ def step_back(niceness: int) -> None:
 
 
 def idle_priority(process: int) -> Callable[[bool], None]:
-    """Return what gives a process idle or ordinary priority, and does nothing if it could not come back.
+    """Return what gives a process idle priority, or ours again; it does nothing if it could not come back.
 
     Args:
         process: its number.
     """
     possible = _may_come_back()
+    ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0
 
     def give(idle: bool) -> None:
         if not possible:
@@ -94,6 +95,8 @@ def idle_priority(process: int) -> Callable[[bool], None]:
         with suppress(OSError):  # it may have ended, or one of its threads
             for thread in Path(f"/proc/{process}/task").iterdir():
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(0))
+                with suppress(PermissionError):  # to come back takes less
+                    os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 
     return give
 

@@ -83,7 +83,11 @@ def test_silence_is_no_delay() -> None:
 
 @POLICIES
 def test_a_process_gets_idle_priority_only_if_it_can_come_back() -> None:
-    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+    program = "import os; os.nice(3); print(flush=True); input()"
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", program], stdin=pipe, stdout=pipe) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
         give = idle_priority(process.pid)
         before = os.sched_getscheduler(process.pid)
         give(True)
@@ -91,6 +95,9 @@ def test_a_process_gets_idle_priority_only_if_it_can_come_back() -> None:
         assert os.sched_getscheduler(process.pid) == expected
         give(False)
         assert os.sched_getscheduler(process.pid) in {before, os.SCHED_OTHER}
+        if os.geteuid() == 0:
+            nice = [os.getpriority(os.PRIO_PROCESS, each) for each in (0, process.pid)]
+            assert nice[0] == nice[1]
         process.communicate(b"\n")
     give(True)
     assert os.sched_getscheduler(0) != os.SCHED_IDLE
