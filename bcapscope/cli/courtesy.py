@@ -51,12 +51,16 @@ class Courtesy:
         """
         if self._is_late(now):
             self._late_at = now
-            if self._gives_way:
-                self._gives_way = False
-                self._give_way(False)
+            self.end()
         elif not self._gives_way and now - self._late_at >= AGAIN_AFTER:
             self._gives_way = True
             self._give_way(True)
+
+    def end(self) -> None:
+        """Have it give way no more, as when nothing passes any longer and somebody waits for its end."""
+        if self._gives_way:
+            self._gives_way = False
+            self._give_way(False)
 
     def _is_late(self, now: float) -> bool:
         ring = self._ring

@@ -164,6 +164,8 @@ class Proxy:
         """Wait for the watcher's summary and let go of everything."""
         self.relay.close()
         self._link.close()
+        if self._courtesy is not None:
+            self._courtesy.end()
         if self._watcher is not None:
             if not self._watched:  # it has not begun, or has ended
                 self._watcher.kill()

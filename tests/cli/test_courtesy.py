@@ -81,6 +81,14 @@ def test_silence_is_no_delay() -> None:
     assert scene.asked == [True]
 
 
+def test_at_the_end_it_gives_way_no_more() -> None:
+    scene = Scene()
+    scene.pass_for(1)
+    for _ in range(2):
+        scene.courtesy.end()
+    assert scene.asked == [True, False]
+
+
 @POLICIES
 def test_a_process_gets_idle_priority_only_if_it_can_come_back() -> None:
     program = "import os; os.nice(3); print(flush=True); input()"
