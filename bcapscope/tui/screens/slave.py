@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -13,6 +14,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.css.query import NoMatches
 from textual.widgets import Button, ContentSwitcher, Input, Select
 
 from bcapscope.errors import BcapError
@@ -141,6 +143,11 @@ class SlaveScreen(Place):
     @work(group="prepare", exclusive=True)
     async def _prepare(self) -> None:
         await asyncio.sleep(_PATIENCE)
+        with suppress(NoMatches):  # the screen is being closed
+            await self._read()
+
+    async def _read(self) -> None:
+        """Read and check what is wished, and show what was found."""
         wish = self._wish()
         if isinstance(wish, str):
             self._report([f"{INK.dim}{wish}{INK.reset}"])
