@@ -69,7 +69,7 @@ class SocketChannel:
         clock = time.monotonic_ns
         rest = until - SPIN - clock()
         if rest > 0:
-            time.sleep(rest / 1e9)
+            time.sleep(rest / 1e9)  # until the set point is due there is nothing to do
         while clock() < until:
             pass
 
