@@ -218,7 +218,7 @@ class Proxy:
             self._courtesy.look(time.monotonic())
         if self._ending and time.monotonic() - self._ending > _ANSWERS_WITHIN:
             self.relay.stop()
-        if self._watched and self._link.poll():
+        if self._watched:
             self._hear()
         if self._hung_up and not self._ending:
             now = time.time_ns()
@@ -226,8 +226,14 @@ class Proxy:
                 self._end()
 
     def _hear(self) -> None:
-        """Take what the watcher says: how the open sessions can be ended, or nothing any more."""
+        """Take what the watcher says, if it does: how the open sessions can be ended, or nothing any more.
+
+        The look around may have taken what the poller told of in the same breath; who waited here for more
+        would wait for ever, as the watcher then waits for the relay.
+        """
         try:
+            if not self._link.poll():
+                return
             self._goodbyes = json.loads(self._link.recv_bytes())
             self.relay.stop()
         except (EOFError, OSError):
