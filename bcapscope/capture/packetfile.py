@@ -12,6 +12,11 @@ from bcapscope.capture.spool import append
 
 _SECTION_BLOCK, _INTERFACE_BLOCK, _PACKET_BLOCK = 0x0A0D0D0A, 1, 6
 _SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
+_HEAD, _SIZE = struct.Struct("<IIIIIII"), struct.Struct("<I")
+_WORD = 0xFFFFFFFF
+_PADDING = b"", b"\0\0\0", b"\0\0", b"\0"
+"""By the two low bits of what is to be padded to four bytes."""
+
 _COMMENT, _NAME, _RESOLUTION = 1, 2, 9
 _END = struct.pack("<HH", 0, 0)
 _NANOSECONDS = b"\x09"
@@ -37,9 +42,11 @@ class PacketWriter:
         number = self._interfaces.get(interface)
         if number is None:
             number = self._describe(interface)
-        head = struct.pack("<IIIII", number, time >> 32 & 0xFFFFFFFF, time & 0xFFFFFFFF, len(data), original)
-        options = b"".join(_option(_COMMENT, comment) for comment in comments)
-        append(self._file, _block(_PACKET_BLOCK, head + _padded(data) + (options + _END if options else b"")))
+        options = b"".join([*(_option(_COMMENT, each) for each in comments), _END]) if comments else b""
+        captured = len(data)
+        size = 32 + (captured + 3 & ~3) + len(options)
+        head = _HEAD.pack(_PACKET_BLOCK, size, number, time >> 32 & _WORD, time & _WORD, captured, original)
+        append(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def _describe(self, interface: Interface) -> int:
         name = _option(_NAME, interface.name) if interface.name else b""
@@ -92,9 +99,9 @@ def _option(code: int, text: str) -> bytes:
 
 
 def _padded(data: bytes) -> bytes:
-    return data.ljust(len(data) + 3 & ~3, b"\0")
+    return data + _PADDING[len(data) & 3]
 
 
 def _block(kind: int, body: bytes) -> bytes:
-    size = struct.pack("<I", 12 + len(body))
-    return struct.pack("<I", kind) + size + body + size
+    size = _SIZE.pack(12 + len(body))
+    return _SIZE.pack(kind) + size + body + size

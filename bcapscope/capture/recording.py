@@ -30,7 +30,7 @@ _SEQUENCE_NS = 4000
 """A new connection between the same ends begins with numbers that go on as fast (RFC 9293, 3.4.1)."""
 
 _MOST_WAYS = 4096
-"""Pairs of hosts whose addresses are kept packed."""
+"""Pairs of hosts whose addresses are kept packed, and pairs of ends whose headers are."""
 
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
@@ -49,6 +49,7 @@ class Recording:
         """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
         self._sequence: dict[tuple[Address, Address], int] = {}
         self._ways: dict[tuple[str, str], _Way] = {}
+        self._heads: dict[tuple[Address, Address, int], bytes] = {}
         self._packets = PacketWriter(file)
 
     def go_on(self, file: BinaryIO | RawIOBase) -> None:
@@ -66,8 +67,8 @@ class Recording:
         comment: str = "",
     ) -> None:
         """Write a UDP datagram."""
-        head = _DATAGRAM.pack(source[1], target[1], 8 + len(data) & 0xFFFF, 0)
-        packet = b"".join((self._ip(source, target, _UDP, 8 + len(data)), head, data))
+        head = self._heads.get((source, target, len(data))) or self._head(source, target, len(data))
+        packet = head + data
         self._packets.write((time, packet, len(packet), where, (comment,) if comment else ()))
 
     def segment(
@@ -131,6 +132,14 @@ class Recording:
         self._sequence[source, target] = (sent + len(data)) & 0xFFFFFFFF
         head = _SEGMENT.pack(source[1], target[1], sent, heard, 5 << 12 | flags, 65535, 0, 0)
         return b"".join((self._ip(source, target, _TCP, 20 + len(data)), head, data))
+
+    def _head(self, source: Address, target: Address, size: int) -> bytes:
+        """Make what stands before so many bytes of a datagram."""
+        if len(self._heads) >= _MOST_WAYS:
+            self._heads.clear()
+        udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
+        head = self._heads[source, target, size] = self._ip(source, target, _UDP, 8 + size) + udp
+        return head
 
     def _ip(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
         """Make the IP header before so many bytes."""

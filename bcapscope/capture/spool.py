@@ -60,9 +60,9 @@ def append(file: BinaryIO | RawIOBase, data: bytes | bytearray) -> None:
     Raises:
         OSError: there is no room.
     """
-    rest = memoryview(data)
-    while rest:
-        rest = rest[file.write(rest) or 0 :]
+    written = file.write(data) or 0
+    while written < len(data):
+        written += file.write(memoryview(data)[written:]) or 0
 
 
 class Window:
