@@ -127,6 +127,7 @@ class Client:
         released: the calls that released handles lately, by class and handle.
         thing: what the handle of the call at hand stands for; None where that is not known.
         points: the latest set points of this stay.
+        present: it is known to be still there, however long it has been silent.
         clue: to the controller's generation.
     """
 
@@ -148,7 +149,7 @@ class Client:
         self.mode_end: Exchange | None = None
         self.failure: Exchange | None = None
         self.error_read = False
-        self.type_read = self.heard = False
+        self.type_read = self.heard = self.present = False
         self.unanswered: Exchange | None = None
         self.opened: dict[int, Opened] = {}
         self.released: dict[tuple[ObjectClass, int], Exchange] = {}

@@ -162,11 +162,12 @@ class Diagnosis:
         for forget in self._forgetters:
             forget(conversation)
 
-    def finish(self, ended: int = 0) -> tuple[Finding, ...]:
+    def finish(self, ended: int = 0, present: bool = False) -> tuple[Finding, ...]:
         """Tell all that was found, the first cause first; nothing more is to be taken after that.
 
         Args:
             ended: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
+            present: clients that fell silent are known to be still there.
         """
         self._ended = max(self._ended, ended)
         if self._choice is not None:
@@ -175,6 +176,7 @@ class Diagnosis:
         if self._asked is not None:
             self._hand_over(self._asked.finish(self._end))
         for client in self._clients:
+            client.present = present
             self._goodbye(client)
         return self._book.findings(self._speech)
 

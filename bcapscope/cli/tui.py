@@ -167,7 +167,10 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
         start = Start(requests or saved.default_folder(), audit.default_folder(), *wanted, tap.take)
         tester = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
         traffic = Spot(
-            "traffic", "f3", "traffic", lambda: TrafficScreen(Feed(path=str(own), follow=True), wanted.host)
+            "traffic",
+            "f3",
+            "traffic",
+            lambda: TrafficScreen(Feed(path=str(own), follow=True, own=True), wanted.host),
         )
         try:
             require_terminal()

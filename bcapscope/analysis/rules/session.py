@@ -159,7 +159,7 @@ class Session(Watcher):
 
     def gone(self, client: Client, ended: int) -> None:
         stay = self._silent.pop(client.conversation, None)
-        if client.last.let_go:  # it may have ended in order
+        if client.present or client.last.let_go:  # it may have ended in order
             return
         if stay is not None and ended - stay.exit.time >= _FORGOTTEN:
             self._left_on(stay)

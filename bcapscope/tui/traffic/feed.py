@@ -63,10 +63,11 @@ class Feed:
         follow: bool = False,
         ports: tuple[int, ...] = (),
         leg: str = "",
+        own: bool = False,
     ):
         """Begin to read a capture, finished or still being written, or on an interface; see `Job`."""
         self._folder = Folder()
-        self.job = Job(str(self._folder.path), path, interface, follow, ports, leg, spoken())
+        self.job = Job(str(self._folder.path), path, interface, follow, ports, leg, spoken(), own)
         self.journal: Journal | None = None
         self.calls: Callbook | None = None
         self.progress = Progress()

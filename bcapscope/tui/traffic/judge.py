@@ -41,10 +41,15 @@ class Judge:
         if isinstance(settled, Exchange):
             self._summary.take(settled)
 
-    def verdict(self, ended: int) -> Verdict:
-        """Tell, if traffic ends at `ended`, in nanoseconds since 1970; more may be seen afterwards."""
+    def verdict(self, ended: int, present: bool = False) -> Verdict:
+        """Tell what is to be thought so far; more may be seen afterwards.
+
+        Args:
+            ended: when the traffic ends, for now, in nanoseconds since 1970.
+            present: clients that fell silent are known to be still there.
+        """
         end = copy.deepcopy(self)
-        findings = end._diagnosis.finish(ended)
+        findings = end._diagnosis.finish(ended, present)
         statistics = self._summary.statistics()
         causes = tuple(map(cause_of, findings))
         lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))

@@ -99,7 +99,7 @@ class Reading:
             for settled in (*tracker.expire(end), *tracker.close()):
                 self._settle(settled)
             self._flush()
-            send(self._reports, judge.verdict(end))
+            send(self._reports, judge.verdict(end, self._job.own))
             send(self._reports, self._progress(True, trouble))
 
     def _read(self) -> None:
@@ -185,7 +185,7 @@ class Reading:
         self._flushed = now
         seen = self._journal.count + self._calls.count
         if now - self._judged >= JUDGE and seen != self._judged_at:
-            send(self._reports, self._the_judge().verdict(self._observer.ended))
+            send(self._reports, self._the_judge().verdict(self._observer.ended, self._job.own))
             self._judged, self._judged_at = time.monotonic(), seen
 
     def _flush(self) -> None:

@@ -32,6 +32,7 @@ class Job(msgspec.Struct, frozen=True):
         ports: where servers listen; none for 5007.
         leg: only what was captured on interfaces whose names begin so.
         language: of rendered lines, ``en`` or ``ja``.
+        own: the clients are our own, who are there as long as it is written.
     """
 
     folder: str
@@ -41,6 +42,7 @@ class Job(msgspec.Struct, frozen=True):
     ports: tuple[int, ...] = ()
     leg: str = ""
     language: str = "en"
+    own: bool = False
 
 
 class Progress(msgspec.Struct, tag=True, frozen=True):

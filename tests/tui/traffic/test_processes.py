@@ -27,7 +27,7 @@ from bcapscope.tui.traffic.reading import Reading
 from bcapscope.tui.traffic.report import Ask, Job, Matches, Progress, Saving, Verdict, receive, send
 from bcapscope.tui.traffic.saving import save
 from bcapscope.tui.traffic.searching import Searching
-from tests.analysis.scenes import HOME, ROBOT
+from tests.analysis.scenes import HOME, ROBOT, Story
 from tests.cli.run import CAPTURES, run
 from tests.cli.test_pairing import captured, in_slave_mode
 from tests.samples.calls import r8s, text
@@ -35,10 +35,10 @@ from tests.samples.calls import r8s, text
 LIMIT = 20.0
 
 
-def read(folder: Path, path: Path) -> list[Progress | Verdict]:
+def read(folder: Path, path: Path, own: bool = False) -> list[Progress | Verdict]:
     """Read a capture as the process does and return what it tells."""
     reports = BytesIO()
-    Reading(Job(str(folder), str(path)), reports, threading.Event(), threading.Event()).run()
+    Reading(Job(str(folder), str(path), own=own), reports, threading.Event(), threading.Event()).run()
     return told(reports)
 
 
@@ -70,6 +70,23 @@ def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) 
     severities = [cause.severity for cause in verdict.findings]
     assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
     assert verdict.stays
+
+
+@pytest.mark.parametrize(("own", "told"), [(False, ["unclean-quit"]), (True, [])])
+def test_a_session_of_our_own_that_is_idle_has_not_vanished(
+    tmp_path: Path, own: bool, told: list[str]
+) -> None:
+    """HALT has a line of its own, opened anew for the robot, and only that one speaks while nobody calls."""
+    story = Story()
+    tester, halt = story.client(50001), story.client(50002)
+    tester.open()
+    halt.open(50)
+    halt.execute(45_000, "CurJnt")
+    path = tmp_path / "capture.pcap"
+    path.write_bytes(story.capture())
+    verdict, _ = read(tmp_path, path, own)[-2:]
+    assert isinstance(verdict, Verdict)
+    assert [cause.rule for cause in verdict.findings] == told
 
 
 @pytest.mark.parametrize("goes_on_for", [500, 2_000, 11_000])
