@@ -24,6 +24,6 @@ PHRASES: dict[str, str] = {
     "{n} more bytes": "ほか {n} バイト",
     # replies that belong to none
     "reply with serial {n} answers no request that was seen": "シリアル {n} の応答 (要求は観測なし)",
-    "reply with serial {n} too late for call {n2}": "シリアル {n} の応答 (コール {n2} には遅すぎる)",
-    "reply with serial {n} may answer a call that was not followed to the end": "シリアル {n} の応答 (最後まで追跡しなかったコールのものかもしれません)",
+    "reply with serial {n} too late for call {n2}": "シリアル {n} の応答 (呼び出し {n2} には遅すぎる)",
+    "reply with serial {n} may answer a call that was not followed to the end": "シリアル {n} の応答 (最後まで追跡しなかった呼び出しのものかもしれません)",
 }

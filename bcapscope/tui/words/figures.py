@@ -8,7 +8,7 @@ PHRASES: dict[str, str] = {
     "client": "クライアント",
     "by {word} > {word2} {word3}": "内訳 {word} > {word2} {word3}",
     "by (other clients)": "内訳 (その他のクライアント)",
-    "calls": "コール",
+    "calls": "呼び出し",
     "per s": "毎秒",
     "line time": "占有率",
     "max ms": "最大 ms",

@@ -12,13 +12,13 @@ WORDS: dict[str, tuple[str, str]] = {
         " `client == 10.0.0.2`; `bcapscope fields` lists what it knows.",
         "クライアントとコントローラの通信を表示します。キャプチャファイル、このPCのインターフェース、"
         "または他の画面の通信が対象です。\n"
-        "フレームは一つずつ、コールは再送と応答をまとめて一覧します。診断は原因から順に示します。"
+        "フレームは一つずつ、呼び出しは再送と応答をまとめて一覧します。診断は原因から順に示します。"
         "一覧の下にはカーソル位置のフレームをツリーと16進で表示し、項目とバイトは互いに連動します。\n"
         "フィルタはコマンドラインと同じです: `command == slvMove and latency > 5ms`, `hresult != S_OK`,"
         " `client == 10.0.0.2`。項目は `bcapscope fields` で一覧できます。",
     ),
     "traffic.frames": ("Frames", "フレーム"),
-    "traffic.calls": ("Calls", "コール"),
+    "traffic.calls": ("Calls", "呼び出し"),
     "traffic.findings": ("Findings", "診断"),
     "traffic.slave": ("Slave mode", "スレーブモード"),
     "traffic.statistics": ("Statistics", "統計"),
@@ -39,10 +39,10 @@ WORDS: dict[str, tuple[str, str]] = {
         "Go from a reply to its request, and back",
         "応答から要求へ、要求から応答へ移動します",
     ),
-    "traffic.call": ("Call/frame", "コール/フレーム"),
+    "traffic.call": ("Call/frame", "呼び出し/フレーム"),
     "traffic.call.tip": (
         "Go from a frame to its call, and back",
-        "フレームからコールへ、コールからフレームへ移動します",
+        "フレームから呼び出しへ、呼び出しからフレームへ移動します",
     ),
     "traffic.why": ("Why", "原因"),
     "traffic.why.tip": (
@@ -108,16 +108,19 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.follow.handle": ("Follow the handle", "ハンドルを追跡"),
     "traffic.follow.handle.tip": (
         "Show only the calls of this object",
-        "このオブジェクトへのコールだけを表示します",
+        "このオブジェクトへの呼び出しだけを表示します",
     ),
     "traffic.follow.chain": ("Follow the chain", "再送を追跡"),
-    "traffic.follow.chain.tip": ("Show only the frames of this call", "このコールのフレームだけを表示します"),
+    "traffic.follow.chain.tip": (
+        "Show only the frames of this call",
+        "この呼び出しのフレームだけを表示します",
+    ),
     "traffic.follow.kind": ("Follow the command", "コマンドを追跡"),
     "traffic.follow.kind.tip": ("Show only this function and command", "この関数・コマンドだけを表示します"),
-    "traffic.no_handle": ("This call has no handle.", "このコールにハンドルはありません。"),
+    "traffic.no_handle": ("This call has no handle.", "この呼び出しにハンドルはありません。"),
     "traffic.no_call": (
         "The call of this frame has not settled yet, or it has none.",
-        "このフレームのコールは未確定か、存在しません。",
+        "このフレームの呼び出しは未確定か、存在しません。",
     ),
     "traffic.no_partner": ("No reply to this was seen.", "応答は観測されていません。"),
     "traffic.no_request": ("The request of this was not seen.", "要求は観測されていません。"),
@@ -130,10 +133,10 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.unfold": ("Unfold", "ひらく"),
     "traffic.unfold.tip": (
         "Show the frames of the call, or hide them",
-        "コールのフレームを表示/非表示にします",
+        "呼び出しのフレームを表示/非表示にします",
     ),
     "traffic.head.number": ("No.", "番号"),
-    "traffic.head.call": ("Call", "コール"),
+    "traffic.head.call": ("Call", "番号"),
     "traffic.head.time": ("Time", "時刻"),
     "traffic.head.client": ("Client", "クライアント"),
     "traffic.head.serial": ("Serial", "連番"),
@@ -147,11 +150,11 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.searching": ("searching {percent} %", "検索中 {percent} %"),
     "traffic.about.request": (
         "Frame {number}, {role} of call {call}",
-        "フレーム {number}: コール {call} の{role}",
+        "フレーム {number}: 呼び出し {call} の{role}",
     ),
     "traffic.about.stray": (
         "Frame {number}, a reply to no open call",
-        "フレーム {number}: 対応するコールのない応答",
+        "フレーム {number}: 対応する呼び出しのない応答",
     ),
     "traffic.about.frame": ("Frame {number}", "フレーム {number}"),
     "traffic.about.answered": (
@@ -164,7 +167,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "traffic.about.packet": ("packet {packet}", "パケット {packet}"),
     "traffic.empty.findings": ("Nothing was found so far.", "まだ診断はありません。"),
     "traffic.empty.slave": ("No slave mode here.", "スレーブモードはありません。"),
-    "traffic.empty.statistics": ("No calls so far.", "まだコールはありません。"),
+    "traffic.empty.statistics": ("No calls so far.", "まだ呼び出しはありません。"),
     "traffic.finding.frames": ("frames: {frames}", "フレーム: {frames}"),
     "traffic.finding.advice": ("what to do: {advice}", "対処: {advice}"),
     "traffic.finding.source": ("source: {source}", "出典: {source}"),

@@ -308,7 +308,7 @@ def test_japanese() -> None:
             text = drawn(app)
             assert "フレーム 6" in text
             assert "フィルタ" in text
-            assert "コール 1 の要求" in text
+            assert "呼び出し 1 の要求" in text
 
         drive(app, act)
     speak(Language.ENGLISH)

@@ -44,7 +44,7 @@ def test_every_rule_has_a_title_and_an_advice(rule: Rule) -> None:
 def test_the_sum_of_all() -> None:
     seen = Seen(518, 257, 1, 5_200_000_000)
     assert verdict([Severity.ERROR, Severity.NOTE], seen, tongue=told) == (
-        "エラー 1 件, 情報 1 件、対象: フレーム 518, コール 257, クライアント 1, 5.2 s"
+        "エラー 1 件, 情報 1 件、対象: フレーム 518, 呼び出し 257, クライアント 1, 5.2 s"
     )
     assert verdict([], seen, tongue=told).startswith("問題は見つかりませんでした、対象: ")
     assert JAPANESE.search(verdict([], Seen(0, 0, 0, 0), tongue=told))
