@@ -188,6 +188,11 @@ class Scope(KeyOrder):
             self._harmless = Harmless(before)
         return (self._harmless,)
 
+    def get_key_display(self, binding: Binding) -> str:
+        """Write a key as everywhere else: F5, not f5."""
+        key = super().get_key_display(binding)
+        return key.upper() if key[1:].isdecimal() else key
+
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver, which knows the keys of HALT."""
         return halting(super().get_driver_class(), self.halt)

@@ -99,7 +99,7 @@ def test_help_tells_every_key_of_the_screen() -> None:
         await pilot.pause()
         assert isinstance(made.screen, HelpScreen)
         text = shown(made)
-        for word in ("Help: Traffic", "Quit", "Commands", "Next theme", "Screen: Keys"):
+        for word in ("Help: Traffic", "Quit", "Actions", "Next theme", "Screen: Keys"):
             assert word in text
         await pilot.press("escape")
         assert isinstance(made.screen, _Here)
@@ -121,7 +121,7 @@ def test_commands_are_found_by_a_part_of_their_name_and_done() -> None:
 def test_the_footer_shows_what_there_is_room_for_and_always_help() -> None:
     async def act(pilot: Pilot[None]) -> None:
         assert "Help" in shown(made).splitlines()[-1]
-        assert "Commands" in shown(made).splitlines()[-1]
+        assert "F1 Help  ^p Actions" in shown(made).splitlines()[-1]
         await pilot.click("KeyBar", offset=(shown(made).splitlines()[-1].index("Help"), 0))
         await until(pilot, lambda: isinstance(made.screen, HelpScreen))
 

@@ -126,7 +126,7 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
         panel = here.query_one(ConnectionPanel)
         here.query_one("#option", Input).value = "Timeout=abc"
         assert isinstance(panel.wish(), str)
-        assert "f5 Connect" in sight(pilot)
+        assert "F5 Connect" in sight(pilot)
         await until(pilot, lambda: "1 to 600000 is expected" in sight(pilot))
         here.query_one("#option", Input).value = "Timeout=50,Retry=1"
         here.query_one("#host", Input).value = "127.0.0.1:9"  # goes before what stands in the port's field
@@ -179,7 +179,7 @@ def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
 def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
-        await until(pilot, lambda: "f5 Disconnect" in sight(pilot))
+        await until(pilot, lambda: "F5 Disconnect" in sight(pilot))
         here.query_one("#tabs", Choice).chosen = "variable"
         await focus(pilot, "#variable .name")
         await write(pilot, "I5")

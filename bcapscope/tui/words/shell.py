@@ -16,7 +16,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "shell.quit.hint": ("Ctrl-Q ends", "Ctrl-Q で終了します"),
     "shell.help": ("Help", "ヘルプ"),
     "shell.help.tip": ("What this screen is and all of its keys", "この画面の説明とキー一覧"),
-    "shell.palette": ("Commands", "コマンド"),
+    "shell.palette": ("Actions", "操作一覧"),
     "shell.palette.tip": ("Find any action by its name", "名前から操作を探します"),
     "shell.palette.hint": ("Type a part of what you want to do", "したい操作の一部を入力"),
     "shell.theme": ("Theme: {name}", "テーマ: {name}"),
