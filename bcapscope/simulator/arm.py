@@ -148,8 +148,8 @@ def _between(before: tuple[int, Joints], after: tuple[int, Joints], time: int) -
     if not 0.0 <= share <= 1.0:
         share = 0.0 if share < 0.0 else 1.0
     # Every slvMove asks for this once; a loop takes three times as long.
-    a1, a2, a3, a4, a5, a6, a7, a8 = before[1]
-    b1, b2, b3, b4, b5, b6, b7, b8 = after[1]
+    a1, a2, a3, a4, a5, a6, _, _ = before[1]
+    b1, b2, b3, b4, b5, b6, _, _ = after[1]
     return (
         a1 + (b1 - a1) * share,
         a2 + (b2 - a2) * share,
@@ -157,6 +157,6 @@ def _between(before: tuple[int, Joints], after: tuple[int, Joints], time: int) -
         a4 + (b4 - a4) * share,
         a5 + (b5 - a5) * share,
         a6 + (b6 - a6) * share,
-        a7 + (b7 - a7) * share,
-        a8 + (b8 - a8) * share,
+        0.0,
+        0.0,
     )

@@ -7,7 +7,7 @@ and that the refusal ends it: issues 13, 21, 42 and 48 of DENSORobot/denso_robot
 
 from __future__ import annotations
 
-from functools import partial
+from functools import lru_cache, partial
 
 from bcapscope.protocol.commands import command
 from bcapscope.protocol.effects import Effect, function_effect
@@ -22,7 +22,7 @@ from bcapscope.protocol.hresult import (
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Context
-from bcapscope.simulator.functions import HANDLERS
+from bcapscope.simulator.functions import METHODS
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.objects import Objects
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
@@ -35,7 +35,7 @@ SHORTEST_WDT = 80
 DEFAULT_INVOKE_TIMEOUT = 180_000
 """ms."""
 
-_START, _STOP, _CONNECT = 1, 2, 3
+_START, _CONNECT = 1, 3
 _EXECUTES = frozenset((17, 28, 64, 87))
 _VARIABLE_PUT = 102
 _SLAVE_MODE_OWN = frozenset(("slvchangemode", "slvmove"))
@@ -78,26 +78,31 @@ class Client:
             self.machine.owner = None
 
     def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> Outcome:
-        function = FUNCTIONS.get(function_id)
-        if function is None:
+        method = METHODS.get(function_id)
+        if method is None or not self.started:
+            return self._session(function_id, arguments, now)
+        owner, handler = method
+        found = self.objects.find(owner, nth(arguments, 0))
+        if handler is None:
+            raise RefusedError(E_NOTIMPL)
+        machine = self.machine
+        if machine.slave.mode is not None and not is_allowed_in_slave_mode(function_id, arguments):
+            machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
+            raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
+        return handler(Context(machine, self.number, self.objects, found, now), arguments[1:])
+
+    def _session(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> Outcome:
+        """Run a call that needs no object, or refuse one."""
+        if function_id not in FUNCTIONS:
             raise RefusedError(E_INVALIDARG)
         if function_id == _START:
             return self._start(arguments)
         if not self.started:
             raise RefusedError(NOT_CONNECTED)
-        if function_id == _STOP:
-            self.leave(now)
-            return DONE
         if function_id == _CONNECT:
             return self._connect(arguments)
-        found = self.objects.find(function.owner, nth(arguments, 0))
-        handler = HANDLERS.get(function_id)
-        if handler is None:
-            raise RefusedError(E_NOTIMPL)
-        if self.machine.slave.mode is not None and not is_allowed_in_slave_mode(function_id, arguments):
-            self.machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
-            raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
-        return handler(Context(self.machine, self.number, self.objects, found, now), arguments[1:])
+        self.leave(now)
+        return DONE
 
     def _start(self, arguments: tuple[Variant, ...]) -> Outcome:
         options = parse_options(text_of(arguments[0]) if arguments else "")
@@ -138,14 +143,15 @@ def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...]) -
     """
     if function_id in _EXECUTES:
         name = arguments[1].value if len(arguments) > 1 and arguments[1].vt == VT.BSTR else ""
-        return _is_command_allowed(function_id, str(name).casefold())
+        return _is_command_allowed(function_id, str(name))
     if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
         return True
     return function_effect(function_id) < Effect.MOVES
 
 
+@lru_cache(maxsize=64)
 def _is_command_allowed(function_id: int, name: str) -> bool:
-    if name in _SLAVE_MODE_OWN:
+    if name.casefold() in _SLAVE_MODE_OWN:
         return True
     known = command(function_id, name)
     if known is None:

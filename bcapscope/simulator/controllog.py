@@ -35,6 +35,11 @@ class ControlLog:
         self.records: deque[Record] = deque(maxlen=MOST_RECORDS)
         self._next: int | None = None
 
+    @property
+    def is_on(self) -> bool:
+        """Whether it records."""
+        return self._next is not None
+
     def start(self, now: int) -> None:
         """Begin, or go on, to record."""
         self._next = now if self._next is None else self._next

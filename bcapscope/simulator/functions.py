@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Container, Mapping
-from functools import partial
+from functools import lru_cache
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -21,7 +21,7 @@ from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.simulator import systemvariables
 from bcapscope.simulator.alarms import Alarm
-from bcapscope.simulator.context import Commands, Context
+from bcapscope.simulator.context import Command, Commands, Context
 from bcapscope.simulator.controllercommands import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.machine import RUNNING
 from bcapscope.simulator.motions import drive, halt, hold, move, unhold
@@ -107,19 +107,27 @@ def release(context: Context, arguments: Arguments) -> Outcome:
     return DONE
 
 
-def execute(commands: Commands, function_id: int, context: Context, arguments: Arguments) -> Outcome:
-    """Run one of the commands of an ..._Execute function.
+def executing(function_id: int, commands: Commands) -> Handler:
+    """Make what an ..._Execute function does: run one of its commands.
 
-    Raises:
-        RefusedError: the profile has no such command, or it is not simulated.
+    It refuses a command that the profile lacks, and one that is not simulated.
     """
-    name = text_of(nth(arguments, 0)).casefold()
-    run = commands.get(name)
-    if name in context.machine.profile.lacks or (run is None and not known_command(function_id, name)):
-        raise RefusedError(INVALID_COMMAND)
-    if run is None:
-        raise RefusedError(E_NOTIMPL)
-    return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
+
+    @lru_cache(maxsize=256)
+    def named(name: str, lacks: frozenset[str]) -> Command:
+        folded = name.casefold()
+        found = commands.get(folded)
+        if folded in lacks or (found is None and not known_command(function_id, folded)):
+            raise RefusedError(INVALID_COMMAND)
+        if found is None:
+            raise RefusedError(E_NOTIMPL)
+        return found
+
+    def execute(context: Context, arguments: Arguments) -> Outcome:
+        run = named(text_of(nth(arguments, 0)), context.machine.profile.lacks)
+        return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
+
+    return execute
 
 
 def _command_execute(context: Context, arguments: Arguments) -> Outcome:
@@ -232,7 +240,7 @@ _OF_ALL: Mapping[str, Handler] = {
 
 _OWN: Mapping[str, Handler] = {
     "Controller_GetMessage": get_message,
-    "Controller_Execute": partial(execute, CONTROLLER_COMMANDS, 17),
+    "Controller_Execute": executing(17, CONTROLLER_COMMANDS),
     "Controller_GetExtensionNames": lambda context, arguments: Answer(value=names(_EXTENSIONS)),
     "Controller_GetFileNames": lambda context, arguments: Answer(value=names(context.machine.files.values())),
     "Controller_GetRobotNames": lambda context, arguments: Answer(value=names(("Arm0",))),
@@ -245,7 +253,7 @@ _OWN: Mapping[str, Handler] = {
     "File_GetSize": lambda context, arguments: Answer(value=i4(0)),
     "File_GetType": lambda context, arguments: Answer(value=bstr(context.object.name.rpartition(".")[2])),
     "File_GetValue": lambda context, arguments: Answer(value=bstr("")),
-    "Robot_Execute": partial(execute, ROBOT_COMMANDS, 64),
+    "Robot_Execute": executing(64, ROBOT_COMMANDS),
     "Robot_Accelerate": _robot_accelerate,
     "Robot_Change": _robot_change,
     "Robot_Drive": _robot_drive,
@@ -254,7 +262,7 @@ _OWN: Mapping[str, Handler] = {
     "Robot_Move": _robot_move,
     "Robot_Speed": _robot_speed,
     "Robot_Unhold": lambda context, arguments: unhold(context),
-    "Task_Execute": partial(execute, TASK_COMMANDS, 87),
+    "Task_Execute": executing(87, TASK_COMMANDS),
     "Task_Start": _task_start,
     "Task_Stop": _task_stop,
     "Task_GetFileName": lambda context, arguments: Answer(value=bstr(f"{context.object.name}.pac")),
@@ -285,11 +293,7 @@ def _handler(function: Function) -> Handler | None:
     return _OWN.get(function.name) or _OF_ALL.get(verb)
 
 
-HANDLERS: Mapping[int, Handler] = MappingProxyType(
-    {
-        function.id: handler
-        for function in FUNCTIONS.values()
-        if function.id > 3 and (handler := _handler(function)) is not None
-    }
+METHODS: Mapping[int, tuple[ObjectClass, Handler | None]] = MappingProxyType(
+    {function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3}
 )
-"""What a function does, by its id; the others are not implemented."""
+"""The class that a function is called on, and what it does, by its id; None where it is not implemented."""

@@ -8,7 +8,9 @@ it is no model of any DENSO robot.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import acos, asin, atan2, cos, degrees, hypot, radians, sin
+from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.hresult import E_INVALIDARG
@@ -52,7 +54,9 @@ LIMITS: tuple[AxisLimit, ...] = (
 mode; the figures are ours."""
 
 
+_P, _J, _T = PoseType.P, PoseType.J, PoseType.T
 _ZEROS = (0.0,) * 8
+_NOT_THERE = _ZEROS[AXIS_COUNT:]
 
 
 def eight(values: tuple[float, ...]) -> Joints:
@@ -62,8 +66,8 @@ def eight(values: tuple[float, ...]) -> Joints:
 
 def beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = LIMITS) -> int | None:
     """Return the first axis (1..6) that is outside of its limits, or None."""
-    for axis, (low, high, _, _) in enumerate(limits):
-        if not low <= joints[axis] <= high:
+    for axis, (joint, (low, high, _, _)) in enumerate(zip(joints, limits, strict=False)):
+        if not low <= joint <= high:
             return axis + 1
     return None
 
@@ -134,23 +138,23 @@ def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
     Raises:
         RefusedError: there are too few numbers, or the arm is too short.
     """
-    if len(values) < (9 if pose_type is PoseType.T else AXIS_COUNT):
+    if len(values) < (9 if pose_type is _T else AXIS_COUNT):
         raise RefusedError(E_INVALIDARG)
-    if pose_type is PoseType.J:
-        return eight(values)
-    return joints_of_position(values) if pose_type is PoseType.P else joints_of_trans(values)
+    if pose_type is _J:
+        return values[:AXIS_COUNT] + _NOT_THERE
+    return joints_of_position(values) if pose_type is _P else joints_of_trans(values)
 
 
 def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
     """Compute a pose of a given type from joints."""
-    if pose_type is PoseType.J:
+    if pose_type is _J:
         return joints
-    return position(joints) if pose_type is PoseType.P else trans(joints)
+    return position(joints) if pose_type is _P else trans(joints)
 
 
-_SHORTEST = {PoseType.P: 6, PoseType.J: 6, PoseType.T: 9}
+_SHORTEST = {_P: 6, _J: 6, _T: 9}
 
-
-def is_pose_length(pose_type: PoseType, count: int) -> bool:
-    """Tell whether a set point may have so many numbers: Fig may be missing, one more may be appended."""
-    return _SHORTEST[pose_type] <= count <= len(AXES[pose_type]) + 1
+POSE_LENGTHS: Mapping[PoseType, range] = MappingProxyType(
+    {pose_type: range(_SHORTEST[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
+)
+"""How many numbers a set point may have: Fig may be missing, one more may be appended."""

@@ -267,10 +267,13 @@ class Machine:
 
     def advance(self, now: int) -> None:
         """Let time pass."""
-        fault = self.slave.advance(now)
-        if fault:
-            self.fail(fault.code, fault.time)
-        self.log.advance(now, self._record)
+        slave, log = self.slave, self.log
+        if slave.mode is not None and slave.next_tick <= now:
+            fault = slave.advance(now)
+            if fault:
+                self.fail(fault.code, fault.time)
+        if log.is_on:
+            log.advance(now, self._record)
 
     def due(self) -> int | None:
         """Return when time changes something by itself, in ns; None if nothing is under way."""

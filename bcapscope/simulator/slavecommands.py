@@ -7,6 +7,7 @@ no paper says so.
 
 from __future__ import annotations
 
+from math import hypot
 from types import MappingProxyType
 
 from bcapscope.protocol.hresult import (
@@ -23,7 +24,7 @@ from bcapscope.protocol.slavemode import PoseType, SlaveMode, mode_value, slave_
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Commands, Context
-from bcapscope.simulator.kinematics import Joints, beyond_limit, is_pose_length, joints_of, pose_of
+from bcapscope.simulator.kinematics import POSE_LENGTHS, Joints, beyond_limit, joints_of, pose_of
 from bcapscope.simulator.memory import IO_BYTES
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError, Running
 from bcapscope.simulator.refusals import POSITION_LIMIT
@@ -34,7 +35,7 @@ PATIENCE = 500 * MS
 
 INVALID_SET_POINT = 0x83201405
 LARGEST_COORDINATE = 1e9
-"""Of all together, their signs left out."""
+"""The root of the sum of all their squares is less."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
@@ -158,10 +159,10 @@ def _joints(context: Context, pose_type: PoseType, point: SetPoint) -> Joints:
     if point.problems or point.pose is None:
         raise RefusedError(E_INVALIDARG)
     values = point.pose.values
-    if not is_pose_length(pose_type, len(values) + len(point.pose.extra)):
+    if len(values) + len(point.pose.extra) not in POSE_LENGTHS[pose_type]:
         raise RefusedError(E_INVALIDARG)
     try:
-        if not sum(map(abs, values)) < LARGEST_COORDINATE:  # no sum with NaN in it is
+        if not hypot(*values) < LARGEST_COORDINATE:  # nor is it with NaN among them
             raise RefusedError(INVALID_SET_POINT)
         joints = joints_of(pose_type, values)
         axis = beyond_limit(joints, context.machine.start.limits)
