@@ -188,7 +188,7 @@ class Pacer:
     def _send(self, arguments: tuple[Variant, ...], due: int) -> int:
         exchanger = self._exchanger
         exchanger.begin(_ROBOT_EXECUTE, arguments, self._move.pace, due)
-        exchanger.link.wait(due)
+        self._wait(due)
         sent = exchanger.send()
         self.lateness.add(sent - due)
         if self.began is None:
@@ -204,16 +204,26 @@ class Pacer:
         self._idle(sent)
         return sent
 
+    def _wait(self, due: int) -> None:
+        """Wait for a deadline; where that is long, orders are looked for meanwhile."""
+        link = self._exchanger.link
+        while (now := link.now()) < due - 2 * _PATIENCE:
+            link.wait(now + _PATIENCE)
+            self._idle(link.now())
+        link.wait(due)
+
     def _await(self, due: int) -> Settled:
         """Wait for the reply, as long as the mode lets us."""
         exchanger, link = self._exchanger, self._exchanger.link
-        if self._move.mode.kind in _BY_CLOCK:
-            until = due + self._move.period - self._preparing
-            return exchanger.settle(until) or exchanger.abandon()
+        by_clock = self._move.mode.kind in _BY_CLOCK
+        until = due + self._move.period - self._preparing
         while True:
-            settled = exchanger.settle(link.now() + _PATIENCE)
+            look = link.now() + _PATIENCE
+            settled = exchanger.settle(min(look, until) if by_clock else look)
             if settled is not None:
                 return settled
+            if by_clock and link.now() >= until:
+                return exchanger.abandon()
             self._idle(link.now())
 
     def _code(self, settled: Settled) -> int | None:

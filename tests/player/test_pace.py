@@ -249,6 +249,23 @@ def test_an_order_is_obeyed_while_a_reply_is_waited_for() -> None:
     assert controller.now() - ordered <= 8 * MS
 
 
+@pytest.mark.parametrize("takes", [pytest.param(MS, id="answered"), pytest.param(None, id="unanswered")])
+@pytest.mark.parametrize("value", [0x102, 0x202])
+def test_an_order_is_obeyed_while_a_deadline_is_waited_for(value: int, takes: int | None) -> None:
+    controller = Controller()
+    controller.datagrams = False
+    controller.takes = dict.fromkeys(range(POINTS), takes)
+    ordered = 2350 * MS
+
+    def idle(now: int) -> None:
+        if now >= ordered:
+            raise HaltedError
+
+    with pytest.raises(HaltedError):
+        play(controller, mode(value), idle=idle, period=1000 * MS)
+    assert controller.now() - ordered <= 16 * MS
+
+
 def test_a_controller_that_falls_behind_is_waited_for() -> None:
     controller = Controller()
     controller.datagrams = False
