@@ -26,12 +26,13 @@ from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, describe
 from bcapscope.protocol.requester import Event, Pace
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.traffic.opened import Book, Opened
 from bcapscope.tui.desk.arming import Arming, may_move
 from bcapscope.tui.desk.audit import Audit
 from bcapscope.tui.desk.halt import HaltLine, HaltNews, HaltState
 from bcapscope.tui.desk.news import Lost, News, Status, Trouble
+from bcapscope.tui.desk.pulse import Pulse
 from bcapscope.tui.desk.record import Ending, Record, Who, cause, why
 from bcapscope.tui.desk.recorder import WHO, Recorder
 from bcapscope.tui.words import say
@@ -62,6 +63,7 @@ class Desk:
         arming: armed or not.
         audit: where everything that was sent is written down.
         status: what the screen shows; replaced whole, so that any thread may read it.
+        pulse: when the controller was heard last.
         session: the one in use; None while there is no connection.
         resting: nothing is read that nobody asked for, as it might end the slave mode of another client.
     """
@@ -84,6 +86,7 @@ class Desk:
         self.audit = Audit(audit_folder, lambda text: tell(Trouble(text)))
         self.arming = Arming()
         self.status = Status()
+        self.pulse = Pulse(self.now())
         self.session: Session | None = None
         self.resting = False
         self._reach: Reach | None = None
@@ -140,6 +143,7 @@ class Desk:
         self.session = await self._stack.enter_async_context(session)
         self._reach = Reach(self.session, target.service, target.connect, {})
         self.arming = Arming()
+        self.pulse = Pulse(self.now())
         self.show(target=target)
 
     def open_halt_line(self, robot: str) -> None:
@@ -336,12 +340,16 @@ class Desk:
         self._recorder.hear(event, time.time_ns())
 
     def _observe(self, seen: Observation) -> None:
-        self.audit.take(seen, WHO.get())
-        self._tap(seen)
+        self._note(seen, WHO.get())
         self._recorder.observe(seen)
 
     def _observe_halt(self, seen: Observation) -> None:
-        self.audit.take(seen, Who.SCREEN)
+        self._note(seen, Who.SCREEN)
+
+    def _note(self, seen: Observation, who: Who) -> None:
+        is_request = seen.flow.direction is Direction.REQUEST
+        (self.pulse.asked if is_request else self.pulse.heard)(self.now())
+        self.audit.take(seen, who)
         self._tap(seen)
 
     def _take(self, record: Record) -> None:
@@ -357,9 +365,7 @@ class Desk:
             if command in ("takearm", "givearm"):
                 changes["holds_arm"] = command == "takearm"
         if record.reply is not None:
-            changes |= {"round_trip": record.took, "is_silent": False}
-        elif record.ending is Ending.UNANSWERED:
-            changes["is_silent"] = True
+            changes["round_trip"] = record.took
         mode = _mode_after(record)
         if mode is not None and mode != self.status.slave_mode:
             changes["slave_mode"] = mode

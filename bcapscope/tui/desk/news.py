@@ -66,7 +66,6 @@ class Status:
         slave_mode: number of the mode that the robot is in as far as our own calls tell.
         holds_arm: our TakeArm was answered, and no GiveArm since; an error may have taken the arm back.
         round_trip: ns, of the last call that was answered.
-        is_silent: the last call was not answered.
     """
 
     target: Target | None = None
@@ -76,7 +75,6 @@ class Status:
     slave_mode: int = 0
     holds_arm: bool = False
     round_trip: int = 0
-    is_silent: bool = False
 
     @property
     def is_connected(self) -> bool:

@@ -237,7 +237,7 @@ class Tester(Parted):
 
     def _show_status(self) -> None:
         desk = self.desk
-        line = status_text(desk.status, desk.arming, desk.now(), self._halt_news)
+        line = status_text(desk.status, desk.arming, desk.now(), self._halt_news, desk.pulse)
         inks = scope_of(self).inks
         scope_of(self).status = Text.assemble(*[(text, inks.get(ink, "")) for text, ink in line])
 

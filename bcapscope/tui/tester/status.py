@@ -7,22 +7,28 @@ from bcapscope.render.escape import printable
 from bcapscope.tui.desk.arming import Arming
 from bcapscope.tui.desk.halt import HaltNews, HaltState
 from bcapscope.tui.desk.news import Status
+from bcapscope.tui.desk.pulse import Pulse
 from bcapscope.tui.words import say
 
 Piece = tuple[str, str]
 """A text and the name of its ink."""
 
 _LONGEST_HOST = 24
+_SECOND = 1_000_000_000
+_LONG = 3 * _SECOND
 _HALT_INKS = {HaltState.READY: "good", HaltState.HALTED: "bad", HaltState.OPENING: "dim"}
 
 
-def status_text(status: Status, arming: Arming, now: int, halt: HaltNews) -> list[Piece]:
+def status_text(status: Status, arming: Arming, now: int, halt: HaltNews, pulse: Pulse) -> list[Piece]:
     """Write the line, piece by piece."""
     if status.target is None:
         return [(f" {say('tester.status.none')} ", "dim")]
-    pieces = [_peer(status)]
-    if status.is_silent:
-        pieces.append((f"{say('tester.status.silent')} ", "bad"))
+    is_silent, age = pulse.is_silent(now), pulse.age(now)
+    pieces = [_peer(status, is_silent)]
+    if is_silent:
+        pieces.append((f"{say('tester.status.silent', seconds=age // _SECOND)} ", "bad"))
+    elif status.slave_mode and age >= _LONG:  # nothing is asked there that nobody wants to know
+        pieces.append((f"{say('tester.status.age', seconds=age // _SECOND)} ", "dim"))
     elif status.round_trip:
         pieces.append((f"{status.round_trip / 1e6:.1f} ms ", "dim"))
     if status.slave_mode:
@@ -35,12 +41,12 @@ def status_text(status: Status, arming: Arming, now: int, halt: HaltNews) -> lis
     return pieces
 
 
-def _peer(status: Status) -> Piece:
+def _peer(status: Status, is_silent: bool) -> Piece:
     assert status.target is not None
     name = say("tester.status.simulator")
     if not status.identity.simulator:
         name = printable(status.target.host)[:_LONGEST_HOST]
-    mark, ink = ("◌", "bad") if status.is_silent else ("●", "good")
+    mark, ink = ("◌", "bad") if is_silent else ("●", "good")
     return f" {mark} {name} ", ink
 
 
@@ -49,7 +55,7 @@ def _arms(arming: Arming, now: int) -> Piece:
         return f" {say('tester.status.free')} ", "good"
     if not arming.is_armed(now):
         return f" {say('tester.status.safe')} ", "good"
-    seconds = arming.left(now) // 1_000_000_000
+    seconds = arming.left(now) // _SECOND
     return f" {say('tester.status.armed')} {seconds // 60}:{seconds % 60:02d} ", "bad"
 
 
