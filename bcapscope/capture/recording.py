@@ -32,6 +32,9 @@ _SEQUENCE_NS = 4000
 _MOST_WAYS = 4096
 """Pairs of hosts whose addresses are kept packed, and pairs of ends whose headers are."""
 
+_MOST_SIZES = 64
+"""Sizes of datagrams between the same ends for which the headers are kept."""
+
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
 _DATAGRAM = struct.Struct(">HHHH")
@@ -49,7 +52,7 @@ class Recording:
         """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
         self._sequence: dict[tuple[Address, Address], int] = {}
         self._ways: dict[tuple[str, str], _Way] = {}
-        self._heads: dict[tuple[Address, Address, int], bytes] = {}
+        self._heads: dict[tuple[Address, Address], dict[int, bytes]] = {}
         self._packets = PacketWriter(file)
 
     def go_on(self, file: BinaryIO | RawIOBase) -> None:
@@ -67,8 +70,9 @@ class Recording:
         comment: str = "",
     ) -> None:
         """Write a UDP datagram."""
-        head = self._heads.get((source, target, len(data))) or self._head(source, target, len(data))
-        packet = head + data
+        heads = self._heads.get((source, target))
+        head = heads.get(len(data)) if heads is not None else None
+        packet = (head or self._head(source, target, len(data))) + data
         self._packets.write((time, packet, len(packet), where, (comment,) if comment else ()))
 
     def segment(
@@ -113,9 +117,10 @@ class Recording:
         self._bare(source, target, _ACK | (_RST if reset else _FIN), time, where, comment)
 
     def ended(self, client: Address, server: Address) -> None:
-        """Forget a connection that is gone."""
-        self._sequence.pop((client, server), None)
-        self._sequence.pop((server, client), None)
+        """Forget a connection that is gone, or a client of UDP."""
+        for ends in ((client, server), (server, client)):
+            self._sequence.pop(ends, None)
+            self._heads.pop(ends, None)
 
     def _bare(  # noqa: PLR0917 - the inner one of those that write single packets
         self, source: Address, target: Address, flags: int, time: int, where: Interface, comment: str = ""
@@ -134,11 +139,14 @@ class Recording:
         return b"".join((self._ip(source, target, _TCP, 20 + len(data)), head, data))
 
     def _head(self, source: Address, target: Address, size: int) -> bytes:
-        """Make what stands before so many bytes of a datagram."""
+        """Make what stands before so many bytes of a datagram, and keep it for the next ones."""
         if len(self._heads) >= _MOST_WAYS:
             self._heads.clear()
+        heads = self._heads.setdefault((source, target), {})
+        if len(heads) >= _MOST_SIZES:
+            heads.clear()
         udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
-        head = self._heads[source, target, size] = self._ip(source, target, _UDP, 8 + size) + udp
+        head = heads[size] = self._ip(source, target, _UDP, 8 + size) + udp
         return head
 
     def _ip(self, source: Address, target: Address, protocol: int, size: int) -> bytes:

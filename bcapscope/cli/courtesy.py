@@ -2,9 +2,12 @@
 
 On two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms while the
 watcher had a low priority (nice 10) and 0.5 ms while it had the idle one: whoever wakes goes before a program
-of idle priority at once, before any other only at the end of its slice of some 3 ms. But beside programs that
-are always busy idle priority gives next to nothing (sched(7)); so the relay, which has the processor when it
-needs it, looks how far the watcher has come.
+of idle priority soon, before any other only at the end of its slice of some 3 ms. Neither is sure, as Linux
+counts what each has had and looks again only at a tick, every 1 to 10 ms (sched(7), EEVDF): so between two
+pieces of work, some hundredths of a millisecond each, it also yields, which is such a look.
+
+But beside programs that are always busy idle priority gives next to nothing, and who yields gives a whole
+slice away. So the relay, which has the processor when it needs it, looks how far the watcher has come.
 """
 
 from __future__ import annotations
@@ -13,18 +16,33 @@ import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from enum import IntEnum
 from pathlib import Path
 
-from bcapscope.proxy.ring import RingWriter
+from bcapscope.proxy.ring import RingReader, RingWriter
 
 TAKEN_WITHIN = 0.15
 """Seconds after which what had passed at one look is to be recorded, or shown where nothing is recorded."""
+
+OVERDUE_AFTER = 0.4
+"""The same, if it is to be recorded within a second whatever else the machine does."""
 
 FULL = 0.5
 """Share of the ring that may wait."""
 
 AGAIN_AFTER = 30.0
 """Seconds without delay after which the watcher gives way again."""
+
+
+class Haste(IntEnum):
+    """In what haste the watcher is."""
+
+    NONE = 0
+    """It has idle priority, and yields."""
+    SOME = 1
+    """It has the relay's priority, and yields."""
+    ALL = 2
+    """It has the relay's priority."""
 
 
 class Courtesy:
@@ -35,13 +53,13 @@ class Courtesy:
 
         Args:
             ring: that it reads.
-            give_way: called with whether it is to give way, when that changes.
+            give_way: called with whether it is to have idle priority, when that changes.
         """
         self._ring = ring
         self._give_way = give_way
-        self._gives_way = True
+        self._haste = Haste.ALL
         self._mark, self._marked_at, self._late_at = 0, 0.0, 0.0
-        give_way(True)
+        self._be(Haste.NONE)
 
     def look(self, now: float) -> None:
         """Look how far it has come.
@@ -49,24 +67,48 @@ class Courtesy:
         Args:
             now: s, of any clock that runs evenly.
         """
-        if self._is_late(now):
+        haste = self._needed(now)
+        if haste:
             self._late_at = now
-            self.end()
-        elif not self._gives_way and now - self._late_at >= AGAIN_AFTER:
-            self._gives_way = True
-            self._give_way(True)
+            self._be(max(haste, self._haste))
+        elif now - self._late_at >= AGAIN_AFTER:
+            self._be(Haste.NONE)
 
     def end(self) -> None:
         """Have it give way no more, as when nothing passes any longer and somebody waits for its end."""
-        if self._gives_way:
-            self._gives_way = False
-            self._give_way(False)
+        self._be(Haste.ALL)
 
-    def _is_late(self, now: float) -> bool:
+    def _be(self, haste: Haste) -> None:
+        before, self._haste = self._haste, haste
+        if haste is not before:
+            self._ring.haste = haste
+        if bool(haste) is not bool(before):
+            self._give_way(not haste)
+
+    def _needed(self, now: float) -> Haste:
         ring = self._ring
         if ring.taken >= self._mark:
             self._mark, self._marked_at = ring.written, now
-        return now - self._marked_at > TAKEN_WITHIN or ring.share > FULL
+        late = now - self._marked_at
+        if late > OVERDUE_AFTER or ring.share > FULL:
+            return Haste.ALL
+        return Haste.SOME if late > TAKEN_WITHIN else Haste.NONE
+
+
+def turns_for_others(ring: RingReader) -> Callable[[], None]:
+    """Return what the watcher calls between two pieces of work, so that whoever waits has its turn.
+
+    Args:
+        ring: that it reads.
+    """
+    if not hasattr(os, "sched_yield"):
+        return lambda: None
+
+    def give() -> None:
+        if ring.haste < Haste.ALL:
+            os.sched_yield()
+
+    return give
 
 
 def step_back(niceness: int) -> None:

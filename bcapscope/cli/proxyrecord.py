@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable
-from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 from bcapscope.capture.packet import Interface
 from bcapscope.capture.recording import RAW, Recording
 from bcapscope.capture.series import Bounds, Series
 from bcapscope.proxy.ring import Kind, Record
-from bcapscope.proxy.witness import Met, met
+from bcapscope.proxy.witness import met
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Transport
+
+_Ends: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
 
 
 class _Leg:
@@ -20,22 +23,22 @@ class _Leg:
 
     Attributes:
         where: the interface.
-        asking: the end from which requests come.
-        asked: the other.
-        begun: the TCP connection is in the recording.
+        is_stream: it is a TCP connection.
+        begun: that connection is in the recording.
+        ends: who speaks to whom; what goes down at 0, up at 1.
     """
 
-    __slots__ = ("asked", "asking", "begun", "where")
+    __slots__ = ("begun", "ends", "is_stream", "where")
 
-    def __init__(self, name: str, asking: tuple[str, int], asked: tuple[str, int]) -> None:
+    def __init__(self, name: str, asking: tuple[str, int], asked: tuple[str, int], is_stream: bool) -> None:
         self.where = Interface(RAW, name)
-        self.asking = asking
-        self.asked = asked
+        self.is_stream = is_stream
         self.begun = False
+        self.ends: tuple[_Ends, _Ends] = (asked, asking), (asking, asked)
 
-    def ends(self, up: bool) -> tuple[tuple[str, int], tuple[str, int]]:
-        """Return who speaks to whom."""
-        return (self.asking, self.asked) if up else (self.asked, self.asking)
+
+_Step: TypeAlias = tuple[int, _Leg, Record]
+"""When what is to be written of a record, and where."""
 
 
 class ProxyRecorder:
@@ -50,36 +53,85 @@ class ProxyRecorder:
         self._series: Series | None = Series(path, bounds)
         self._path = path
         self._tell = tell
-        self._legs: dict[int, tuple[Transport, _Leg, _Leg]] = {}
+        self._legs: dict[int, tuple[_Leg, _Leg]] = {}
+        self._steps: list[_Step] = []
 
     def take(self, records: Iterable[Record]) -> None:
-        """Write what was told, in the order of its times."""
-        series = self._series
-        if series is None:
+        """Write what was told, in the order of its times; what may not be the next one waits for `flush`."""
+        if self._series is None:
             return
-        steps: list[tuple[int, Callable[[int], None]]] = []
+        steps, legs, came = self._steps, self._legs, 0
         for record in records:
             if record.kind is Kind.OPENED:
-                self._meet(met(record), record, steps)
-            elif record.client in self._legs and record.kind is Kind.GONE:
-                steps.append((record.came, partial(self._forget, record.client)))
-            elif record.client in self._legs:
-                self._add(record, steps)
+                self._meet(record)
+            known = legs.get(record.client)
+            if known is None:
+                continue
+            near, far = known
+            came = max(came, record.came)
+            if record.kind is Kind.OPENED or record.kind is Kind.GONE:
+                steps.append((record.came, near, record))
+                continue
+            first, second = (near, far) if record.up else (far, near)
+            if record.came:
+                steps.append((record.came, first, record))
+            if record.left:
+                steps.append((record.left, second, record))
         steps.sort(key=_time)
-        try:
-            for time, write in steps:
-                write(time)
-            series.flush()
-        except OSError as error:
-            why = (error.strerror or str(error)).lower()
-            self._tell(f"{printable(str(self._path))} is not written any more: {why}")
-            self.close()
+        self._write(bisect_right(steps, came, key=_time))
+
+    def flush(self) -> None:
+        """Put all that was taken into the file."""
+        self._write(len(self._steps))
+        if self._series is not None:
+            try:
+                self._series.flush()
+            except OSError as error:
+                self._give_up(error)
 
     def close(self) -> None:
-        """Close the file; what was taken is in it."""
+        """Close the file, with all that was taken in it."""
+        self.flush()
+        self._shut()
+
+    def _shut(self) -> None:
+        self._steps.clear()
         if self._series is not None:
             self._series.close()
             self._series = None
+
+    def _meet(self, record: Record) -> None:
+        who = met(record)
+        is_stream = who.transport is Transport.TCP
+        self._legs[record.client] = (
+            _Leg(f"clients of {who.listen}", who.client, who.listen, is_stream),
+            _Leg(f"controller {who.controller}", who.upstream, who.controller, is_stream),
+        )
+
+    def _write(self, count: int) -> None:
+        """Write so many of the steps."""
+        steps, self._steps = self._steps[:count], self._steps[count:]
+        try:
+            for time, leg, record in steps:
+                if record.kind is Kind.DATA:
+                    self._add(time, leg, record)
+                else:
+                    self._open_or_end(time, leg, record)
+        except OSError as error:
+            self._give_up(error)
+
+    def _open_or_end(self, time: int, leg: _Leg, record: Record) -> None:
+        if record.kind is Kind.GONE:
+            self._forget(record.client)
+        elif record.kind is not Kind.OPENED:
+            self._end(leg, record, time)
+        elif leg.is_stream:
+            self._begin(leg, time)
+
+    def _give_up(self, error: OSError) -> None:
+        why = (error.strerror or str(error)).lower()
+        self._tell(f"{printable(str(self._path))} is not written any more: {why}")
+        self._shut()
 
     def _recording(self) -> Recording:
         """Return what packets are written with, to the next file where it is time to."""
@@ -87,54 +139,36 @@ class ProxyRecorder:
         self._series.turn()
         return self._series.recording
 
-    def _meet(self, who: Met, record: Record, steps: list[tuple[int, Callable[[int], None]]]) -> None:
-        near = _Leg(f"clients of {who.listen}", who.client, who.listen)
-        far = _Leg(f"controller {who.controller}", who.upstream, who.controller)
-        self._legs[record.client] = who.transport, near, far
-        if who.transport is Transport.TCP:
-            steps.append((record.came, partial(self._begin, near)))
-
     def _begin(self, leg: _Leg, time: int) -> None:
         leg.begun = True
-        self._recording().opened(leg.asking, leg.asked, time, where=leg.where)
+        self._recording().opened(*leg.ends[1], time, where=leg.where)
 
-    def _add(self, record: Record, steps: list[tuple[int, Callable[[int], None]]]) -> None:
-        transport, near, far = self._legs[record.client]
-        first, second = (near, far) if record.up else (far, near)
-        for time, leg in ((record.came, first), (record.left, second)):
-            if time:
-                steps.append((time, partial(self._write, transport, leg, record)))
-
-    def _write(self, transport: Transport, leg: _Leg, record: Record, time: int) -> None:
-        source, target = leg.ends(record.up)
-        if record.kind is not Kind.DATA:
-            self._end(leg, record, time)
-        elif transport is Transport.TCP:
+    def _add(self, time: int, leg: _Leg, record: Record) -> None:
+        source, target = leg.ends[record.up]
+        data, note = record.data, record.note
+        if leg.is_stream:
             if not leg.begun:
                 self._begin(leg, time)
-            self._recording().segment(source, target, record.data, time, where=leg.where, comment=record.note)
+            self._recording().segment(source, target, data, time, where=leg.where, comment=note)
         else:
-            self._recording().datagram(
-                source, target, record.data, time, where=leg.where, comment=record.note
-            )
+            self._recording().datagram(source, target, data, time, where=leg.where, comment=note)
 
     def _end(self, leg: _Leg, record: Record, time: int) -> None:
         """Write the end of a direction, of a connection that is in the recording."""
         if leg.begun:
             self._recording().finished(
-                *leg.ends(record.up),
+                *leg.ends[record.up],
                 time,
                 where=leg.where,
                 reset=record.kind is Kind.RESET,
                 comment=record.data.decode("utf-8", "replace"),
             )
 
-    def _forget(self, client: int, time: int) -> None:
+    def _forget(self, client: int) -> None:
         assert self._series is not None
-        _, *legs = self._legs.pop(client)
-        for leg in legs:
-            self._series.recording.ended(leg.asking, leg.asked)
+        for leg in self._legs.pop(client):
+            self._series.recording.ended(*leg.ends[1])
 
 
-def _time(step: tuple[int, Callable[[int], None]]) -> int:
+def _time(step: _Step) -> int:
     return step[0]

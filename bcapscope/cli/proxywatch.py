@@ -17,7 +17,7 @@ from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session import IN_SLAVE_MODE
-from bcapscope.cli.courtesy import step_back
+from bcapscope.cli.courtesy import step_back, turns_for_others
 from bcapscope.cli.output import palette
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxystatus import Delays, losses, rates, totals
@@ -46,7 +46,9 @@ _MARGIN = round(3 * TICK * 1e9)
 
 _NICENESS = 10
 _AT_ONCE = 128
-"""Records."""
+"""Records that are shown together."""
+_PIECE = 8
+"""Records that are recorded before others have their turn."""
 
 _CATCHES_UP_WITHIN = 10.0
 """Seconds that what is left may take at the end to be decoded; all of it is recorded."""
@@ -105,11 +107,15 @@ class Scribe:
         """Take a reader that is ahead of the watcher's, and what writes."""
         self.reader = reader
         self._recorder = recorder
+        self._pause = turns_for_others(reader)
 
     def write(self) -> None:
         """Record what there was at the last look."""
-        while records := self.reader.take(_AT_ONCE):
+        until = self.reader.place + self.reader.waiting
+        while self.reader.place < until and (records := self.reader.take(_PIECE)):
             self._recorder.take(records)
+            self._pause()
+        self._recorder.flush()
 
 
 class Watcher:
@@ -126,6 +132,7 @@ class Watcher:
         self._wishes = wishes
         self._screen = screen
         self._scribe = scribe
+        self._pause = turns_for_others(reader)
         self._colors = palette(wishes.color)
         self._view = View(wishes.look, self._colors)
         self._witness = Witness()
@@ -190,6 +197,7 @@ class Watcher:
             settled = self._tracker.observe(seen)
             if settled:
                 lines += self._settled(settled)
+            self._pause()
         self._screen.show(lines)
         self._delays.add(records)
         self._tell(records)

@@ -28,7 +28,7 @@ MOST_TOLD = 1024
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
-_WRITTEN, _READ, _AHEAD, _COUNTS, _FIGURES = 0, 1, 2, 8, 64  # places in the header, in 8 bytes
+_WRITTEN, _READ, _AHEAD, _HASTE, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # places in the header, in 8 bytes
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 
@@ -94,6 +94,7 @@ class Figure(IntEnum):
 
 _CAME, _LEFT = (int(Count.CAME_DOWN), int(Count.CAME_UP)), (int(Count.LEFT_DOWN), int(Count.LEFT_UP))
 _DATA = int(Kind.DATA)
+_KINDS = tuple(Kind)
 
 
 class Record(NamedTuple):
@@ -127,6 +128,15 @@ class _Ring:
         self._size = len(self._space)
         self.counts = self._marks[_COUNTS : _COUNTS + len(Count)]
         self.figures = self._marks[_FIGURES : _FIGURES + len(Figure)]
+
+    @property
+    def haste(self) -> int:
+        """In what haste the reader is to be, as the writer says; both know the numbers."""
+        return self._marks[_HASTE]
+
+    @haste.setter
+    def haste(self, haste: int) -> None:
+        self._marks[_HASTE] = haste
 
     def release(self) -> None:
         """Let go of the memory."""
@@ -327,24 +337,21 @@ class RingReader(_Ring):
         records: list[Record] = []
         space, size, read = self._space, self._size, self.place
         ready = self._ready if until is None else until
+        whole = size - _HEAD.size
         while read < ready and len(records) < most:
             place = read % size
-            need, kind, up, noted, client, length, came, left = _peek(space, place)
+            if place > whole:  # a pad whose head is cut by the end of the memory
+                read += size - place
+                continue
+            need, kind, up, noted, client, length, came, left = _HEAD.unpack_from(space, place)
             read += need
-            if kind != Kind.PAD:
+            if kind:
                 end = place + 32 + length
                 data = bytes(space[place + 32 : end])
                 note = str(space[end : end + noted], "utf-8", "replace") if noted else ""
-                records.append(Record(Kind(kind), bool(up), client, came, left, data, note))
+                records.append(Record(_KINDS[kind], up == 1, client, came, left, data, note))
         self.place = read
         self._marks[self._mark] = read
         if read >= self._ready:
             self._ready = self._marks[_WRITTEN]
         return records
-
-
-def _peek(space: memoryview, place: int) -> tuple[int, ...]:
-    """Read the head of a record; that of a pad may be cut by the end of the memory."""
-    if len(space) - place < _HEAD.size:
-        return (*_PAD.unpack_from(space, place), 0, 0, 0, 0, 0, 0)
-    return _HEAD.unpack_from(space, place)

@@ -8,7 +8,17 @@ import sys
 
 import pytest
 
-from bcapscope.cli.courtesy import AGAIN_AFTER, FULL, TAKEN_WITHIN, Courtesy, _may_come_back, idle_priority
+from bcapscope.cli.courtesy import (
+    AGAIN_AFTER,
+    FULL,
+    OVERDUE_AFTER,
+    TAKEN_WITHIN,
+    Courtesy,
+    Haste,
+    _may_come_back,
+    idle_priority,
+    turns_for_others,
+)
 from bcapscope.proxy.ring import HEADER, RingReader, RingWriter
 
 SIZE = 1 << 14
@@ -46,12 +56,38 @@ def test_it_gives_way_while_it_keeps_up() -> None:
 def test_what_is_not_recorded_in_time_ends_it_and_time_without_delay_brings_it_back() -> None:
     scene = Scene()
     scene.pass_for(2)
-    scene.pass_for(2 * TAKEN_WITHIN + 0.2, recorded=False, decoded=False)
+    scene.pass_for(2 * TAKEN_WITHIN, recorded=False, decoded=False)
     assert scene.asked == [True, False]
+    assert scene.recorder.haste == Haste.SOME
     scene.pass_for(AGAIN_AFTER - 1)
     assert scene.asked == [True, False]
     scene.pass_for(2)
     assert scene.asked == [True, False, True]
+    assert scene.recorder.haste == Haste.NONE
+
+
+def test_what_is_overdue_gives_others_no_turn_until_there_is_time_again() -> None:
+    scene = Scene()
+    scene.pass_for(2)
+    scene.pass_for(OVERDUE_AFTER + 0.2, recorded=False, decoded=False)
+    assert scene.decoder.haste == Haste.ALL
+    scene.pass_for(TAKEN_WITHIN + 0.2, recorded=False, decoded=False)
+    scene.pass_for(AGAIN_AFTER - 1)
+    assert scene.decoder.haste == Haste.ALL
+    scene.pass_for(2)
+    assert scene.decoder.haste == Haste.NONE
+    assert scene.asked == [True, False, True]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_yield"), reason="there is nothing to yield with")
+def test_others_have_their_turn_but_not_when_all_haste_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, yields = Scene(), []
+    monkeypatch.setattr(os, "sched_yield", lambda: yields.append(scene.now))
+    give = turns_for_others(scene.decoder)
+    for haste, count in ((Haste.NONE, 1), (Haste.SOME, 2), (Haste.ALL, 2)):
+        scene.writer.haste = haste
+        give()
+        assert len(yields) == count
 
 
 def test_what_is_recorded_may_be_decoded_later_until_half_the_ring_waits() -> None:
@@ -87,6 +123,7 @@ def test_at_the_end_it_gives_way_no_more() -> None:
     for _ in range(2):
         scene.courtesy.end()
     assert scene.asked == [True, False]
+    assert scene.decoder.haste == Haste.ALL
 
 
 @POLICIES

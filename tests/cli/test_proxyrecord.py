@@ -67,3 +67,31 @@ def test_a_client_that_goes_begins_no_file_of_a_ring(tmp_path: Path) -> None:
             times.append([packet[0] for packet in capture])
     assert times == [[1_000, 1_001], [2_000, 2_001]]
     assert not TOLD
+
+
+def test_packets_stand_in_the_order_of_their_times_however_they_are_taken(tmp_path: Path) -> None:
+    records = [Record(Kind.OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")]
+    records += [
+        Record(Kind.DATA, True, 1, time, time + 25, bytes(time % 300), "") for time in range(10, 400, 10)
+    ]
+    for size in (1, 2, 7, 100):
+        path = tmp_path / f"{size}.pcapng"
+        recorder = ProxyRecorder(path, None, TOLD.append)
+        for start in range(0, len(records), size):
+            recorder.take(records[start : start + size])
+        recorder.close()
+        with open_capture(str(path)) as capture:
+            times = [packet[0] for packet in capture]
+        assert times == sorted([*range(10, 400, 10), *range(35, 425, 10)])
+    assert not TOLD
+
+
+def test_what_is_flushed_can_be_read_before_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "r.pcapng"
+    recorder = ProxyRecorder(path, None, TOLD.append)
+    recorder.take([Record(Kind.OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")])
+    recorder.take([Record(Kind.DATA, True, 1, 10, 20, b"x", "")])
+    recorder.flush()
+    with open_capture(str(path)) as capture:
+        assert [packet[0] for packet in capture] == [10, 20]
+    recorder.close()
