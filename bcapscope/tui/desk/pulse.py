@@ -9,8 +9,8 @@ PATIENCE = 1_500_000_000
 class Pulse:
     """When the controller was heard last, on any of the lines to it, and whether it owes an answer.
 
-    What is sent and received tells, in any thread; times are ns of one clock. Where nothing is asked, nothing is
-    known: a silence counts only from a request on.
+    What is sent and received tells, in any thread; times are ns of one clock. Where nothing is asked, nothing
+    is known: a silence counts only from a request on.
     """
 
     def __init__(self, now: int) -> None:
