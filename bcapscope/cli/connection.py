@@ -50,7 +50,8 @@ _OPTIONS = (
         type=click.IntRange(0, 100),
         default=PACES.others.retries,
         show_default=True,
-        help="Tries after the first, on UDP; on TCP their time is given to the only one.",
+        help="Tries after the first, on UDP; 4 are 3 in Async modes, as DENSO recommends; on TCP the time of "
+        "all is given to the only one.",
     ),
     click.option(
         "--convention",

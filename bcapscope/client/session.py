@@ -7,7 +7,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Protocol, TypeAlias
 
 from bcapscope.client.caller import Caller, Listener, Observer
-from bcapscope.client.paces import PACES, PORT, Paces
+from bcapscope.client.paces import OTHERS_IN_ASYNC, PACES, PORT, Paces
 from bcapscope.client.target import Target
 from bcapscope.client.values import arguments_of
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
@@ -162,12 +162,13 @@ class Session:
             pass  # what is refused here was let go before, by the controller or together with its owner
 
     def pace(self, function_id: int, arguments: Sequence[Variant]) -> Pace:
-        """Return how long this call may take, in the slave mode that its robot is in."""
+        """Return how long this call may take, in the slave mode that the robot is in."""
         paces = self.paces
         if not self._caller.link.datagrams:
             return Pace(paces.others.timeout * (paces.others.retries + 1), 0)
         if command_of(function_id, arguments) != "slvmove":
-            return paces.others
+            in_async = paces.others == PACES.others and any(mode & _ASYNC for mode in self._modes.values())
+            return OTHERS_IN_ASYNC if in_async else paces.others
         return paces.asynchronous if self._modes.get(_handle(arguments), 0) & _ASYNC else paces.sync
 
     def _note(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:

@@ -37,7 +37,9 @@ def _moment() -> float:
         ("slvMove", 0x002, 8, 0.016),
         ("SLVMOVE", 0x202, 8, 0.016),
         ("slvMove", 0x102, 1, 0.002),
-        ("CurJnt", 0x102, 5, 5.0),
+        ("CurJnt", 0x002, 5, 5.0),
+        ("CurJnt", 0x202, 5, 5.0),
+        ("CurJnt", 0x102, 4, 4.0),
     ],
 )
 def test_the_pace_is_that_of_the_slides(command: str, mode: int, tries: int, seconds: float) -> None:
@@ -67,6 +69,31 @@ def test_tcp_tries_once_and_waits_as_long() -> None:
                 await Robot(session, 7).execute("slvMove")
             assert [attempt.serial for attempt in caught.value.attempts] == [1]
             assert _moment() == pytest.approx(5.0)
+
+    run_virtually(play())
+
+
+@pytest.mark.parametrize(
+    ("retries", "mode", "tries"),
+    [
+        pytest.param(4, 0, 5, id="after an Async mode"),
+        pytest.param(6, 0x101, 7, id="in an Async mode, by wish"),
+        pytest.param(0, 0x101, 1, id="without retries"),
+    ],
+)
+def test_how_often_other_calls_are_tried(retries: int, mode: int, tries: int) -> None:
+    async def play() -> None:
+        near, far = memory_pair()
+        peer = Peer(far)
+        paces = Paces(others=Pace(1_000_000_000, retries))
+        async with open_session(over_link(near), paces=paces) as session:
+            robot = Robot(session, 7)
+            await robot.slv_change_mode(0x101)
+            await robot.slv_change_mode(mode)
+            peer.answers["Robot_Execute"] = None
+            with pytest.raises(ExchangeTimeout) as caught:
+                await robot.execute("CurJnt")
+            assert len(caught.value.attempts) == tries
 
     run_virtually(play())
 
