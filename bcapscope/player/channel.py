@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from bcapscope.transport.link import Address, Carrier
+from bcapscope.transport.udp import to_try
 
 SPIN = 200_000
 """ns before a deadline from which on the clock is watched instead of slept on: no sleep overruns as much."""
@@ -118,7 +119,8 @@ def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_po
     """
     if tcp:
         return SocketChannel(socket.create_connection((host, port), timeout))
-    family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+    found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+    family, kind, protocol, _, address = to_try(found)
     sock = socket.socket(family, kind, protocol)
     try:
         if local_port:

@@ -3,10 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-from typing import cast
+import socket
+from collections.abc import Iterable
+from typing import Any, TypeAlias, cast
 
 from bcapscope.transport.link import Receiver
 from bcapscope.transport.socketlink import SocketLink, words
+
+Found: TypeAlias = tuple[int, int, int, str, Any]
+"""As `socket.getaddrinfo` tells an address."""
+
+
+def to_try(found: Iterable[Found]) -> Found:
+    """Choose one of a host's addresses: that of IPv4, which controllers have, where there is one.
+
+    Over UDP a wrong choice looks like a controller that does not answer; names such as localhost often have
+    an address of IPv6 before it.
+    """
+    return min(found, key=lambda each: each[0] != socket.AF_INET)
 
 
 class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
@@ -39,5 +53,8 @@ async def open_udp(host: str, port: int, receiver: Receiver) -> UdpLink:
         OSError: there is no such host, or no way to it.
     """
     loop = asyncio.get_running_loop()
-    _, link = await loop.create_datagram_endpoint(lambda: UdpLink(receiver), remote_addr=(host, port))
+    family, *_ = to_try(await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))
+    _, link = await loop.create_datagram_endpoint(
+        lambda: UdpLink(receiver), remote_addr=(host, port), family=family
+    )
     return link

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from bcapscope.player.channel import SPIN, SocketChannel, open_channel
+from tests.transport.test_udp import two_addresses
 
 
 @pytest.fixture
@@ -30,6 +31,13 @@ def test_waiting_ends_on_time_and_not_before(length: int) -> None:
     until = channel.now() + length
     channel.wait(until)
     assert channel.now() >= until
+    channel.close()
+
+
+def test_a_name_with_an_address_of_ipv6_before_it_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "getaddrinfo", two_addresses)
+    channel = open_channel("controller.test", 5007, tcp=False)
+    assert channel.peer == ("127.0.0.1", 5007)
     channel.close()
 
 

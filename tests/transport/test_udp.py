@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import socket
 
-from bcapscope.transport.udp import open_udp
+import pytest
+
+from bcapscope.transport.udp import Found, open_udp, to_try
 from tests.transport.receiver import Notes
 
 
@@ -23,6 +25,37 @@ def test_datagrams_go_both_ways() -> None:
             assert await notes.told.get() == ("received", b"two")
             link.close()
             link.close()
+
+    asyncio.run(talk())
+
+
+def two_addresses(name: str, port: int, **_: object) -> list[Found]:
+    """Find what localhost has on many systems."""
+    return [
+        (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("::1", port, 0, 0)),
+        (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.1", port)),
+    ]
+
+
+def test_of_two_addresses_that_of_ipv4_is_tried() -> None:
+    six, four = two_addresses("localhost", 5007)
+    assert to_try([six, four]) is to_try([four, six]) is four
+    assert to_try([six]) is six
+
+
+def test_a_name_with_an_address_of_ipv6_before_it_is_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def talk() -> None:
+        found = socket.getaddrinfo
+
+        def find(host: str, port: int, family: int = 0, *rest: int, **more: int) -> object:
+            if host != "controller.test":
+                return found(host, port, family, *rest, **more)
+            return [each for each in two_addresses(host, port) if family in (0, each[0])]
+
+        monkeypatch.setattr(socket, "getaddrinfo", find)
+        link = await open_udp("controller.test", 5007, Notes())
+        assert link.peer == ("127.0.0.1", 5007)
+        link.close()
 
     asyncio.run(talk())
 
