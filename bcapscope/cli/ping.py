@@ -128,11 +128,12 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
     usual = session.paces
     session.paces = usual._replace(others=usual.others._replace(retries=0))
     loop = asyncio.get_running_loop()
-    begin = loop.time()
+    due = loop.time()
     try:
-        for number in range(count):
-            await asyncio.sleep(begin + number * interval - loop.time())
+        for _ in range(count):
+            await asyncio.sleep(due - loop.time())
             settled = await session.exchange(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
+            due = max(due + interval, loop.time())  # after a long wait the next ones do not hurry
             if isinstance(settled, TimedOut):
                 found.lost += 1
             else:

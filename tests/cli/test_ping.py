@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -15,7 +16,7 @@ from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
 from bcapscope.protocol.simulated import SIMULATOR_TEXT
 from bcapscope.protocol.variant import VT, Variant
 from tests.cli.run import run_here
-from tests.client.peer import Peer
+from tests.client.peer import Answer, Peer
 from tests.client.server import breaking_server, udp_server
 
 _FEW = ("-n", "5", "--interval", "1")
@@ -91,6 +92,29 @@ def test_what_was_found_is_shown_if_the_connection_breaks() -> None:
         "3 calls, 0 lost",
     )  # the last answer may come with the end
     assert "round trip, ms: p50 " in ran.out
+
+
+class _SlowOnce(dict[str, Answer | None]):
+    """Answers of a peer whose first answer takes its time; `asked` is when each came to be answered, ns."""
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def get(self, name: str, default: Answer | None = None) -> Answer | None:  # type: ignore[override]
+        if name == "Controller_GetAttribute":
+            if not self.asked:
+                threading.Event().wait(0.3)
+            self.asked.append(time.monotonic_ns())
+        return default
+
+
+def test_after_a_long_wait_calls_do_not_hurry() -> None:
+    answers = _SlowOnce()
+    with udp_server(lambda peer: setattr(peer, "answers", answers)) as server:
+        ran = run_here("ping", "127.0.0.1", "--port", str(server.port), "-n", "4", "--interval", "60")
+    assert "4 calls, 0 lost" in ran.lines
+    first, *_, last = answers.asked
+    assert last - first >= 2 * 60_000_000  # one is sent at once, and two behind it
 
 
 def test_nobody_is_there() -> None:
