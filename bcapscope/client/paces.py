@@ -16,8 +16,8 @@ class Paces(NamedTuple):
     """How long to wait and how often to ask again (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: for all calls but slvMove; where these are the usual ones, with a try less while the robot is in
-            an Async mode.
+        others: for all calls but slvMove; where these are the usual ones, with a try less while the robot is
+            in an Async mode.
         sync: for slvMove in a mode that is not Async: 2 ms, 7 retries, together two control periods.
         asynchronous: for slvMove in an Async mode, where the next set point is due anyway.
     """
