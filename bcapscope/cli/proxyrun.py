@@ -203,6 +203,8 @@ class Proxy:
 
     def _end(self) -> None:
         """End in order, and at once when asked again."""
+        if self._courtesy is not None:
+            self._courtesy.end()
         if self._ending or not self._say(FAREWELL):
             self.relay.stop()
         self._ending = time.monotonic()

@@ -17,7 +17,7 @@ from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session import IN_SLAVE_MODE
-from bcapscope.cli.courtesy import step_back, turns_for_others
+from bcapscope.cli.courtesy import Haste, step_back, turns_for_others
 from bcapscope.cli.output import palette
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxystatus import Delays, losses, rates, totals
@@ -39,6 +39,13 @@ from bcapscope.traffic.tracker import Tracker
 
 TICK = 0.025
 """Seconds between looks at the ring."""
+
+_SPELL = 0.008
+"""Seconds of decoding between two looks, in which what comes is not recorded."""
+
+_MAY_WAIT = 0.25
+"""Share of the ring up to which more comes than a spell is enough for, and yet others have a tick for
+themselves: that is far more than robots send, and a processor that is always taken costs each round trip."""
 
 _STATUS_EVERY = 500_000_000
 _MARGIN = round(3 * TICK * 1e9)
@@ -133,6 +140,7 @@ class Watcher:
         self._screen = screen
         self._scribe = scribe
         self._pause = turns_for_others(reader)
+        self._written = 0
         self._colors = palette(wishes.color)
         self._view = View(wishes.look, self._colors)
         self._witness = Witness()
@@ -152,12 +160,12 @@ class Watcher:
         """Watch until the relay is gone and all that it left is taken."""
         asked = False
         while True:
-            is_busy = self.look()
+            rest = self.look()
             try:
                 if asked and not self._reader.waiting:
                     relay.send_bytes(self._goodbyes())
                     asked = False
-                if relay.poll(0 if is_busy else TICK):
+                if relay.poll(rest):
                     said = relay.recv_bytes()
                     asked = said == FAREWELL
                     self._advice = self._advice if asked else said.decode()
@@ -168,20 +176,24 @@ class Watcher:
             self.look()
         self._finish()
 
-    def look(self) -> bool:
-        """Take what the relay has written: record all of it, then decode, show and judge for a tick.
+    def look(self) -> float:
+        """Take what the relay has written: record all of it, then decode, show and judge for a spell.
 
         Returns:
-            Whether the tick was too short.
+            Seconds that others may have for themselves before the next look.
         """
         if self._scribe is not None:
             self._scribe.write()
         is_busy = self._decode()
         self._look_around()
-        return is_busy
+        reader, before = self._reader, self._written
+        self._written = reader.written
+        still_comes = self._written > before and reader.haste < Haste.ALL and reader.share < _MAY_WAIT
+        return TICK if not is_busy or still_comes else 0
 
     def _decode(self) -> bool:
-        until = time.monotonic() + TICK
+        """Decode; tell whether the spell was too short."""
+        until = time.monotonic() + _SPELL
         recorded = None if self._scribe is None else self._scribe.reader.place
         while records := self._reader.take(_AT_ONCE, recorded):
             self._take(records)

@@ -130,6 +130,11 @@ class _Ring:
         self.figures = self._marks[_FIGURES : _FIGURES + len(Figure)]
 
     @property
+    def share(self) -> float:
+        """Share of the memory that no room is in, 0 to 1."""
+        return (self._marks[_WRITTEN] - self._marks[_READ]) / self._size
+
+    @property
     def haste(self) -> int:
         """In what haste the reader is to be, as the writer says; both know the numbers."""
         return self._marks[_HASTE]
@@ -201,11 +206,6 @@ class RingWriter(_Ring):
     def taken(self) -> int:
         """Bytes that were taken so far, by the reader that is ahead if there is one."""
         return max(self._marks[_READ], self._marks[_AHEAD])
-
-    @property
-    def share(self) -> float:
-        """Share of the memory that no room is in, 0 to 1."""
-        return (self._written - self._marks[_READ]) / self._size
 
     def abandon(self) -> None:
         """Go on without a reader."""
@@ -325,7 +325,12 @@ class RingReader(_Ring):
     @property
     def waiting(self) -> int:
         """Bytes that were written and not taken yet."""
-        return self._marks[_WRITTEN] - self.place
+        return self.written - self.place
+
+    @property
+    def written(self) -> int:
+        """Bytes that were written so far."""
+        return self._marks[_WRITTEN]
 
     def take(self, most: int = 8192, until: int | None = None) -> list[Record]:
         """Return what had been written at the last look, so many records at most, and look again.

@@ -16,6 +16,7 @@ import pytest
 from bcapscope.analysis import account, casebook, controller, slave
 from bcapscope.capture.file import open_capture
 from bcapscope.cli import proxywatch
+from bcapscope.cli.courtesy import Haste
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.cli.proxywatch import Scribe, Watcher
 from bcapscope.cli.proxywishes import Form, Look, Wishes
@@ -211,6 +212,26 @@ def test_a_controller_that_hangs_up_is_named_live_as_in_the_recording(
     for server in ("10.0.0.1:5007", "10.0.0.3:5008"):
         found = run("diagnose", path, "--filter", f"server == '{server}'").out
         assert f"{server} {how}" in " ".join(found.split())
+
+
+def test_others_have_a_tick_for_themselves_while_more_comes_but_not_once_all_is_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(proxywatch, "_SPELL", 0.0)
+    chain = Chain(None, None)
+    chain.meet(1, "udp")
+
+    def rest_after(*, more: bool) -> float:
+        if more:
+            chain.say(1, True, encode(1, 0, 1, (TEXT,)))
+        return chain._watcher.look()
+
+    rests = [rest_after(more=more) for more in (True, True, True, False)]
+    assert rests == [proxywatch.TICK, proxywatch.TICK, proxywatch.TICK, 0]
+    assert rest_after(more=False) == proxywatch.TICK  # there was nothing to do
+    rest_after(more=True)
+    chain.ring.haste = Haste.ALL
+    assert rest_after(more=True) == 0
 
 
 def test_a_client_that_falls_silent_in_slave_mode_is_told_as_a_finding() -> None:
