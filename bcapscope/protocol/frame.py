@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.protocol import layout as layouts
@@ -26,7 +27,7 @@ from bcapscope.protocol.content import (
     looks_zlib,
 )
 from bcapscope.protocol.layout import Layout, Numbers
-from bcapscope.protocol.variant import Variant, encode_argument
+from bcapscope.protocol.variant import ARRAY, NUMBER_ARRAYS, NUMBER_FORMATS, Variant, encode_argument
 
 __all__ = [
     "EOT",
@@ -51,6 +52,8 @@ _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
 _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
+
+_LONGEST_ROW = 64  # numbers; of longer ones there are too many lengths to keep a packer for each
 
 
 class Malformed:
@@ -241,6 +244,10 @@ def encode(
         TooLargeError: the frame grows over `LARGEST_FRAME`.
         LocalProtocolError: a number or a value does not fit.
     """
+    if len(arguments) == 1 and framing is Framing.PLAIN:
+        raw = _with_row(serial, reserved, code, arguments[0])
+        if raw is not None:
+            return raw
     packed = b"".join(map(encode_argument, arguments))
     length = SMALLEST_FRAME + len(packed)
     try:
@@ -256,6 +263,29 @@ def encode(
     if length > LARGEST_FRAME:
         raise TooLargeError(f"a frame of {length} bytes, {LARGEST_FRAME} is the most")
     return raw
+
+
+def _with_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
+    """Pack a frame at once whose one argument is a short row of numbers, as replies to slvMove are.
+
+    Returns:
+        The frame; None for every other argument, and where something does not fit.
+    """
+    vt, values, count = row
+    if vt not in NUMBER_ARRAYS or count > _LONGEST_ROW or not isinstance(values, tuple):
+        return None
+    pack, length, size = _packer(vt, count)
+    try:
+        return pack(SOH, length, serial, reserved, code, 1, size, vt, count, *values, EOT)
+    except struct.error:
+        return None
+
+
+@lru_cache(maxsize=256)
+def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
+    """Return what packs a frame with a row of so many numbers, and the lengths of frame and argument."""
+    whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
+    return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 
 
 def renumbered(raw: bytes, serial: int, reserved: int) -> bytes:

@@ -18,6 +18,10 @@ from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant
 
 Numbers: TypeAlias = "tuple[int | float | bytes, ...]"
 
+_Filler: TypeAlias = Callable[[Variant, Numbers], Variant]
+_Only: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
+"""What stands before the only argument with numbers, what fills it, itself, and what stands behind it."""
+
 LARGEST_FRAME = 1024
 """Longer frames are decoded one by one: they are rare, and keeping their bytes would cost more."""
 
@@ -35,17 +39,21 @@ class Layout:
         prototype: arguments of the frame it was learnt from; its numbers mean nothing.
     """
 
-    __slots__ = ("_plan", "_variants", "prototype")
+    __slots__ = ("_only", "_plan", "_variants", "prototype")
 
     def __init__(self, prototype: tuple[Argument, ...]) -> None:
         self.prototype = prototype
         self._variants = tuple(argument.variant for argument in prototype)
-        self._plan: list[tuple[int, int, int, Callable[[Variant, Numbers], Variant]]] = []
+        self._plan: list[tuple[int, int, int, _Filler]] = []
+        self._only: _Only | None = None
         begin = 0
         for place, taken in enumerate(taken_by_each(prototype)):
             if taken:
                 self._plan.append((place, begin, begin + taken, _filler(prototype[place].variant)))
                 begin += taken
+        if len(self._plan) == 1:
+            place, _, _, fill = self._plan[0]
+            self._only = self._variants[:place], fill, self._variants[place], self._variants[place + 1 :]
 
     def arguments(self, numbers: Numbers) -> tuple[Argument, ...]:
         """Put a frame's own `numbers`, in the order of its bytes, into the arguments."""
@@ -61,6 +69,9 @@ class Layout:
         """Return the values of `arguments` without their places."""
         if not numbers:
             return self._variants
+        if self._only is not None:
+            before, fill, variant, after = self._only
+            return (*before, fill(variant, numbers), *after)
         variants = list(self._variants)
         for place, begin, end, fill in self._plan:
             variants[place] = fill(variants[place], numbers[begin:end])
@@ -211,7 +222,8 @@ def _filled_scalar(variant: Variant, numbers: Numbers) -> Variant:
 
 
 def _filled_row(variant: Variant, numbers: Numbers) -> Variant:
-    return Variant(variant.vt, numbers, variant.elements)
+    vt, _, elements = variant
+    return tuple.__new__(Variant, (vt, numbers, elements))  # every set point is made here, so without a call
 
 
 def _filled_nest(variant: Variant, numbers: Numbers) -> Variant:

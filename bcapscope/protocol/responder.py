@@ -162,6 +162,8 @@ class Responder:
         self._defects = defects
         self._forgets_first = Defect.FORGETS_FIRST in defects
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
+        self._traces: set[int | bytes] = set()  # serials and contents of all known calls, and of some others
+        self._most_traces = 8 * remembered
         self._running: _Call | None = None
         self._heard = False
 
@@ -180,9 +182,11 @@ class Responder:
                 return Decision(Verdict.BUSY)
             if not heard and self._retries and frame.serial == 0 and Defect.SERIAL_ZERO in self._defects:
                 return Decision(Verdict.REPEAT, self.reply(frame, S_OK))
-            self._running = _Call(frame, content)
+            self._running = call = _Call(frame, content)
+            self._note(call)
             return _NEW
         call.asked_by(frame)
+        self._note(call)
         if call is self._running or not call.answer:
             return Decision(Verdict.RUNNING)
         again = renumbered(call.answer, frame.serial, frame.reserved if self._echo else 0)
@@ -231,22 +235,43 @@ class Responder:
     def forget(self) -> None:
         """Forget the client: what comes next comes from a new one. The running call gets no answer."""
         self._calls.clear()
+        self._traces.clear()
         self._running = None
         self._heard = False
 
+    def _note(self, call: _Call) -> None:
+        """Keep what a call has left; now and then, let go of what forgotten calls have."""
+        traces = self._traces
+        if len(traces) > self._most_traces:
+            traces.clear()
+            for each in self._known():
+                traces |= each.serials
+                traces.add(each.content)
+        traces |= call.serials
+        traces.add(call.content)
+
     def _find(self, frame: Frame, content: bytes) -> _Call | None:
-        calls = [self._running, *self._calls] if self._running else self._calls
-        serial, named = frame.serial, frame.reserved or frame.serial
         if self._forgets_first:
-            return next((call for call in calls if call.first == named), None)
+            named = frame.reserved or frame.serial
+            return next((call for call in self._known() if call.first == named), None)
         if frame.code == _SERVICE_START:
             self.convention = self._told  # a program begins, and not always the one that was on this port
         if frame.reserved and self.convention is Convention.UNKNOWN:
             self._learn(frame)
-        # Every request of every client passes here: one look at each call, and none that is not needed.
-        alike = [call for call in calls if serial in call.serials or call.content == content]
-        if not alike:
+        # Every request of every client passes here: one look at what the calls left, and none at each.
+        if frame.serial not in self._traces and content not in self._traces:
             return None
+        return self._find_alike(frame, content)
+
+    def _known(self) -> Sequence[_Call]:
+        """Return the calls that are known, the newest first."""
+        return [self._running, *self._calls] if self._running else self._calls
+
+    def _find_alike(self, frame: Frame, content: bytes) -> _Call | None:
+        """Find a call among those that have this serial or these contents."""
+        calls = self._known()
+        serial, named = frame.serial, frame.reserved or frame.serial
+        alike = [call for call in calls if serial in call.serials or call.content == content]
         # The old client's serials may pass through 0 while it retries, and the next try then names 0.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False

@@ -25,6 +25,8 @@ _Layout: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each part
 # Rows of two poses, as the receive formats 4 and 5 ask for, by their length.
 _PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
+_SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
+
 _PLAIN = (PLAIN,)  # looked for in a row the very object is found at once, where == compares field by field
 
 _MOST_PARTS = 8  # no arrangement has as many
@@ -163,8 +165,10 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
     """Return the pose of the common case, an array of just the right length, without further looking."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
-    row = numbers(variant)
-    return Pose(pose_type, row) if row is not None and len(row) == len(AXES[pose_type]) else None
+    row = variant.value
+    if not isinstance(row, tuple) or len(row) != _SIZES[pose_type]:
+        return None
+    return Pose(pose_type, row)  # type: ignore[arg-type]  # the type says floats
 
 
 def _parts(variant: Variant) -> tuple[Variant, ...]:

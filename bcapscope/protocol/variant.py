@@ -63,7 +63,9 @@ NUMBER_WIDTHS: dict[int, int] = {vt: struct.calcsize("<" + code) for vt, code in
 """Bytes of an element of these types."""
 
 _NUMBERS = frozenset(NUMBER_FORMATS) - {VT.BOOL}
-_NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
+
+NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
+"""Types of arrays whose values are tuples of numbers."""
 
 MAX_NESTING = 32
 """VARIANT arrays inside VARIANT arrays that are followed. Controllers nest two deep (an argument list
@@ -137,7 +139,7 @@ def _encode(variant: Variant, depth: int) -> bytes:
             return _packer(vt, 1)(vt, elements, value)
         if vt & ARRAY:
             _check_elements(value, elements)
-            if vt in _NUMBER_ARRAYS:
+            if vt in NUMBER_ARRAYS:
                 return _packer(vt & ~ARRAY, elements)(vt, elements, *value)  # type: ignore[misc]  # checked
             return _TYPE_COUNT.pack(vt, elements) + _encode_array(vt & ~ARRAY, value, depth)
         return _TYPE_COUNT.pack(vt, elements) + _encode_scalar(vt, value)

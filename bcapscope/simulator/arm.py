@@ -91,21 +91,18 @@ class Arm:
 
     def commanded(self, now: int) -> Joints:
         """Return the joints that the servos are told now."""
-        return self._track(now)
+        if not self._steps:
+            return self._motion.at(now)
+        before = self._steps[0]
+        for step in self._steps:
+            if step[0] > now:
+                return _between(before, step, now)
+            before = step
+        return before[1]
 
     def actual(self, now: int) -> Joints:
         """Return the joints that the encoders show now."""
-        return self._track(now - LAG)
-
-    def _track(self, time: int) -> Joints:
-        if not self._steps:
-            return self._motion.at(time)
-        before = self._steps[0]
-        for step in self._steps:
-            if step[0] > time:
-                return _between(before, step, time)
-            before = step
-        return before[1]
+        return self.commanded(now - LAG)
 
     def move(self, goal: Joints, now: int, speed: float, least: int = 0) -> Motion:
         """Begin an ordinary motion from where the command is, that takes `least` ns or more."""

@@ -29,36 +29,36 @@ class Record(NamedTuple):
 
 
 class ControlLog:
-    """The ring; the oldest record has the index 0."""
+    """The ring; the oldest record has the index 0.
+
+    Attributes:
+        records: what was recorded.
+        due: when the next record is, ns; None while it does not record.
+    """
 
     def __init__(self) -> None:
         self.records: deque[Record] = deque(maxlen=MOST_RECORDS)
-        self._next: int | None = None
-
-    @property
-    def is_on(self) -> bool:
-        """Whether it records."""
-        return self._next is not None
+        self.due: int | None = None
 
     def start(self, now: int) -> None:
         """Begin, or go on, to record."""
-        self._next = now if self._next is None else self._next
+        self.due = now if self.due is None else self.due
 
     def stop(self) -> None:
         """Record no more."""
-        self._next = None
+        self.due = None
 
     def advance(self, now: int, sample: Callable[[int], Record]) -> None:
         """Take the records that have become due; after a long pause only as many as the ring holds."""
-        if self._next is None:
+        due = self.due
+        if due is None:
             return
-        due = self._next
         if now - due > MOST_RECORDS * PERIOD:
             due += (now - due) // PERIOD * PERIOD - MOST_RECORDS * PERIOD
         while due <= now:
             self.records.append(sample(due))
             due += PERIOD
-        self._next = due
+        self.due = due
 
 
 def record_values(record: Record, current: Joints, tool: int, work: int) -> Variant:

@@ -27,6 +27,10 @@ MOST_REMEMBERED = 8
 """Answers kept for retries: more than the seven tries of any client, and each costs time in every call."""
 
 
+_NEW = Verdict.NEW
+_RETURNING = frozenset(each.id for each in FUNCTIONS.values() if each.result is not ResultKind.NONE)
+
+
 class Report(NamedTuple):
     """A call that was answered.
 
@@ -78,7 +82,7 @@ class Conversation:
         """Take a sound request; return the frames to send."""
         self.heard = now
         decision = self._responder.receive(frame)
-        if decision.verdict is Verdict.NEW:
+        if decision.verdict is _NEW:
             frames = self._execute(frame, now)
             return frames + self._next(now) if self._waiting else frames
         if decision.reply is not None:
@@ -164,8 +168,7 @@ class Conversation:
 
     def _parts(self, function_id: int, answer: Answer) -> tuple[Variant, ...]:
         """Return the arguments of a reply: the value, EMPTY or none, as the profile has it."""
-        function = FUNCTIONS.get(function_id)
-        if function is None or function.result is ResultKind.NONE or answer.hresult == E_NOTIMPL:
+        if function_id not in _RETURNING or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:
             return (answer.value,)

@@ -141,7 +141,7 @@ class SlaveDrive:
         if not self._queue:
             self._stand()
             return 0 if self._leaving or not self._detects(mode) else E_SLAVE_UNDERFLOW
-        goal = self._queue.popleft()
+        goal = tuple(map(float, self._queue.popleft()))  # clients also send whole numbers
         self.taken += 1
         speed = tuple(b - a for a, b in zip(here, goal, strict=True))
         code = self._excess(speed)

@@ -124,7 +124,9 @@ def executing(function_id: int, commands: Commands) -> Handler:
         return found
 
     def execute(context: Context, arguments: Arguments) -> Outcome:
-        run = named(text_of(nth(arguments, 0)), context.machine.profile.lacks)
+        if not arguments:
+            raise RefusedError(E_INVALIDARG)
+        run = named(text_of(arguments[0]), context.machine.profile.lacks)
         return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
 
     return execute

@@ -272,7 +272,7 @@ class Machine:
             fault = slave.advance(now)
             if fault:
                 self.fail(fault.code, fault.time)
-        if log.is_on:
+        if log.due is not None:
             log.advance(now, self._record)
 
     def due(self) -> int | None:

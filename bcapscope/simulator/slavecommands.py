@@ -21,7 +21,7 @@ from bcapscope.protocol.hresult import (
 from bcapscope.protocol.setpoints import SetPoint, UserIO, split_set_point
 from bcapscope.protocol.slaveformat import ReceiveFormat, SendFormat, format_parameter
 from bcapscope.protocol.slavemode import PoseType, SlaveMode, mode_value, slave_mode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.variant import ARRAY, VT, Variant
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Commands, Context
 from bcapscope.simulator.kinematics import POSE_LENGTHS, Joints, beyond_limit, joints_of, pose_of
@@ -197,9 +197,10 @@ def _feedback(context: Context, pose_type: PoseType, point: SetPoint) -> Variant
     machine = context.machine
     actual = machine.arm.actual(context.now)
     form = machine.slave.receive
-    if form is None or form.bare_pose:
-        bare = (form.bare_pose if form else None) or pose_type
-        return row(machine.profile.real, pose_of(bare, actual))
+    if form is None:
+        return _pose(context, pose_type, actual)
+    if form.bare_pose:
+        return _pose(context, form.bare_pose, actual)
     parts = []
     if form.timestamp:
         parts.append(i4((context.now - machine.began) // (1000 if form.microseconds else MS)))
@@ -209,6 +210,11 @@ def _feedback(context: Context, pose_type: PoseType, point: SetPoint) -> Variant
     if form.current:
         parts.append(row(VT.R8, currents(context)))
     return variants(*parts)
+
+
+def _pose(context: Context, pose_type: PoseType, joints: Joints) -> Variant:
+    pose = pose_of(pose_type, joints)
+    return Variant(ARRAY | context.machine.profile.real, pose, len(pose))
 
 
 def _words(context: Context, form: ReceiveFormat, point: SetPoint) -> list[Variant]:
