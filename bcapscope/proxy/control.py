@@ -17,6 +17,7 @@ The answer has "ok": true and what was asked for, or "ok": false and "error".
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
@@ -303,4 +304,7 @@ def _held(held: Held, now: int) -> dict[str, object]:
 
 
 def _line(answer: Mapping[str, object]) -> bytes:
-    return orjson.dumps(answer, default=str) + b"\n"
+    try:
+        return orjson.dumps(answer, default=str) + b"\n"
+    except TypeError:  # half a character, from the wire or in a file's name, which UTF-8 has not
+        return json.dumps(answer, default=str, ensure_ascii=False).encode("utf-8", "replace") + b"\n"

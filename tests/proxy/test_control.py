@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.variant import VT, Variant
 from bcapscope.proxy.control import Desk
 from bcapscope.proxy.hook import Send
 from tests.faults.traffic import MS, request
@@ -165,6 +166,15 @@ def test_who_does_not_speak_json_is_no_client_of_ours() -> None:
 )
 def test_any_line_is_answered(line: bytes) -> None:
     assert "ok" in json.loads(Desk(rules()).answer(line, 0).line)
+
+
+def test_half_a_character_in_what_is_held_is_told_as_well_as_can_be() -> None:
+    made = rules(intercept=holding("serial == 1"))
+    command = Variant(VT.BSTR, "slv\ud800Move")
+    made.receive(1, UP, encode(1, 0, 64, (Variant(VT.I4, 1), command, Variant(VT.EMPTY, None))), 0)
+    (held,) = ask(Desk(made), do="held")["held"]
+    assert held["command"] == "slv?Move"
+    assert "\ud800".encode("utf-16-le", "surrogatepass").hex() in held["hex"]
 
 
 def test_who_is_there_is_told() -> None:
