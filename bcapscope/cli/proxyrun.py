@@ -223,7 +223,7 @@ class Proxy:
         if self._watched:
             self._hear()
         if self._hung_up and not self._ending:
-            now = time.time_ns()
+            now = self.relay.now
             if all(now - session.heard > _SILENT for session in self.relay.sessions.values()):
                 self._end()
 

@@ -33,6 +33,9 @@ class Watcher(Protocol):
     def change(self, descriptor: int, mask: int) -> None:
         """Wait for something else of it."""
 
+    def pause(self, descriptor: int) -> None:
+        """Wait for nothing of it for a while."""
+
     def unwatch(self, descriptor: int) -> None:
         """Forget it."""
 
@@ -80,7 +83,10 @@ class ControlServer:
     def _acceptable(self, _: int) -> None:
         try:
             sock, _address = self._socket.accept()
-        except OSError:
+        except (BlockingIOError, ConnectionError):
+            return
+        except OSError:  # no more file descriptors, say: who asks has to wait
+            self._watcher.pause(self._socket.fileno())
             return
         if len(self._connections) >= MOST_CONNECTIONS:
             sock.close()

@@ -26,6 +26,9 @@ PATIENCE = 0.05
 _SWEEP_EVERY = 20
 """So many times that makes one look at what does not come by itself: silent clients, full buffers."""
 
+_LONGEST_NOTE = 4096
+"""Bytes."""
+
 MOST_CLIENTS = 256
 """Clients of all listeners. The official server takes 20 (orin_bcap C/src/bcap_server.c)."""
 
@@ -39,7 +42,7 @@ class Session(Protocol):
     Attributes:
         number: of the client, never used twice.
         conversation: between the client and the controller itself.
-        heard: when it was last heard, ns of `time.time_ns`.
+        heard: `Relay.now` when it was last heard.
     """
 
     number: int
@@ -60,7 +63,7 @@ class Session(Protocol):
         """Let go."""
 
     def sweep(self, now: int) -> None:
-        """Do what is to be done from time to time."""
+        """Do what is to be done from time to time; `now` as `Relay.now`."""
 
 
 class Port(Protocol):
@@ -76,7 +79,7 @@ class Port(Protocol):
         """Let go of the socket; `close` came before, and no session is left."""
 
     def sweep(self, now: int) -> None:
-        """Do what is to be done from time to time."""
+        """Do what is to be done from time to time; `now` as `Relay.now`."""
 
 
 class Relay:
@@ -88,6 +91,7 @@ class Relay:
         policy: the rules; None without.
         sessions: those that are open, by number.
         buffer: for whatever is being received; one thread needs one.
+        now: ns of a clock that does not go back, as it was some `PATIENCE` ago at most.
     """
 
     def __init__(self, ring: RingWriter, policy: Policy | None = None) -> None:
@@ -97,8 +101,12 @@ class Relay:
         self.policy = policy
         self.sessions: dict[int, Session] = {}
         self.buffer = bytearray(1 << 16)
+        self.now = time.monotonic_ns()
         self._poller = make_poller()
         self._handlers: dict[int, Handler] = {}
+        self._coming: dict[int, Handler] = {}
+        self._left: set[int] = set()
+        self._paused: set[int] = set()
         self._ports: list[Port] = []
         self._idle: Callable[[], None] = lambda: None
         self._beats = 0
@@ -133,6 +141,8 @@ class Relay:
                 handler = handler_of(descriptor)
                 if handler is not None:
                     handler(happened)
+            if self._left:
+                self._admit()
             if policy is not None:
                 self._take_due(policy)
             if patience is not None and time.monotonic() >= self._next_beat:
@@ -165,8 +175,13 @@ class Relay:
     # For ports and sessions.
 
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
-        """Call `handler` whenever something happens to a file descriptor."""
-        self._handlers[descriptor] = handler
+        """Call `handler` whenever something happens to a file descriptor.
+
+        One whose number was another's a moment ago is called for what happens from the next look on: what the
+        poller has told already happened to the other.
+        """
+        handlers = self._coming if descriptor in self._left else self._handlers
+        handlers[descriptor] = handler
         self._poller.register(descriptor, mask)
 
     def change(self, descriptor: int, mask: int) -> None:
@@ -175,8 +190,15 @@ class Relay:
 
     def unwatch(self, descriptor: int) -> None:
         """Forget a file descriptor."""
-        if self._handlers.pop(descriptor, None) is not None:
+        if self._handlers.pop(descriptor, None) or self._coming.pop(descriptor, None):
+            self._left.add(descriptor)
+            self._paused.discard(descriptor)
             self._poller.unregister(descriptor)
+
+    def pause(self, descriptor: int) -> None:
+        """Wait for nothing of a file descriptor for about a second, as nothing can be done about it now."""
+        self._poller.modify(descriptor, 0)
+        self._paused.add(descriptor)
 
     def has_room(self) -> bool:
         """Tell whether there may be another client; one that is silent makes room, if its connection does not
@@ -190,7 +212,7 @@ class Relay:
             if each.conversation.transport is Transport.UDP or each.state == "half-open"
         )
         silent = min(may_go, key=lambda each: each.heard, default=None)
-        if silent is None or time.time_ns() - silent.heard < GIVE_WAY_AFTER:
+        if silent is None or self.now - silent.heard < GIVE_WAY_AFTER:
             return False
         silent.close(False, "silent, and there are too many clients")
         return True
@@ -216,7 +238,7 @@ class Relay:
     def part(self, session: Session, why: str) -> None:
         """Forget a client; that is told soon, behind what came of it and could not be passed on any more."""
         if self.sessions.pop(session.number, None) is not None:
-            self._parted.append((session.number, why.encode(), time.time_ns()))
+            self._parted.append((session.number, _encoded(why), time.time_ns()))
             if self.policy is not None:
                 self.policy.gone(session.number, time.monotonic_ns())
 
@@ -236,7 +258,7 @@ class Relay:
                 self.ring.put(up, session.number, came, left, data)
                 return
         self.counts[Count.RULED] += bool(note)  # what is only cut into frames is touched by none
-        self.ring.put(up, session.number, came, 0, data, note=note.encode()[:4096])
+        self.ring.put(up, session.number, came, 0, data, note=_encoded(note))
         self._perform(actions)
 
     def ends(self, session: Session, up: bool) -> bool:
@@ -271,8 +293,7 @@ class Relay:
                 up = action.toward is Direction.REQUEST
                 left = session.send(up, action.data)
                 if left:
-                    note = action.note.encode()[:4096]
-                    self.ring.put(up, session.number, 0, left, action.data, note=note)
+                    self.ring.put(up, session.number, 0, left, action.data, note=_encoded(action.note))
             else:
                 self.tell(f"{session.conversation.client}: {action.note}")
                 session.close(action.reset, action.note)
@@ -312,11 +333,28 @@ class Relay:
         self._idle()
         self._beats += 1
         if self._beats % _SWEEP_EVERY == 0:
-            now = time.time_ns()
-            for port in self._ports:
-                port.sweep(now)
-            for session in list(self.sessions.values()):
-                session.sweep(now)
+            self._sweep()
+        # Not earlier: if nothing ran for long, what came meanwhile is heard before anybody is called silent.
+        self.now = time.monotonic_ns()
+
+    def _sweep(self) -> None:
+        while self._paused:
+            self._poller.modify(self._paused.pop(), READ)
+        for port in self._ports:
+            port.sweep(self.now)
+        for session in list(self.sessions.values()):
+            session.sweep(self.now)
+
+    def _admit(self) -> None:
+        """Forget which file descriptors were left during a look, and begin with those that came instead."""
+        self._left.clear()
+        self._handlers.update(self._coming)
+        self._coming.clear()
+
+
+def _encoded(note: str) -> bytes:
+    """Encode words for the ring; the name of a fault may have half characters in it, if it was typed so."""
+    return note.encode("utf-8", "replace")[:_LONGEST_NOTE]
 
 
 def direction_of(up: bool) -> Direction:

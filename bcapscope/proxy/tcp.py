@@ -50,7 +50,7 @@ class TcpPort:
         self._socket = listen_on(listener.listen, Transport.TCP)
         self.address = endpoint_of(self._socket.getsockname())
         self._listener = listener
-        self._paused = False
+        self._told = False
 
     def open(self) -> None:
         """Begin to take clients."""
@@ -65,10 +65,7 @@ class TcpPort:
         """Do nothing: the socket is closed by now."""
 
     def sweep(self, now: int) -> None:
-        """Try again to take clients where that failed."""
-        if self._paused:
-            self._paused = False
-            self.relay.change(self._socket.fileno(), READ)
+        """Do nothing."""
 
     def _acceptable(self, _: int) -> None:
         relay = self.relay
@@ -91,6 +88,7 @@ class TcpPort:
             reset(client)
             self._pause(error)
             return
+        self._told = False
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
         session = TcpSession(self, client, server, address)
@@ -98,10 +96,11 @@ class TcpPort:
             session.fail(problem)
 
     def _pause(self, error: OSError) -> None:
-        """Take no more clients until the next sweep."""
-        self.relay.tell(f"no client can be taken on {self.address} TCP: {reason(error)}")
-        self._paused = True
-        self.relay.change(self._socket.fileno(), 0)
+        """Take no more clients for a while; that is told once, until one can be taken again."""
+        if not self._told:
+            self._told = True
+            self.relay.tell(f"no client can be taken on {self.address} TCP: {reason(error)}")
+        self.relay.pause(self._socket.fileno())
 
     def _refusal(self, host: str) -> str:
         if not self._listener.allows(host):
@@ -137,7 +136,7 @@ class TcpSession:
     Attributes:
         number: of the client.
         conversation: between the client and the controller.
-        heard: when the client was last heard, ns since 1970.
+        heard: `Relay.now` when the client was last heard.
     """
 
     def __init__(
@@ -152,7 +151,7 @@ class TcpSession:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self.number = relay.next_number()
         self.conversation = conversation(endpoint_of(address), port.to, Transport.TCP)
-        self.heard = time.time_ns()
+        self.heard = relay.now
         self._relay = relay
         self._port = port
         self._client = client
@@ -266,7 +265,7 @@ class TcpSession:
     def _handle(self, happened: int, sock: socket.socket, incoming: _Half, outgoing: _Half) -> None:
         """Do what can be done on one socket: read the half that begins there, write the other."""
         problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
-        if problem:  # else it happened to another one, closed since, whose file descriptor this one has now
+        if problem:
             self._break(incoming, problem)
             return
         if happened & WRITE and outgoing.pending:
@@ -290,7 +289,7 @@ class TcpSession:
             return
         came = time.time_ns()
         if half.up:
-            self.heard = came
+            self.heard = relay.now
         if not size:
             self._note(Kind.END, half, came=came)
             self._finish(half)
@@ -384,6 +383,8 @@ class TcpSession:
         if policy is not None and policy.is_full():
             return False
         most = 0 if policy is None else MOST_PENDING
+        if half.up and policy is not None and len(self._down.pending) > most:
+            return False  # what rules answer would pile up for a client that asks and does not listen
         return self._connected and not half.ended and len(half.pending) <= most
 
     def _want(self) -> None:

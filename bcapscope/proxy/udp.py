@@ -103,7 +103,7 @@ class UdpPort:
     def _passing(self) -> Handler:
         """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
         receive, known, meet = receiver(self.sender), self._sessions.get, self._meet
-        ring, now = self.relay.ring, time.time_ns
+        relay, ring, now = self.relay, self.relay.ring, time.time_ns
         notes, note, flush = ring.notes, ring.notes.append, ring.flush
 
         def take(_: int) -> None:
@@ -114,7 +114,8 @@ class UdpPort:
             session = known(address) or meet(address)
             if session is None:
                 return
-            session.heard = left = now()
+            session.heard = relay.now
+            left = now()
             try:
                 session.send_up(data)
             except OSError as error:
@@ -136,9 +137,9 @@ class UdpPort:
                 return
             session = self._sessions.get(address) or self._meet(address)
             if session is not None:
-                session.heard = time.time_ns()
+                session.heard = relay.now
                 relay.counts[Count.CAME_UP] += 1
-                relay.rule(session, True, data, kernel_time(control, session.heard))
+                relay.rule(session, True, data, kernel_time(control, 0))
 
         return take
 
@@ -176,7 +177,7 @@ class UdpSession:
     Attributes:
         number: of the client.
         conversation: between the client and the controller.
-        heard: when the client was last heard, ns since 1970.
+        heard: `Relay.now` when the client was last heard.
         send_up: sends to the controller.
     """
 
@@ -199,7 +200,7 @@ class UdpSession:
         client = endpoint_of(address)
         self.number = relay.next_number()
         self.conversation = conversation(client, port.to, Transport.UDP)
-        self.heard = time.time_ns()
+        self.heard = relay.now
         self.send_up = upstream.send
         self._upstream = upstream
         self._port = port
@@ -272,6 +273,8 @@ class UdpSession:
     def close(self, reset: bool, why: str) -> None:
         """Close the socket, after what rules still give out of what they held."""
         self._relay.let_go(self)
+        if self._upstream.fileno() < 0:  # that ended it: a rule says so
+            return
         self._count_drops()
         self._relay.unwatch(self._upstream.fileno())
         self._upstream.close()

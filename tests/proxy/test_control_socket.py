@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import socket
@@ -9,7 +10,7 @@ import stat
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from bcapscope.proxy.control_socket import (
     reach_control,
 )
 from bcapscope.proxy.poller import READ, make_poller
+from tests.proxy.relaying import eventually
 from tests.proxy.test_rules import rules
 
 unix_only = pytest.mark.skipif(
@@ -36,6 +38,7 @@ class Watcher:
     def __init__(self) -> None:
         self._poller = make_poller()
         self._handlers: dict[int, Callable[[int], None]] = {}
+        self.paused: list[int] = []
         self._ends = False
         self._thread = threading.Thread(target=self._run)
 
@@ -45,6 +48,10 @@ class Watcher:
 
     def change(self, descriptor: int, mask: int) -> None:
         self._poller.modify(descriptor, mask)
+
+    def pause(self, descriptor: int) -> None:
+        self._poller.modify(descriptor, 0)
+        self.paused.append(descriptor)
 
     def unwatch(self, descriptor: int) -> None:
         del self._handlers[descriptor]
@@ -153,6 +160,20 @@ def test_there_are_only_so_many_connections(address: str) -> None:
             assert answers.read() == b""
         for sock in open_ones:
             sock.close()
+
+
+def test_without_file_descriptors_who_asks_waits_and_the_relay_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def none_left(_: socket.socket) -> None:
+        raise OSError(errno.EMFILE, "")
+
+    watcher = Watcher()
+    with closing(watcher), closing(ControlServer("127.0.0.1:0", Desk(rules()), watcher)) as made:
+        monkeypatch.setattr(socket.socket, "accept", none_left)
+        with watcher, reach_control(made.address):
+            eventually(lambda: watcher.paused)
+        assert len(watcher.paused) == 1
 
 
 @unix_only

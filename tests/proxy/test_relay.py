@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 
 import pytest
 
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy.hook import Action, Close, Decision, Send
 from bcapscope.proxy.poller import SelectPoller
-from bcapscope.proxy.ring import Count, Kind
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.ring import HEADER, Count, Kind, RingWriter
+from bcapscope.proxy.tcp import MOST_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
 from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, port_of, running
 
@@ -204,6 +208,68 @@ def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
                 accepted.sendall(b"back")
                 assert stream.recv(100) == b"back"
         eventually(lambda: len(proxy.of(Kind.DATA)) == 4)
+
+
+def test_what_happened_to_a_file_descriptor_is_not_told_to_the_next_of_its_number() -> None:
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER + 4096))))
+    told: list[str] = []
+    with ExitStack() as stack:
+        pairs = [stack.enter_context(each) for _ in range(2) for each in socket.socketpair()]
+        quiet = [stack.enter_context(each) for each in socket.socketpair()]
+        numbers = [pairs[0].fileno(), pairs[2].fileno()]
+
+        def first(number: int, other: int) -> None:
+            """End both, and give the number of the other to somebody else at once."""
+            relay.unwatch(number)
+            relay.unwatch(other)
+            os.dup2(quiet[0].fileno(), other)
+            relay.watch(other, lambda _: told.append("to the next"))
+            relay.stop()
+
+        for number, other in (numbers, reversed(numbers)):
+            relay.watch(number, lambda _, both=(number, other): first(*both))  # type: ignore[misc]
+        pairs[1].send(b"x")
+        pairs[3].send(b"x")
+        relay.run()
+        assert told == []
+        quiet[1].send(b"x")
+        relay.run(relay.stop)
+        assert told == ["to the next"] * len(told) != []
+        relay.close()
+
+
+def test_who_asks_and_does_not_listen_is_not_read_while_answers_pile_up() -> None:
+    answer = bytes(1 << 20)
+    asked: list[bytes] = []
+
+    def decide(client: int, direction: Direction, data: bytes) -> Decision:
+        asked.append(data)
+        return Decision("answered", (Send(client, DOWN, answer, "made up"),))
+
+    with (
+        listening() as door,
+        running(port_of(door), "tcp", policy=Say(decide)) as proxy,
+        socket.create_connection(proxy.address, PATIENCE) as client,
+        door.accept()[0],
+    ):
+        eventually(lambda: proxy.relay.sessions)
+        (session,) = proxy.relay.sessions.values()
+        assert isinstance(session, TcpSession)
+        down = session._down
+        while len(down.pending) <= MOST_PENDING:
+            count = len(asked)
+            client.send(b"x")
+            eventually(lambda count=count: len(down.pending) > MOST_PENDING or len(asked) > count)  # type: ignore[misc]
+        count = len(asked)
+        client.send(b"y")
+        with socket.create_connection(proxy.address, PATIENCE) as other:
+            other.send(b"z")
+            eventually(lambda: len(asked) > count)
+        assert asked[count:] == [b"z"]
+        rest = len(answer) * (count + 1)  # also the one to what is read then
+        while rest:
+            rest -= len(client.recv(1 << 20))
+        assert asked[-1].endswith(b"y")
 
 
 def test_memory_stays_flat() -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import socket
+import time
 
 import pytest
 
+from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy import udp
 from bcapscope.proxy.relay import GIVE_WAY_AFTER
 from bcapscope.proxy.ring import Count, Kind
@@ -82,6 +84,45 @@ def test_silent_clients_are_forgotten_and_may_come_again() -> None:
         heard, other = server.recvfrom(100)
         assert heard == b"two"
         assert other != way
+
+
+def test_who_is_silent_is_not_told_by_a_clock_that_is_put_forward(monkeypatch: pytest.MonkeyPatch) -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        server.recv(100)
+        proxy.stop()
+        later = time.time_ns() + 10 * udp.FORGET_AFTER
+        monkeypatch.setattr(time, "time_ns", lambda: later)
+        relay = proxy.relay
+        relay._sweep()
+        assert relay.sessions
+        monkeypatch.undo()
+        relay.now += udp.FORGET_AFTER + 10**9
+        relay._sweep()
+        assert not relay.sessions
+
+
+def test_after_a_long_standstill_clients_may_speak_before_they_are_called_silent() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", forget_after=10**9) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        server.recv(100)
+        proxy.stop()
+        relay = proxy.relay
+        (session,) = relay.sessions.values()
+        relay.now = session.heard = relay.now - 10**10  # as after ten seconds in which nothing ran
+        relay._beats = relay_module._SWEEP_EVERY - 1
+        relay._beat()
+        assert relay.sessions
+        relay._sweep()
+        assert not relay.sessions
 
 
 def test_strangers_are_told_once_and_dropped() -> None:
