@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from bcapscope.simulator.kinematics import LIMITS, AxisLimit, Joints
 
@@ -17,6 +17,10 @@ MS = 1_000_000
 LAG = 24 * MS
 
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # of the minimum-jerk curve, for a way and a time of 1
+
+
+_Step: TypeAlias = tuple[int, Joints]
+_NOWHERE: _Step = (0, ())
 
 
 class Motion(NamedTuple):
@@ -67,7 +71,8 @@ class Arm:
 
     def __init__(self, joints: Joints) -> None:
         self._motion = Motion(joints, joints, 0, 0)
-        self._steps: deque[tuple[int, Joints]] = deque(maxlen=8)
+        self._steps: deque[_Step] = deque(maxlen=8)
+        self._between = _NOWHERE, _NOWHERE  # the two steps that the last look was between
         self._changed = -LAG
 
     @property
@@ -91,11 +96,15 @@ class Arm:
 
     def commanded(self, now: int) -> Joints:
         """Return the joints that the servos are told now."""
+        before, after = self._between
+        if before[0] <= now < after[0]:
+            return _between(before, after, now)
         if not self._steps:
             return self._motion.at(now)
         before = self._steps[0]
         for step in self._steps:
             if step[0] > now:
+                self._between = before, step
                 return _between(before, step, now)
             before = step
         return before[1]
@@ -108,14 +117,14 @@ class Arm:
         """Begin an ordinary motion from where the command is, that takes `least` ns or more."""
         start = self.commanded(now)
         self._motion = Motion(start, goal, now, now + max(least, duration(start, goal, speed)))
-        self._steps.clear()
+        self._forget_steps()
         return self._motion
 
     def halt(self, now: int) -> None:
         """Stop where the command is."""
         here = self.commanded(now)
         self._motion = Motion(here, here, now, now)
-        self._steps.clear()
+        self._forget_steps()
         self._changed = now
 
     def step(self, joints: Joints, began: int, time: int) -> None:
@@ -135,11 +144,15 @@ class Arm:
     def follow(self, now: int) -> None:
         """Get ready for set points: the arm stands."""
         here = self._motion.goal
-        self._steps.clear()
+        self._forget_steps()
         self._steps.append((now, here))
 
+    def _forget_steps(self) -> None:
+        self._steps.clear()
+        self._between = _NOWHERE, _NOWHERE
 
-def _between(before: tuple[int, Joints], after: tuple[int, Joints], time: int) -> Joints:
+
+def _between(before: _Step, after: _Step, time: int) -> Joints:
     span = after[0] - before[0]
     share = (time - before[0]) / span if span else 1.0
     if not 0.0 <= share <= 1.0:

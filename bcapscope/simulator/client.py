@@ -7,6 +7,7 @@ and that the refusal ends it: issues 13, 21, 42 and 48 of DENSORobot/denso_robot
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 
 from bcapscope.protocol.commands import command
@@ -19,7 +20,7 @@ from bcapscope.protocol.hresult import (
     E_NOTIMPL,
     E_REFUSED_IN_SLAVE_MODE,
 )
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.variant import Variant
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Context
 from bcapscope.simulator.functions import METHODS
@@ -36,7 +37,6 @@ DEFAULT_INVOKE_TIMEOUT = 180_000
 """ms."""
 
 _START, _CONNECT = 1, 3
-_EXECUTES = frozenset((17, 28, 64, 87))
 _VARIABLE_PUT = 102
 _SLAVE_MODE_OWN = frozenset(("slvchangemode", "slvmove"))
 
@@ -141,15 +141,15 @@ def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...]) -
 
     Where no source says, reading is and everything else is not.
     """
-    if function_id in _EXECUTES:
-        name = arguments[1].value if len(arguments) > 1 and arguments[1].vt == VT.BSTR else ""
-        return _is_command_allowed(function_id, str(name))
+    is_command_allowed = _ARE_COMMANDS_ALLOWED.get(function_id)
+    if is_command_allowed is not None:
+        name = arguments[1].value if len(arguments) > 1 else ""
+        return is_command_allowed(name if isinstance(name, str) else "")
     if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
         return True
     return function_effect(function_id) < Effect.MOVES
 
 
-@lru_cache(maxsize=64)
 def _is_command_allowed(function_id: int, name: str) -> bool:
     if name.casefold() in _SLAVE_MODE_OWN:
         return True
@@ -157,6 +157,13 @@ def _is_command_allowed(function_id: int, name: str) -> bool:
     if known is None:
         return True
     return known.effect <= Effect.READS if known.in_slave_mode is None else known.in_slave_mode
+
+
+_ARE_COMMANDS_ALLOWED: Mapping[int, Callable[[str], bool]] = {
+    function_id: lru_cache(maxsize=64)(partial(_is_command_allowed, function_id))
+    for function_id in (17, 28, 64, 87)
+}
+"""By the ..._Execute function; asked with every set point, so the last answers are kept."""
 
 
 def parse_options(text: str) -> dict[str, str]:

@@ -66,10 +66,23 @@ def eight(values: tuple[float, ...]) -> Joints:
 
 def beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = LIMITS) -> int | None:
     """Return the first axis (1..6) that is outside of its limits, or None."""
-    for axis, (joint, (low, high, _, _)) in enumerate(zip(joints, limits, strict=False)):
-        if not low <= joint <= high:
-            return axis + 1
-    return None
+    # Every slvMove asks for this; a loop takes three times as long.
+    j1, j2, j3, j4, j5, j6, _, _ = joints
+    l1, l2, l3, l4, l5, l6 = limits
+    if (
+        l1[0] <= j1 <= l1[1]
+        and l2[0] <= j2 <= l2[1]
+        and l3[0] <= j3 <= l3[1]
+        and l4[0] <= j4 <= l4[1]
+        and l5[0] <= j5 <= l5[1]
+        and l6[0] <= j6 <= l6[1]
+    ):
+        return None
+    return next(axis for axis in range(1, 7) if not _is_within(joints[axis - 1], limits[axis - 1]))
+
+
+def _is_within(joint: float, limit: AxisLimit) -> bool:
+    return limit.low <= joint <= limit.high
 
 
 def position(joints: Joints) -> tuple[float, ...]:
