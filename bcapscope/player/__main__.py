@@ -14,7 +14,7 @@ from msgspec import structs
 
 from bcapscope.client.target import reason_of
 from bcapscope.errors import BcapError
-from bcapscope.player.channel import open_channel
+from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.controllog import read_log, write_log
 from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import run
@@ -39,31 +39,46 @@ def main() -> None:
             desk.deliver(Ended(Outcome.UNWRITABLE, f"{error.filename}: {reason_of(error)}"))
             desk.finish()
             return
-        grade = stack.enter_context(undisturbed(plan.realtime and not plan.look_only))
-        if plan.aftermath is None:
-            desk.deliver(Readiness(grade.realtime, grade.locked, grade.text))
-        ended = _play(plan, desk, Journal(desk.deliver, record), log)
-        desk.deliver(structs.replace(ended, realtime=grade.realtime))
+        desk.deliver(play(plan, desk, record, log))
     desk.finish()
 
 
-def _play(plan: Plan, desk: Desk, journal: Journal, log: BinaryIO | None) -> Ended:
+def play(plan: Plan, desk: Desk, record: BinaryIO | None, log: BinaryIO | None) -> Ended:
+    """Play a plan; return how that ended.
+
+    Args:
+        plan: what is to be done.
+        desk: is told what happens.
+        record: file for all that was said.
+        log: file for the controller's own log.
+    """
     target = plan.target
-    try:
-        port = plan.aftermath.port if plan.aftermath else 0
-        channel = open_channel(target.host, target.port, target.tcp, local_port=port)
-    except OSError as error:
-        return Ended(Outcome.UNANSWERED, f"{target}: {reason_of(error)}", left=plan.aftermath is None)
-    visit = Visit(plan, channel, desk, journal)
-    ended = run(visit.perform())
+    with undisturbed(plan.realtime and not plan.look_only) as grade:
+        if plan.aftermath is None:
+            desk.deliver(Readiness(grade.realtime, grade.locked, grade.text))
+        try:
+            port = plan.aftermath.port if plan.aftermath else 0
+            channel = open_channel(target.host, target.port, target.tcp, local_port=port)
+        except OSError as error:
+            reason = f"{target}: {reason_of(error)}"
+            return Ended(Outcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime)
+        journal = Journal(desk.deliver, record)
+        visit = Visit(plan, channel, desk, journal)
+        ended = structs.replace(run(visit.perform()), realtime=grade.realtime)
+    # Nothing is urgent any more: files are written as anybody writes files.
+    return _written(ended, plan, journal, channel, log if visit.logged else None)
+
+
+def _written(ended: Ended, plan: Plan, journal: Journal, channel: Channel, log: BinaryIO | None) -> Ended:
+    """Write the capture and the log; return how all ended."""
     reasons: list[str] = []
     try:
         journal.save(channel)
     except OSError as error:
         reasons.append(f"the capture could not be written: {reason_of(error)}")
     try:
-        if log is not None and visit.logged:
-            records = read_log(target, plan.robot)
+        if log is not None:
+            records = read_log(plan.target, plan.robot)
             write_log(log, records)
             ended = structs.replace(ended, logged=len(records))
     except (OSError, BcapError) as error:
