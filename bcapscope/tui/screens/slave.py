@@ -18,7 +18,7 @@ from textual.css.query import NoMatches
 from textual.widgets import Button, ContentSwitcher, Input, Select
 
 from bcapscope.errors import BcapError
-from bcapscope.player.messages import Pacing, Topic
+from bcapscope.player.messages import Pacing, Progress, Topic
 from bcapscope.protocol.slavemode import mode_pose_type
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.render.escape import printable
@@ -271,8 +271,12 @@ class SlaveScreen(Place):
         live = self.query_one(SlaveLive)
         self.query_one("#slave-views", ContentSwitcher).current = "live"
         live.focus()
+        received = b""
         while run.ended is None:
             for message in await self._stage.messages():
+                if isinstance(message, Progress) and message.received != received:
+                    received = message.received
+                    self._desk.pulse.heard(self._desk.now())
                 answer = run.take(message)
                 if answer is not None:
                     self._stage.answer(answer)

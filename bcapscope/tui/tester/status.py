@@ -23,14 +23,17 @@ def status_text(status: Status, arming: Arming, now: int, halt: HaltNews, pulse:
     """Write the line, piece by piece."""
     if status.target is None:
         return [(f" {say('tester.status.none')} ", "dim")]
-    is_silent, age = pulse.is_silent(now), pulse.age(now)
-    pieces = [_peer(status, is_silent)]
-    if is_silent:
-        pieces.append((f"{say('tester.status.silent', seconds=age // _SECOND)} ", "bad"))
-    elif status.slave_mode and age >= _LONG:  # nothing is asked there that nobody wants to know
-        pieces.append((f"{say('tester.status.age', seconds=age // _SECOND)} ", "dim"))
-    elif status.round_trip:
-        pieces.append((f"{status.round_trip / 1e6:.1f} ms ", "dim"))
+    age = pulse.age(now)
+    if pulse.is_silent(now):
+        pieces = [
+            _peer(status, "◌", "bad"),
+            (f"{say('tester.status.silent', seconds=age // _SECOND)} ", "bad"),
+        ]
+    elif age >= _LONG:  # nothing is asked, as in slave mode, so that it may be there or not
+        pieces = [_peer(status, "●", ""), (f"{say('tester.status.age', seconds=age // _SECOND)} ", "dim")]
+    else:
+        took = f"{status.round_trip / 1e6:.1f} ms " if status.round_trip else ""
+        pieces = [_peer(status, "●", "good"), (took, "dim")]
     if status.slave_mode:
         kind = mode_pose_type(status.slave_mode) or ""
         pieces.append(
@@ -41,12 +44,11 @@ def status_text(status: Status, arming: Arming, now: int, halt: HaltNews, pulse:
     return pieces
 
 
-def _peer(status: Status, is_silent: bool) -> Piece:
+def _peer(status: Status, mark: str, ink: str) -> Piece:
     assert status.target is not None
     name = say("tester.status.simulator")
     if not status.identity.simulator:
         name = printable(status.target.host)[:_LONGEST_HOST]
-    mark, ink = ("◌", "bad") if is_silent else ("●", "good")
     return f" {mark} {name} ", ink
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from bcapscope.client.target import Target
 from bcapscope.tui.desk.arming import Arming
 from bcapscope.tui.desk.halt import HaltNews, HaltState
@@ -30,12 +28,10 @@ def test_a_controller_that_nobody_asks_is_not_said_to_be_gone() -> None:
     """In slave mode nothing is asked, so that only the age of what is known is shown."""
     pulse, status = Pulse(0), Status(Target("10.0.0.1", 5007), round_trip=1_000_000)
 
-    def line(status: Status) -> str:
-        halt = HaltNews(HaltState.READY)
-        return "".join(text for text, _ in status_text(status, Arming(), 7 * SECOND, halt, pulse))
+    def line(now: int) -> list[tuple[str, str]]:
+        return status_text(status, Arming(), now, HaltNews(HaltState.READY), pulse)[:2]
 
-    assert "● 10.0.0.1 1.0 ms" in line(status)
-    in_slave_mode = replace(status, slave_mode=0x202)
-    assert "● 10.0.0.1 answered 7 s ago" in line(in_slave_mode)
+    assert line(2 * SECOND) == [(" ● 10.0.0.1 ", "good"), ("1.0 ms ", "dim")]
+    assert line(7 * SECOND) == [(" ● 10.0.0.1 ", ""), ("answered 7 s ago ", "dim")]
     pulse.asked(SECOND)
-    assert "◌ 10.0.0.1 no answer for 7 s" in line(in_slave_mode)
+    assert line(7 * SECOND) == [(" ◌ 10.0.0.1 ", "bad"), ("no answer for 7 s ", "bad")]
