@@ -13,7 +13,7 @@ from bcapscope.tui.words import say
 
 _PARTS = "#left .box, #function, #raw, #right"
 _FIRST = "Input, HexView, Lines, Button"
-_LAST = "#slave-mode, #clear"
+_LAST = "#slave-mode, #clear, #history-filter"
 """They stand above what their part is for."""
 
 

@@ -31,7 +31,18 @@ class HistoryLines(Lines):
         Binding("p", "want('python')", "tester.copy.python", id="history.python"),
         Binding("c", "want('line')", "tester.copy.line", id="history.line"),
         Binding("s", "want('save')", "tester.save", id="history.save", tooltip="tester.save.tip"),
+        Binding(
+            "slash",
+            "filter",
+            "traffic.filter",
+            id="history.filter",
+            key_display="/",
+            tooltip="traffic.filter.tip",
+        ),
     ]
+
+    class FilterWanted(Message):
+        """The filter is to be typed."""
 
     class Wanted(Message):
         """Something is to be done with a call.
@@ -78,6 +89,10 @@ class HistoryLines(Lines):
         self._shown.append(record)
         self.grown()
 
+    def action_filter(self) -> None:
+        """Go to the filter."""
+        self.post_message(self.FilterWanted())
+
     def action_want(self, what: str) -> None:
         """Have something done with the call."""
         if self.chosen is not None:
@@ -118,6 +133,11 @@ class HistoryPanel(Vertical):
         message.stop()
         self._wants = chooser(message.text)
         self._fill()
+
+    @on(HistoryLines.FilterWanted)
+    def _to_filter(self, message: HistoryLines.FilterWanted) -> None:
+        message.stop()
+        self.query_one(CheckedLine).field.focus()
 
     @on(CheckedLine.Entered)
     def _to_list(self, message: CheckedLine.Entered) -> None:

@@ -45,7 +45,9 @@ class TypedValue(Horizontal):
     def compose(self) -> ComposeResult:
         """Put the field behind the list."""
         options = [(type_label(vt), vt) for vt in self._types]
-        yield Select(options, value=self._first, allow_blank=False, compact=True, classes="type")
+        select = Select(options, value=self._first, allow_blank=False, compact=True, classes="type")
+        select.can_focus = len(options) > 1  # else there is nothing to choose
+        yield select
         yield Input(classes="value")
 
     @property
