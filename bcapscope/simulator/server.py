@@ -1,13 +1,11 @@
 """The sockets of the simulator: UDP and TCP on one port, one thread, no more waiting than needed.
 
-`select` is used as it keeps time to the microsecond, where epoll counts milliseconds: the replies of the
-modes that wait for the 8 ms grid go out on time. There are never more sockets than clients, 20 on TCP.
+There are never more sockets than clients, 20 on TCP, and some of those who serve.
 """
 
 from __future__ import annotations
 
 import re
-import select
 import socket
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +16,7 @@ from bcapscope.errors import BcapError
 from bcapscope.simulator.clock import Clock
 from bcapscope.simulator.simulator import Abort, Output, Peer
 from bcapscope.simulator.turns import Turns
+from bcapscope.simulator.watch import Ready, Watch
 from bcapscope.transport.arrival import CONTROL, Control, ask_for_times, kernel_time, receiver
 from bcapscope.transport.tcp import reset
 
@@ -133,6 +132,7 @@ class Server:
         self._udp, self._tcp = _listen(host, port)
         self._datagrams, self._newcomers = self._udp.fileno(), self._tcp.fileno()
         self._receive = receiver(self._udp)
+        self._also: tuple[int, ...] = ()
         self._arrange()
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
@@ -159,23 +159,22 @@ class Server:
         """
         now = self._clock.now()
         due = self._simulator.due(now)
-        readers = [*self._readers, *also]
-        readable, writable = self._wait(readers, 0 if self.turns.waiting else until, due, now)
+        if self._also != (others := tuple(also)):
+            self._also = others
+            self._arrange()
+        readable, writable = self._wait(0 if self.turns.waiting else until, due, now)
         moment = self._clock.look()
         if due is not None and due <= moment:  # whatever came before that is heard before it
-            readable, writable, _ = select.select(readers, self._writers, (), 0)
+            readable, writable = self._watch.look()
             self._may_be_more = True
         for blocked in writable:
             self._flush(self._connections[blocked])
-        others = []
         for source in readable:
             if source == self._datagrams:
                 self._take_datagrams()
             elif source == self._newcomers:
                 self._accept()
-            elif source in also:
-                others.append(source)
-            else:
+            elif source not in others:
                 self._take_segment(source)
                 if len(readable) > 2:  # datagrams need not wait for all connections that ask for something
                     self._take_datagrams()
@@ -190,7 +189,7 @@ class Server:
         if due is not None and due <= moment:
             self._send(self._simulator.advance(self._clock.tell(moment)))
             self._clock.answered()
-        return others
+        return [source for source in readable if source in others] if others else []
 
     def reset(self) -> None:
         """Press the pendant's Reset button."""
@@ -199,17 +198,16 @@ class Server:
     def _tell_now(self) -> int:
         return self._clock.tell(self._clock.look())
 
-    def _wait(
-        self, readers: list[int], until: float, due: int | None, now: int
-    ) -> tuple[list[int], list[int]]:
+    def _wait(self, until: float, due: int | None, now: int) -> Ready:
         """Wait for sockets that can be read and written; shortly behind a request without going to sleep.
 
         What comes between two looks has come alone, or the next look finds more.
         """
         end = self._awake_until if due is None else min(self._awake_until, due)
         self._may_be_more = True
+        look = self._watch.look
         while now < end and until:
-            readable, writable, _ = select.select(readers, self._writers, (), 0)
+            readable, writable = look()
             if readable or writable:
                 self._moment = now
                 return readable, writable
@@ -217,7 +215,7 @@ class Server:
             now = self._clock.now()
         self._may_be_more = True
         wait = until if due is None else min(until, max(0, due - now) / 1e9)
-        return select.select(readers, self._writers, (), wait)[:2]
+        return self._watch.wait(wait)
 
     def _take_datagrams(self) -> None:
         """Take datagrams from the system before it runs out of room: the first is answered at once."""
@@ -264,9 +262,9 @@ class Server:
     def _arrange(self) -> None:
         """Say anew what is waited for: a client that does not read is not read from either."""
         connections = self._connections.items()
-        self._writers = [number for number, each in connections if each.blocked]
+        writers = [number for number, each in connections if each.blocked]
         own = (number for number, each in connections if not each.blocked)
-        self._readers = [self._datagrams, self._newcomers, *own]
+        self._watch = Watch([self._datagrams, self._newcomers, *own, *self._also], writers)
 
     def _take_segment(self, number: int) -> None:
         connection = self._connections.get(number)
