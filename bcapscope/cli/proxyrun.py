@@ -26,6 +26,7 @@ from bcapscope.proxy.hook import Policy
 from bcapscope.proxy.ports import open_ports
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import HEADER, RingWriter
+from bcapscope.proxy.sockets import reason
 from bcapscope.proxy.spec import Listener
 from bcapscope.proxy.tcp import TcpPort
 from bcapscope.proxy.udp import UdpPort, UdpSession
@@ -39,6 +40,9 @@ _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
 """Seconds that the watching process has."""
+
+_GOODBYES_WITHIN = 3.0
+"""Seconds for all sessions that are ended in their clients' place: a controller that is gone answers none."""
 
 _STDIN = 0
 
@@ -62,7 +66,8 @@ class Proxy:
             policy: the rules; None without.
 
         Raises:
-            FileRefused: there is no room for the memory that it shares with the watcher.
+            FileRefused: there is no room for the memory that it shares with the watcher, or the system gives
+                nothing to wait with.
         """
         self._wishes = wishes
         self._ends = ends
@@ -70,9 +75,13 @@ class Proxy:
         self._is_named = True
         assert self._memory.buf is not None
         self._ring = RingWriter(self._memory.buf[: HEADER + RING_SIZE])
-        self.relay = Relay(self._ring, policy)
         self._context = multiprocessing.get_context("spawn")
-        self._link, self._other_end = self._context.Pipe()
+        try:
+            self.relay = Relay(self._ring, policy)
+            self._link, self._other_end = self._context.Pipe()
+        except OSError as error:
+            self._release_memory()
+            raise FileRefused(Path("the relay"), reason(error)) from None
         self._watcher: multiprocessing.process.BaseProcess | None = None
         self._watched = False
         self._courtesy: Courtesy | None = None
@@ -100,13 +109,17 @@ class Proxy:
         """Start the process that watches, and wait until it does.
 
         Raises:
-            FileRefused: the recording cannot be written.
+            FileRefused: the recording cannot be written, or no process be started.
             KeyboardInterrupt: it is to end already.
         """
         arguments = self._memory.name, self._other_end, self._wishes
-        self._watcher = self._context.Process(target=watch, args=arguments, name="watch")
-        with kept_from_ends():
-            self._watcher.start()
+        watcher = self._context.Process(target=watch, args=arguments, name="watch")
+        try:
+            with kept_from_ends():
+                watcher.start()
+        except OSError as error:
+            raise FileRefused(Path("the process that watches"), reason(error)) from None
+        self._watcher = watcher
         self._other_end.close()
         until = time.monotonic() + _BEGINS_WITHIN
         while not self._link.poll(_GLANCE) and time.monotonic() < until:
@@ -154,14 +167,14 @@ class Proxy:
             self.relay.close_ports()
             self.relay.let_all_go()
             self._say_goodbye()
+            self.relay.close()
             if self.relay.policy is not None:
                 self.relay.policy.close()
                 for line in self.relay.policy.report():
                     self.relay.tell(line)
-            self.relay.close()
 
     def close(self) -> None:
-        """Wait for the watcher's summary and let go of everything."""
+        """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
         self.relay.close()
         self._link.close()
         if self._courtesy is not None:
@@ -169,11 +182,16 @@ class Proxy:
         if self._watcher is not None:
             if not self._watched:  # it has not begun, or has ended
                 self._watcher.kill()
-            self._watcher.join(_ENDS_WITHIN)
+            until = time.monotonic() + _ENDS_WITHIN
+            while self._watcher.is_alive() and time.monotonic() < until and not self._is_asked_again():
+                self._watcher.join(_GLANCE)
             if self._watcher.is_alive():
                 narrate("watching has not ended in time; the last part of the recording may be missing")
                 self._watcher.kill()
             self._watcher = None
+        self._release_memory()
+
+    def _release_memory(self) -> None:
         self._ring.release()
         self._memory.close()
         self._forget_name()
@@ -192,6 +210,12 @@ class Proxy:
         with suppress(BlockingIOError):
             self._ends.recv(1)
             raise KeyboardInterrupt
+
+    def _is_asked_again(self) -> bool:
+        """Tell whether it is to end at once, now that it ends; a closed terminal asks for nothing."""
+        with suppress(BlockingIOError):
+            return any(number != getattr(signal, "SIGHUP", None) for number in self._ends.recv(16))
+        return False
 
     def _signalled(self, _: int) -> None:
         """End; when the terminal is closed, go on without it until no client is left."""
@@ -255,14 +279,18 @@ class Proxy:
         return self._watched
 
     def _say_goodbye(self) -> None:
-        """End the sessions of UDP clients at the controller, in their place."""
-        for number, state, requests in self._goodbyes:
+        """End the sessions of UDP clients at the controller, in their place, those that may move first."""
+        until = time.monotonic() + _GOODBYES_WITHIN
+        for number, state, requests in sorted(self._goodbyes, key=lambda goodbye: not goodbye[1]):
             session = self.relay.sessions.get(number)
             if not isinstance(session, UdpSession):
                 continue
+            if self._is_asked_again():
+                until = 0.0
             client, controller = session.conversation.client, session.conversation.server
-            answered = session.leave([bytes.fromhex(request) for request in requests])
-            how = "was ended" if answered == len(requests) else "could not be ended: no answer"
+            answered = session.leave([bytes.fromhex(request) for request in requests], until)
+            why = "no answer" if time.monotonic() < until else "there was no time"
+            how = "was ended" if answered == len(requests) else f"could not be ended: {why}"
             what = f", where {state}," if state else ""
             self.relay.tell(f"the session of {client} at {controller}{what} {how}")
 
@@ -284,10 +312,15 @@ def _share(size: int) -> SharedMemory:
     """Make memory that processes share, all of it there at once: a page that is missing later would kill."""
     try:
         memory = SharedMemory(create=True, size=size)
-        if hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]  # there is no other way to it
+        try:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]  # no other way to it
+        except OSError:
+            memory.close()
+            memory.unlink()
+            raise
     except OSError as error:
-        raise FileRefused(Path("shared memory"), (error.strerror or str(error)).lower()) from None
+        raise FileRefused(Path("shared memory"), reason(error)) from None
     assert memory.buf is not None
     memory.buf[:] = bytes(len(memory.buf))
     return memory

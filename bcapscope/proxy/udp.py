@@ -242,12 +242,13 @@ class UdpSession:
             return self._refuse(data, again)
         return left
 
-    def leave(self, requests: Sequence[bytes]) -> int:
+    def leave(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests in the client's place, each after the answer to the one before; return how many
-        were answered. It waits, so nothing else passes meanwhile.
+        were answered. It waits, so nothing else passes meanwhile; from `until`, seconds of `time.monotonic`,
+        nothing more is sent.
         """
         for count, request in enumerate(requests):
-            if not any(self._ask(request) for _ in range(_TRIES)):
+            if not any(time.monotonic() < until and self._ask(request) for _ in range(_TRIES)):
                 return count
         return len(requests)
 

@@ -2,12 +2,79 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import signal
 import socket
 import threading
 from contextlib import closing
+from multiprocessing.shared_memory import SharedMemory
 
-from bcapscope.cli.proxyrun import Proxy
+import pytest
+
+from bcapscope.cli.files import FileRefused
+from bcapscope.cli.proxyrun import Proxy, _share
 from bcapscope.cli.proxywishes import Look, Wishes
+
+
+class Stubborn:
+    """A process that does not end by itself."""
+
+    def __init__(self) -> None:
+        self.is_killed = False
+
+    def is_alive(self) -> bool:
+        return not self.is_killed
+
+    def kill(self) -> None:
+        self.is_killed = True
+
+    def join(self, seconds: float) -> None:
+        """Do nothing."""
+
+
+def test_who_is_asked_to_end_once_more_waits_for_no_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    here, there = socket.socketpair()
+    here.setblocking(False)
+    watcher = Stubborn()
+    with here, there:
+        proxy = Proxy(Wishes(None, None, Look(None), "never"), here)
+        proxy._watcher, proxy._watched = watcher, True  # type: ignore[assignment]
+        there.send(bytes([signal.SIGINT]))
+        proxy.close()
+    assert watcher.is_killed
+    assert "the last part of the recording may be missing" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="there are no terminals that hang up")
+def test_a_terminal_that_is_closed_does_not_ask_to_end_at_once() -> None:
+    here, there = socket.socketpair()
+    here.setblocking(False)
+    with here, there, closing(Proxy(Wishes(None, None, Look(None), "never"), here)) as proxy:
+        assert not proxy._is_asked_again()
+        there.send(bytes([signal.SIGHUP]))
+        assert not proxy._is_asked_again()
+        there.send(bytes([signal.SIGHUP, signal.SIGTERM]))
+        assert proxy._is_asked_again()
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="there is no such thing")
+def test_memory_that_is_too_small_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, "")
+
+    unlinked: list[str] = []
+    unlink = SharedMemory.unlink
+
+    def noted(memory: SharedMemory) -> None:
+        unlinked.append(memory.name)
+        unlink(memory)
+
+    monkeypatch.setattr(SharedMemory, "unlink", noted)
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(FileRefused, match="no space left"):
+        _share(4096)
+    assert len(unlinked) == 1
 
 
 def test_who_hears_of_an_answer_that_is_taken_already_does_not_wait_for_another() -> None:

@@ -206,9 +206,27 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
         answers = {1: bytes(16), 2: bytes(9) + b"\0\x09\0\0" + bytes(3)}
         for number, answer in answers.items():
             server.sendto(answer[:5] + bytes([number, 0]) + answer[7:], way)
-        assert session.leave(requests) == 1  # the second is still at work, and never done
+        until = time.monotonic() + 60
+        assert session.leave(requests, until) == 1  # the second is still at work, and never done
         asked = [server.recv(100)[5] for _ in range(3)]
         assert asked == [1, 2, 2]
+
+
+def test_who_leaves_without_time_asks_nothing() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        server.recv(100)
+        proxy.stop()
+        (session,) = proxy.relay.sessions.values()
+        assert isinstance(session, udp.UdpSession)
+        assert session.leave([b"bye"], time.monotonic()) == 0
+        server.settimeout(0)
+        with pytest.raises(BlockingIOError):
+            server.recv(100)
 
 
 def test_listening_on_all_addresses_the_one_in_use_is_recorded() -> None:

@@ -39,6 +39,7 @@ PHRASES: dict[str, str] = {
     "the session of {word} at {word2} could not be ended": "{word2} での {word} のセッションを終了できませんでした",
     "the session of {word} at {word2}, where {clause}, was ended": "{word2} での {word} のセッション ({clause}) を終了しました",
     "the session of {word} at {word2}, where {clause}, could not be ended": "{word2} での {word} のセッション ({clause}) を終了できませんでした",
+    "there was no time": "時間がありませんでした",
     "slave mode is on": "スレーブモード中",
     "the arm is held": "アームを取得中",
     "{word} is gone ({text}) while {clause}": "{word} がいなくなりました ({text})。状態: {clause}",
