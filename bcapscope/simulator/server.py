@@ -170,15 +170,8 @@ class Server:
         for blocked in writable:
             self._flush(self._connections[blocked])
         for source in readable:
-            if source == self._datagrams:
-                self._take_datagrams()
-            elif source == self._newcomers:
-                self._accept()
-            elif source not in others:
-                self._take_segment(source)
-                if len(readable) > 2:  # datagrams need not wait for all connections that ask for something
-                    self._take_datagrams()
-                    self._hear_turns()
+            if source not in others:
+                self._take(source, len(readable) > 2)
         if self.turns.waiting:
             self._hear_turns()
         if readable:
@@ -216,6 +209,18 @@ class Server:
         self._may_be_more = True
         wait = until if due is None else min(until, max(0, due - now) / 1e9)
         return self._watch.wait(wait)
+
+    def _take(self, source: int, is_crowded: bool) -> None:
+        """Take what has come at a socket; datagrams need not wait for a crowd of connections."""
+        if source == self._datagrams:
+            self._take_datagrams()
+        elif source == self._newcomers:
+            self._accept()
+        else:
+            self._take_segment(source)
+            if is_crowded:
+                self._take_datagrams()
+                self._hear_turns()
 
     def _take_datagrams(self) -> None:
         """Take datagrams from the system before it runs out of room: the first is answered at once."""

@@ -37,17 +37,14 @@ class Watch:
         if not found:
             return [], []
         ready = [descriptor for descriptor, _ in found]
-        if not self.writers:
-            return ready, []
-        return [each for each in ready if each in self.readers], [
-            each for each in ready if each in self.writers
-        ]
+        writable = [each for each in ready if each in self.writers]
+        return ([each for each in ready if each not in writable] if writable else ready), writable
 
     def wait(self, seconds: float) -> Ready:
         """Return what is ready, at the latest after so many seconds.
 
-        `select` keeps that to the microsecond, where `poll` counts milliseconds: the replies of the modes that
-        wait for the 8 ms grid go out on time.
+        `select` keeps that to the microsecond, where `poll` counts milliseconds: the replies of the modes
+        that wait for the 8 ms grid go out on time.
         """
         readable, writable, _ = select.select(self.readers, self.writers, (), seconds)
         return readable, writable
