@@ -76,6 +76,7 @@ def test_types_and_effects(owner: int, name: str, parameter: str, result: str, e
         (17, "ClearError", False),
         (64, "TakeArm", False),
         (17, "SysState", False),
+        (17, "GetCurErrorCount", False),
         (17, "GetCurErrorInfo", False),
         (17, "GetErrorDescription", False),
         (64, "slvSendFormat", None),
