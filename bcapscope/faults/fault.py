@@ -285,7 +285,7 @@ class Close(Fault, frozen=True, kw_only=True, tag="close"):
     """The client's TCP connection ends, on both sides, and the message is lost. UDP is left alone.
 
     Attributes:
-        how: by reset or in order.
+        how: by reset, or in order, after what other faults hold of it.
     """
 
     how: Ending = Ending.RESET

@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 from bcapscope.faults.answers import Manners
 from bcapscope.faults.attempts import Attempts
 from bcapscope.faults.effects import EFFECTS, Effect, Work
-from bcapscope.faults.fault import AnyFault, Fault
+from bcapscope.faults.fault import AnyFault, Ending, Fault
 from bcapscope.faults.message import Closing, Message, Output, Send, Taken
 from bcapscope.faults.striker import Striker
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
@@ -307,7 +307,8 @@ class Shaper:
         for late, raw in work.back:
             self._put(back, Send(back, raw, touched), now + late)
         if work.ending is not None:
-            self._push(now + work.delay, _Parcel(Closing(flow.conversation, work.ending, touched)))
+            closing = Closing(flow.conversation, work.ending, touched)
+            self._push(self._end_of(closing, now + work.delay), _Parcel(closing))
         if work.gone:
             return
         send = Send(flow, work.data, touched)
@@ -320,6 +321,14 @@ class Shaper:
             self._push(now + work.delay + patience, parcel)
         for late in work.copies:
             self._put(flow, send, now + work.delay + late)
+
+    def _end_of(self, closing: Closing, when: int) -> int:
+        """Tell when a connection ends that was to end at a time: in order only after what is held of it."""
+        if closing.how is Ending.RESET:
+            return when
+        conversation = closing.conversation
+        held = (due for due, _, each in self._waiting if each.output and _belongs(each.output, conversation))
+        return max((when, *held))
 
     def _put(self, flow: Flow, send: Send, when: int) -> None:
         """Let something go at a time; bytes of a stream never before those ahead of them."""

@@ -223,6 +223,20 @@ def test_a_connection_is_closed_and_udp_is_left_alone() -> None:
     assert machine.counts == {"close": 0}
 
 
+def test_a_connection_is_closed_in_order_after_what_is_held_of_it_and_by_reset_at_once() -> None:
+    for how, order in (("fin", ["Send", "Send", "Closing"]), ("reset", ["Closing", "Send", "Send"])):
+        flows, machine = (
+            talk(Transport.TCP),
+            shaper("delay=50ms if serial < 3", f"close={how} if serial == 3"),
+        )
+        outputs = [*machine.take(flows.up, request(1), 0).outputs]
+        outputs += machine.take(flows.down, reply(2), 0).outputs
+        outputs += machine.take(flows.up, request(3), MS).outputs
+        outputs += machine.take(flows.up, request(4), MS).outputs
+        outputs += machine.advance(50 * MS)
+        assert [type(output).__name__ for output in outputs][:3] == order
+
+
 def test_losses_come_in_bursts() -> None:
     serials = [Frame(raw).serial for raw in through(shaper("burst=1%/20%"), talk(), *range(1, 5001))]
     gaps = [b - a - 1 for a, b in itertools.pairwise(serials) if b - a > 1]
