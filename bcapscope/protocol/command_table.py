@@ -15,12 +15,12 @@ from bcapscope.protocol.effects import Effect
 SLIDES = "DENSO Wave 2009, How to use the Slave mode"
 SAMPLES = "ShoheiKobata/orin_bcap_python_samples"
 ROS = "DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp"
-ROS_CONTROLLER = "DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_controller.cpp"
+DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_controller.cpp"
 NKAWA = "nkawa/Denso_CobottaPro900_MQTT_Control"
 JSK = "start-jsk/denso denso_controller/src/main.cpp"
 OTHER = "public robot code outside DENSO"
 
-# The comments of `ROS_CONTROLLER` name what must not be called in slave mode, GetCurErrorCount among it.
+# The comments of `DRIVER` name what must not be called in slave mode, GetCurErrorCount among it.
 
 CONTROLLER_EXECUTE, EXTENSION_EXECUTE, ROBOT_EXECUTE, TASK_EXECUTE = 17, 28, 64, 87
 
@@ -280,14 +280,14 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
 )
 
 CONTROLLER_COMMANDS: tuple[Row, ...] = (
-    Row("ClearError", "- BSTR I4", "-~", "clears the errors", _C, f"{SAMPLES}; {ROS_CONTROLLER}", "0", "", False),
+    Row("ClearError", "- BSTR I4", "-~", "clears the errors", _C, f"{SAMPLES}; {DRIVER}", "0", "", False),
     Row(
         "GetErrorDescription",
         "I4",
         "BSTR",
         "tells an error's text",
         _R,
-        f"{SAMPLES}; {ROS_CONTROLLER}",
+        f"{SAMPLES}; {DRIVER}",
         "signed code",
         "",
         False,
@@ -298,7 +298,7 @@ CONTROLLER_COMMANDS: tuple[Row, ...] = (
         "I4",
         "tells how many errors are active",
         _R,
-        f"{SAMPLES}; {ROS_CONTROLLER}",
+        f"{SAMPLES}; {DRIVER}",
         "",
         "",
         False,
@@ -309,7 +309,7 @@ CONTROLLER_COMMANDS: tuple[Row, ...] = (
         "V[]",
         "tells an active error",
         _R,
-        f"{SAMPLES}; {NKAWA}; {ROS_CONTROLLER}",
+        f"{SAMPLES}; {NKAWA}; {DRIVER}",
         "index, 0 the newest",
         "code, message, sub-code, file and line, program, line, file, time on COBOTTA PRO",
         False,
