@@ -18,7 +18,7 @@ from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.requester import Answered, Event, Pace, Refused, Requester, Settled, TimedOut
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.simulator.context import Context
-from bcapscope.simulator.functions import HANDLERS, Arguments, Handler
+from bcapscope.simulator.functions import METHODS, Arguments, Handler
 from bcapscope.simulator.outcome import Outcome
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Output, Simulator
@@ -80,8 +80,12 @@ class BadNetwork(RuleBasedStateMachine):
         self.programs: dict[str, Program] = {}
         self.handles: dict[str, tuple[Variant, Variant]] = {}
         self.simulator = Simulator(PROFILES["rc8"])
-        counting = {**HANDLERS, **{each: self.counting(HANDLERS[each]) for each in COUNTED}}
-        self.counted = patch("bcapscope.simulator.client.HANDLERS", counting)
+        counting = dict(METHODS)
+        for each in COUNTED:
+            owner, run = METHODS[each]
+            assert run is not None
+            counting[each] = owner, self.counting(run)
+        self.counted = patch("bcapscope.simulator.client.METHODS", counting)
         self.counted.start()
 
     def counting(self, run: Handler) -> Handler:
