@@ -9,18 +9,21 @@ from functools import wraps
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
 from bcapscope.client.paces import PACES, PORT
-from bcapscope.client.target import Target, reason_of
+from bcapscope.client.target import Target, reason_of, split_port
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.convention import Convention
+from bcapscope.render.escape import printable
 
 __all__ = ["Target", "failures_told", "target"]
 
 _MS = 1_000_000
+_LAST_PORT = 65535
 _ON_UDP = (Convention.SEED, Convention.OWN, Convention.CHAIN)
 _ON_TCP = (Convention.TCP0, Convention.TCP1)
 
@@ -32,6 +35,12 @@ def _convention(context: click.Context, _: click.Parameter, value: str | None) -
     if convention not in (_ON_TCP if context.params.get("tcp") else _ON_UDP):
         raise click.BadParameter(f"{value} is not for {'TCP' if context.params.get('tcp') else 'UDP'}")
     return convention
+
+
+def _some_host(context: click.Context, _: click.Parameter, value: str) -> str:
+    if not value:
+        raise click.BadParameter("it is empty")
+    return value
 
 
 _OPTIONS = (
@@ -75,7 +84,7 @@ _OPTIONS = (
 
 def target(function: Callable[..., None]) -> Callable[..., None]:
     """Add the argument HOST and the options; the command is given a `target`."""
-    return click.argument("host")(_with_target(function))
+    return click.argument("host", callback=_some_host)(_with_target(function))
 
 
 def optional_target(function: Callable[..., None]) -> Callable[..., None]:
@@ -87,12 +96,39 @@ def _with_target(function: Callable[..., None]) -> Callable[..., None]:
     @wraps(function)
     def with_target(**given: Any) -> None:
         own = {field.name: given.pop(field.name) for field in fields(Target)}
+        own["host"], own["port"] = _place(own["host"], own["port"])
         function(target=Target(**own), **given)
 
     decorated: Callable[..., None] = with_target
     for option in reversed(_OPTIONS):
         decorated = option(decorated)
     return decorated
+
+
+def _place(text: str, port: int) -> tuple[str, int]:
+    """Return host and port; a port behind the host counts, as in ``192.168.0.1:5007`` or ``[::1]:5007``.
+
+    Raises:
+        click.BadParameter: no host or port has this form.
+    """
+    host, behind = split_port(text)
+    if text and not _can_be_asked_for(host):
+        raise click.BadParameter(f"{printable(text)} is no host", param_hint="HOST")
+    if not behind:
+        return host, port
+    if not (behind.isascii() and behind.isdigit() and 0 < int(behind) <= _LAST_PORT):
+        raise click.BadParameter(f"{printable(behind)} is no port", param_hint="HOST")
+    given = click.get_current_context().get_parameter_source("port")
+    if given is ParameterSource.COMMANDLINE and int(behind) != port:
+        raise click.UsageError(f"{printable(text)} and --port {port} exclude each other")
+    return host, int(behind)
+
+
+def _can_be_asked_for(host: str) -> bool:
+    try:
+        return bool(host.encode("idna"))  # as the system's resolver is asked
+    except UnicodeError:
+        return False
 
 
 @contextmanager

@@ -54,6 +54,18 @@ class Target:
         return f"{host}:{self.port} over {'TCP' if self.tcp else 'UDP'}"
 
 
+def split_port(text: str) -> tuple[str, str]:
+    """Split ``host:port``, ``[address]:port`` or either without a port, which is empty then.
+
+    More than one colon without brackets is an address of IPv6, which has no port.
+    """
+    if text.startswith("["):
+        host, _, behind = text[1:].partition("]")
+        return host, behind.removeprefix(":")
+    host, colon, port = text.rpartition(":")
+    return (host, port) if colon and ":" not in host else (text, "")
+
+
 def reason_of(error: OSError) -> str:
     """Return what went wrong on the way to a controller, without what asyncio says around it."""
     if isinstance(error, TimeoutError):
