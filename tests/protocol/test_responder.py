@@ -155,6 +155,14 @@ def test_old_answers_are_forgotten() -> None:
     assert _play(responder, (1, 0, 1)) == "NEW"
 
 
+def test_none_that_is_remembered_is_forgotten_with_the_old_ones() -> None:
+    responder = Responder(remembered=3)
+    for serial in range(1, 100):
+        assert _play(responder, (serial, 0, serial)) == "NEW"
+        for known in range(max(1, serial - 2), serial + 1):
+            assert _play(responder, (known, 0, known)) == "REPEAT"
+
+
 def test_a_forgotten_client_is_a_new_one() -> None:
     responder = Responder()
     responder.receive(_request(5, 0))
