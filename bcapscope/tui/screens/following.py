@@ -46,7 +46,8 @@ def about(told: Told, settled: Settled | None, note: str | None) -> str:
         parts.append(say("traffic.about.packet", packet=told.seen.packet))
     flow = told.seen.flow
     parts.append(printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport}"))
-    parts += [f"# {printable(comment)}" for comment in (*told.comments, note or "") if comment]
+    parts += [f"# {printable(spoken(comment))}" for comment in told.comments]
+    parts += [f"# {printable(note)}"] if note else []
     return " " + " · ".join(parts)
 
 

@@ -141,6 +141,7 @@ class FrameList(Lines):
         if self._clock is Clock.DELTA and index and self._journal is not None:
             self._renderer.begin(self._journal.time(self.rows.number(index - 1)))
         seen, question, comments = self.told(number)
+        comments = tuple(map(told, comments))
         note = self.marks.get(number)
         if note:
             comments = (*comments, note)

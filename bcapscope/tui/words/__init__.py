@@ -28,6 +28,7 @@ from bcapscope.tui.words import (
     reading,
     reasons,
     relay,
+    remarks,
     results,
     rules,
     shell,
@@ -54,6 +55,7 @@ _BOOKS = (
     reading,
     reasons,
     relay,
+    remarks,
     results,
     rules,
 )

@@ -150,6 +150,26 @@ def messages() -> Iterator[str]:
     yield from State
 
 
+@pytest.mark.parametrize(
+    ("note", "japanese"),
+    [
+        ("loss=5%: dropped", "loss=5%: 破棄"),
+        (
+            "delay=3ms if command == slvMove: delayed by 3.214 ms",
+            "delay=3ms if command == slvMove: 3.214 ms 遅延",
+        ),
+        ("guard: Robot_Move is blocked", "保護: Robot_Move は遮断対象"),
+        (
+            "guard: read-only: Robot_Execute slvMove, answered with E_ACCESSDENIED",
+            "保護: 読み取り専用 (Robot_Execute slvMove)、E_ACCESSDENIED で応答",
+        ),
+        ("intercept: edited after 1.2 s", "保留: 1.2 s 後に変更して送信"),
+    ],
+)
+def test_what_a_proxy_did_to_a_packet(note: str, japanese: str) -> None:
+    assert told(note) == japanese
+
+
 def test_what_else_the_tester_shows() -> None:
     assert [text for text in messages() if not is_japanese(text)] == []
 

@@ -49,11 +49,11 @@ RULES = [each.name for each in pkgutil.iter_modules(rules.__path__, f"{rules.__n
 ROOMS = {
     "analysis": "buffer casebook generation timing",
     "capture": "file following live observer pcap pcapng source",
-    "faults": "notation quantities yamlevents",
+    "faults": "effects notation quantities shaper yamlevents",
     "player": "checks checks_motion process project reading realtime records resampling slvmoves station "
     "table timing yamltext",
     "protocol": "arguments content stream",
-    "proxy": "control control_client farewell relay tcp udp vigil",
+    "proxy": "control control_client farewell guard intercept relay tcp udp vigil",
     "render": "advice line preflight slave slave_controller slave_motion slave_timing slaverun statistics",
     "traffic": "filter_tokens filters",
 }
@@ -67,6 +67,12 @@ UNSEEN = {
         "`sudo setcap cap_sys_nice+ep "
     ],  # is there, but for the command
     "bcapscope.protocol.content": ["serial line"],  # a name
+    "bcapscope.proxy.guard": [
+        "there is no function or command ",
+        "a command that is not in the catalogue is written with its function, Robot_Execute:",
+        " takes no commands",
+        "these do",
+    ],  # of the command line, before there is a screen
 }
 """What is no sentence."""
 
@@ -205,7 +211,7 @@ def test_why_a_saved_request_cannot_be_read(content: str, tmp_path: Path) -> Non
         "guard: what is not allowed is answered with E_ACCESSDENIED",
         "intercept: held until sent on, 60 s at most",
         "10.0.0.9 is not allowed; its datagrams are dropped",
-        "10.0.0.9:50001: no way to 192.168.0.1:5007: no route to host",
+        "10.0.0.9:50001: the controller 192.168.0.1:5007 cannot be reached: no route to host",
         "10.0.0.9:50001: 100 bytes were not taken by the controller any more",
         "192.168.0.1:5007 refuses datagrams: nobody listens on UDP there (ICMP)",
         "message 3: intercept: nobody decided in 30 s, sent on unchanged",
