@@ -77,7 +77,7 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise NoWay(f"there is no way to {endpoint}: {reason(error)}") from None
+        raise NoWay(f"the controller {endpoint} cannot be reached: {reason(error)}") from None
     return family, address
 
 

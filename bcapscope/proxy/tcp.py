@@ -173,11 +173,11 @@ class TcpSession:
         return "connected" if self._connected else "connecting"
 
     def fail(self, problem: int) -> None:
-        """Give up: there is no way to the controller."""
+        """Give up: the controller cannot be reached."""
         to = self._port.to
         text = reason(OSError(problem, ""))
         self._relay.tell(f"{self.conversation.client}: no connection to {to} over TCP: {text}")
-        self.close(True, "no way to the controller")
+        self.close(True, "the controller cannot be reached")
 
     def send(self, up: bool, data: bytes) -> int:
         """Send what rules give; return when, 0 if not all of it went out yet."""

@@ -160,7 +160,9 @@ class UdpPort:
         except OSError as error:
             self._wayless += 1
             if self._wayless & (self._wayless - 1) == 0:  # the 1st, 2nd, 4th, 8th …, as each datagram asks
-                relay.tell(f"{endpoint_of(address)}: no way to {self.to}: {reason(error)}")
+                relay.tell(
+                    f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {reason(error)}"
+                )
             return None
         session = self._sessions[address] = UdpSession(self, address, upstream)
         return session

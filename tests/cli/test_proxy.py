@@ -415,7 +415,11 @@ HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
         (["--listen", "127.0.0.1:0", "--ring", "x"], 2, "a ring is written as"),
         (["--listen", "127.0.0.1:0"], 2, "each --listen needs its --to"),
         (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "-f", "nonsense =="], 2, "nonsense"),
-        (["--listen", "127.0.0.1:0", "--to", "no.such.host.invalid:1"], 9, "there is no way to no.such"),
+        (
+            ["--listen", "127.0.0.1:0", "--to", "no.such.host.invalid:1"],
+            9,
+            "the controller no.such.host.invalid:1 cannot be reached",
+        ),
         (["--listen", "203.0.113.7:0", "--to", "127.0.0.1:1"], 4, "cannot listen on 203.0.113.7"),
         (
             ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--record", "/nowhere/a.pcapng"],

@@ -61,5 +61,5 @@ def test_two_proxies_cannot_share_a_port() -> None:
 
 
 def test_a_controller_without_address() -> None:
-    with pytest.raises(NoWay, match=r"no way to no\.such\.host\.invalid:5007"):
+    with pytest.raises(NoWay, match=r"no\.such\.host\.invalid:5007 cannot be reached"):
         opened("127.0.0.1:0", "no.such.host.invalid:5007")

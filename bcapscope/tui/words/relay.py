@@ -25,9 +25,8 @@ PHRASES: dict[str, str] = {
     "guard: what is not allowed is answered with E_ACCESSDENIED": "保護: 許可されないものには E_ACCESSDENIED で応答します",
     "held until sent on, {n} s at most": "送信するまで保留、最長 {n} 秒",
     # the way to the controller
-    "no way to {word}": "{word} への経路がありません",
-    "there is no way to {word}": "{word} への経路がありません",
-    "no way to the controller": "コントローラへの経路がありません",
+    "the controller {word} cannot be reached": "コントローラ {word} に到達できません",
+    "the controller cannot be reached": "コントローラに到達できません",
     "no connection to {word} over TCP": "{word} に TCP で接続できません",
     "{word} refuses datagrams: nobody listens on UDP there (ICMP)": "{word} がデータグラムを拒否しています: UDP で待ち受けていません (ICMP)",
     "{n} bytes could not be sent": "{n} バイトを送れませんでした",
