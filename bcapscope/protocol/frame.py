@@ -53,6 +53,7 @@ _SERIAL_RESERVED = struct.Struct("<HH")
 _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
+_PLAIN = Framing.PLAIN
 _LONGEST_ROW = 64  # numbers; of longer ones there are too many lengths to keep a packer for each
 
 
@@ -244,7 +245,7 @@ def encode(
         TooLargeError: the frame grows over `LARGEST_FRAME`.
         LocalProtocolError: a number or a value does not fit.
     """
-    if len(arguments) == 1 and framing is Framing.PLAIN:
+    if len(arguments) == 1 and framing is _PLAIN:
         raw = _with_row(serial, reserved, code, arguments[0])
         if raw is not None:
             return raw
@@ -257,7 +258,7 @@ def encode(
     except struct.error as error:
         raise LocalProtocolError(f"serial {serial}, reserved {reserved}, code {code}: {error}") from error
     raw = header + packed + b"\x04"
-    if framing is not Framing.PLAIN:
+    if framing is not _PLAIN:
         raw = _framed(raw, framing, reserved)
         length = max(length, len(raw))
     if length > LARGEST_FRAME:
@@ -272,12 +273,12 @@ def _with_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | No
         The frame; None for every other argument, and where something does not fit.
     """
     vt, values, count = row
-    if vt not in NUMBER_ARRAYS or count > _LONGEST_ROW or not isinstance(values, tuple):
+    if vt not in NUMBER_ARRAYS or not isinstance(values, tuple) or not len(values) == count <= _LONGEST_ROW:
         return None
-    pack, length, size = _packer(vt, count)
     try:
+        pack, length, size = _packer(vt, count)
         return pack(SOH, length, serial, reserved, code, 1, size, vt, count, *values, EOT)
-    except struct.error:
+    except (struct.error, TypeError, OverflowError):
         return None
 
 

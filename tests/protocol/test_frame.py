@@ -13,7 +13,7 @@ from bcapscope.protocol import content as contents
 from bcapscope.protocol import frame as frames_module
 from bcapscope.protocol.content import Content
 from bcapscope.protocol.frame import Frame, Framing, Malformed, Problem, encode, parse_bytes, parse_datagram
-from bcapscope.protocol.variant import VT, Variant, encode_argument
+from bcapscope.protocol.variant import ARRAY, NUMBER_FORMATS, VT, Variant, encode_argument
 from tests.frames import (
     DAMAGED,
     DAMAGED_IDS,
@@ -204,6 +204,32 @@ def test_a_plain_frame_is_its_own_body() -> None:
 def test_refuses_numbers_that_do_not_fit(serial: int, reserved: int, code: int, framing: Framing) -> None:
     with pytest.raises(LocalProtocolError):
         encode(serial, reserved, code, (), framing)
+
+
+@pytest.mark.parametrize("vt", NUMBER_FORMATS)
+@pytest.mark.parametrize("count", [0, 1, 8, 64, 65])
+def test_a_row_of_numbers_is_packed_as_any_argument_is(vt: int, count: int) -> None:
+    row = Variant.array(vt, tuple(range(count)))
+    frame = Frame(encode(7, 8, 0x900, [row]))
+    assert (frame.serial, frame.reserved, frame.code, frame.argc) == (7, 8, 0x900, 1)
+    assert frame.raw[15:-1] == encode_argument(row)
+    assert frame.length == len(frame.raw)
+    assert not frame.problems
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        Variant(ARRAY | VT.R8, (1.0, 2.0), 3),
+        Variant(ARRAY | VT.R8, (1.0, 2.0), -1),
+        Variant(ARRAY | VT.R4, (1e300,), 1),
+        Variant(ARRAY | VT.R8, ("1",), 1),
+        Variant(ARRAY | VT.I2, (70_000,), 1),
+    ],
+)
+def test_refuses_rows_that_do_not_fit(row: Variant) -> None:
+    with pytest.raises(LocalProtocolError, match="cannot be packed"):
+        encode(1, 0, 0, [row])
 
 
 def test_refuses_values_that_do_not_fit() -> None:
