@@ -200,9 +200,8 @@ class Shaper:
         touched = tuple(self._applied(work, struck))
         if work.half_open:
             self._dead[flow.conversation] = touched[-1].partition(":")[0]
-        if self.is_full and message.datagram and not work.gone and (work.delay or work.overtaken):
-            work.lose()
-            touched = (*touched, "dropped, too much is held already")
+        if self.is_full and message.datagram and not work.gone:
+            touched = (*touched, *_thinned(work))
         self._schedule(work, touched)
         return Taken(outputs + self.advance(now), touched, not work.gone)
 
@@ -356,6 +355,16 @@ class Shaper:
         waiting.remove(parcel)
         if not waiting:
             del self._overtaken[way]
+
+
+def _thinned(work: Work) -> Iterable[str]:
+    """Lose what would be held of a datagram."""
+    if work.delay or work.overtaken:
+        work.lose()
+        yield "dropped, too much is held already"
+    elif any(work.copies):
+        work.copies = [late for late in work.copies if not late]
+        yield "copies dropped, too much is held already"
 
 
 def _made_up(fault: Fault, names: set[str]) -> str:

@@ -314,6 +314,16 @@ def test_what_is_held_of_a_conversation_that_is_over_is_lost() -> None:
     assert [data for _, data in run_dry(machine, 0)] == [request(2)]
 
 
+def test_no_more_copies_are_held_than_fit() -> None:
+    raw = bytes(60_000)
+    flows, machine = talk(), shaper("duplicate=1000 time 10s")
+    while not machine.is_full:
+        machine.take(flows.up, raw, 0)
+    taken = machine.take(flows.up, raw, 0)
+    assert taken.touched == ("duplicate: duplicated 1000 times", "copies dropped, too much is held already")
+    assert [output.data for output in taken.outputs if isinstance(output, Send)] == [raw]
+
+
 def test_no_more_is_held_than_fits() -> None:
     raw = bytes(60_000)
     flows, stream = talk(), talk(Transport.TCP)
