@@ -1,7 +1,7 @@
 """From a captured packet to the IP packet inside: link headers, IPv4, IPv6.
 
-Link headers: IEEE 802.3 and 802.1Q; the LINKTYPE_ documents of tcpdump.org for the others. IPv4: RFC 791;
-IPv6: RFC 8200.
+Link headers: IEEE 802.3 and 802.1Q; RFC 2516 for PPPoE, whose protocol numbers are those of RFC 1332 and
+RFC 5072; the LINKTYPE_ documents of tcpdump.org for the others. IPv4: RFC 791; IPv6: RFC 8200.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ ETHERNET, LINUX_COOKED, LINUX_COOKED_2 = 1, 113, 276
 _IPV4, _IPV6 = 0x0800, 0x86DD
 _VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
 """Customer tag, service tag (IEEE 802.1Q), and the service tag of switches older than the standard."""
+
+_PPPOE, _PPPOE_SIZE = 0x8864, 6
+_PPP_TO_IP = {0x0021: _IPV4, 0x0057: _IPV6}
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
 """AF_INET, then AF_INET6 of Linux, NetBSD and OpenBSD, FreeBSD, macOS (LINKTYPE_NULL)."""
@@ -83,11 +86,14 @@ def _ethernet(data: bytes) -> int:
 
 
 def _behind_type(data: bytes, offset: int) -> int:
-    """Follow VLAN tags from the type field at `offset`."""
+    """Follow VLAN tags, and a PPPoE session, from the type field at `offset`."""
     kind = int.from_bytes(data[offset : offset + 2])
     while kind in _VLAN_TAGS:
         offset += 4
         kind = int.from_bytes(data[offset : offset + 2])
+    if kind == _PPPOE:
+        offset += 2 + _PPPOE_SIZE
+        kind = _PPP_TO_IP.get(int.from_bytes(data[offset : offset + 2]), kind)
     return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
 
 

@@ -11,6 +11,7 @@ from tests.capture.packets import CLIENT, SERVER, ethernet, ipv4, ipv6
 
 CONTENT = b"what is carried"
 V4, V6 = ipv4(CONTENT), ipv6(CONTENT)
+PPPOE = struct.pack(">BBHH", 0x11, 0, 1, 2 + len(V4))
 COOKED = struct.pack(">HHH8s", 0, 1, 6, bytes(8))
 COOKED_2_REST = struct.pack(">HIHBB8s", 0, 1, 1, 0, 6, bytes(8))
 
@@ -28,6 +29,8 @@ def _cooked_2(kind: int) -> bytes:
         (1, ethernet(V4, tags=[0x9100, 0x8100])),
         (1, ethernet(V6, 0x86DD)),
         (1, ethernet(V6, 0x86DD, tags=[0x8100])),
+        (1, ethernet(PPPOE + b"\x00\x21" + V4, 0x8864)),
+        (1, ethernet(PPPOE + b"\x00\x57" + V6, 0x8864, tags=[0x8100])),
         (113, COOKED + b"\x08\x00" + V4),
         (113, COOKED + b"\x86\xdd" + V6),
         (113, COOKED + b"\x81\x00\x00\x05\x08\x00" + V4),
@@ -57,6 +60,8 @@ def test_finds_what_is_carried_behind_every_link(linktype: int, data: bytes) -> 
         (1, ethernet(b"", 0x0806)),
         (1, ethernet(b"", 0x0806, tags=[0x8100])),
         (1, b"\x08\x00" * 7),
+        (1, ethernet(PPPOE + b"\xc0\x21" + V4, 0x8864)),
+        (1, ethernet(PPPOE, 0x8864)),
         (1, b""),
         (1, bytes(12) + b"\x81\x00"),
         (113, COOKED + b"\x08\x06" + bytes(40)),
