@@ -39,7 +39,7 @@ def chart(
         unit: of y, written behind the most.
 
     Returns:
-        `height` lines of at most `width` columns.
+        `height` lines of at most `width` columns; of two lines and eleven columns where these are fewer.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
@@ -95,8 +95,14 @@ def _joined(dots: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 
 def _label(row: int, rows: int, low: float, high: float, unit: str) -> str:
     if row == 0:
-        return f"{high:.4g}{unit}"
-    return f"{low:.4g}{unit}" if row == rows - 1 else ""
+        return _short(high, unit)
+    return _short(low, unit) if row == rows - 1 else ""
+
+
+def _short(value: float, unit: str) -> str:
+    """Write a number with four digits, or as many as there is room for beside the unit."""
+    texts = (f"{value:.{digits}g}{unit}" for digits in (4, 3, 2, 1))
+    return next((text for text in texts if len(text) <= _LABEL), f"{value:.0e}")
 
 
 def _row(cells: Sequence[int], styles: Sequence[str], reset: str) -> str:

@@ -36,5 +36,13 @@ def test_nothing_is_an_empty_frame() -> None:
 def test_any_numbers_fit_into_the_frame(
     points: list[list[tuple[float, float]]], width: int, height: int
 ) -> None:
-    lines = chart([Curve(each) for each in points], width, height)
+    lines = chart([Curve(each) for each in points], width, height, unit="deg")
     assert len(lines) == max(2, height)
+    assert max(map(len, lines)) <= max(11, width)
+
+
+def test_a_label_of_many_digits_leaves_the_frame_where_it_is() -> None:
+    lines = chart([Curve([(0, -123456.0), (1, 123456.0)])], 30, 4, unit="mm")
+    assert {line.find("│") for line in lines[:-1]} == {9}
+    assert lines[0].startswith("1.2e+05mm")
+    assert lines[2].startswith(" -1e+05mm")
