@@ -12,7 +12,7 @@ from bcapscope.render.call import CallRenderer
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.tui.ink import INK
-from bcapscope.tui.widgets.framelist import Rows, arrow, client_and_arrow, right
+from bcapscope.tui.widgets.framelist import Rows, arrow, client_and_arrow, left, right
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say, told
 
@@ -179,7 +179,7 @@ class CallList(Lines):
 
     def head(self) -> str:
         """Write what stands above the columns."""
-        client = f"{say('traffic.head.client'):<21}   " if self._with_client else "   "
+        client = f"{left(say('traffic.head.client'), 21)}   " if self._with_client else "   "
         call, time = right(say("traffic.head.call"), 6), right(say("traffic.head.time"), 12)
         return f" {call} {time} {client} {say('traffic.head.what')}"
 

@@ -167,7 +167,7 @@ class FrameList(Lines):
     def head(self) -> str:
         """Write what stands above the columns."""
         time = {Clock.UTC: 30, Clock.EPOCH: 20}.get(self._clock, 12)
-        client = f"{say('traffic.head.client'):<21}   " if self._with_client else "  "
+        client = f"{left(say('traffic.head.client'), 21)}   " if self._with_client else "  "
         words: Mapping[str, str] = {
             name: say(f"traffic.head.{name}") for name in ("number", "time", "serial", "reserved", "what")
         }
@@ -175,6 +175,11 @@ class FrameList(Lines):
             f"  {right(words['number'], 6)} {right(words['time'], time)} {client}"
             f"{right(words['serial'], 5)} {right(words['reserved'], 5)}  {words['what']}"
         )
+
+
+def left(text: str, width: int) -> str:
+    """Set a text to the left of a column; wide characters take two."""
+    return text + " " * max(0, width - display_width(text))
 
 
 def right(text: str, width: int) -> str:
