@@ -174,11 +174,12 @@ class Server:
                 self._take(source, len(readable) > 2)
         if self.turns.waiting:
             self._hear_turns()
+        now = self._clock.now()
         if readable:
-            self._awake_until = self._clock.now() + _LINGER
+            self._awake_until = now + _LINGER
+        moment = min(moment, now)  # what was heard may have set it back
         if self.turns.waiting:
             moment = min(moment, self.turns.since)
-        moment = min(moment, self._clock.now())  # what was heard may have set it back
         if due is not None and due <= moment:
             self._send(self._simulator.advance(self._clock.tell(moment)))
             self._clock.answered()

@@ -34,8 +34,8 @@ PATIENCE = 500 * MS
 """How long slvChangeMode waits for the robot to stand still (DENSO Wave 2009)."""
 
 INVALID_SET_POINT = 0x83201405
-LARGEST_COORDINATE = 1e9
-"""The root of the sum of all their squares is less."""
+LONGEST_SET_POINT = 1e9
+"""Its numbers taken for a vector, which has to be shorter."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
@@ -162,7 +162,7 @@ def _joints(context: Context, pose_type: PoseType, point: SetPoint) -> Joints:
     if len(values) + len(point.pose.extra) not in POSE_LENGTHS[pose_type]:
         raise RefusedError(E_INVALIDARG)
     try:
-        if not hypot(*values) < LARGEST_COORDINATE:  # nor is it with NaN among them
+        if not hypot(*values) < LONGEST_SET_POINT:  # nor is it with NaN among them
             raise RefusedError(INVALID_SET_POINT)
         joints = joints_of(pose_type, values)
         axis = beyond_limit(joints, context.machine.start.limits)
