@@ -100,9 +100,10 @@ def command(
     While it plays, s, space, Ctrl-C or Ctrl-Z lets the robot come to rest on its way; h, Escape twice or
     Ctrl-C twice halts it at once.
 
-    Exit codes: 0 played to the end; 2 the command line makes no sense; 4 the file cannot be read; 6 a file
-    was not written; 8 the controller refused something; 9 no answer; 10 nobody said that a robot may move, or
-    another client moves it; 11 the trajectory is not fit to play; 130 stopped or halted.
+    Exit codes: 0 played to the end, or stopped where there is none (--loop 0); 2 the command line makes no
+    sense; 4 the file cannot be read; 6 a file was not written; 8 the controller refused something; 9 no
+    answer; 10 nobody said that a robot may move, or another client moves it; 11 the trajectory is not fit to
+    play; 130 stopped or halted.
     """
     if os.name != "posix":
         raise click.UsageError("the player's process and its signals need Linux, macOS or the like")
