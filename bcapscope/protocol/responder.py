@@ -183,7 +183,8 @@ class Responder:
             if not heard and self._retries and frame.serial == 0 and Defect.SERIAL_ZERO in self._defects:
                 return Decision(Verdict.REPEAT, self.reply(frame, S_OK))
             self._running = call = _Call(frame, content)
-            self._note(call)
+            if self._retries:
+                self._note(call)
             return _NEW
         call.asked_by(frame)
         self._note(call)

@@ -7,10 +7,10 @@ and that the refusal ends it: issues 13, 21, 42 and 48 of DENSORobot/denso_robot
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
+from collections.abc import Mapping
+from functools import partial
 
-from bcapscope.protocol.commands import command
+from bcapscope.protocol.commands import Command, commands
 from bcapscope.protocol.effects import Effect, function_effect
 from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
 from bcapscope.protocol.guard import always_passes
@@ -139,31 +139,30 @@ def _has_controller(name: str, objects: Objects) -> bool:
 def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...]) -> bool:
     """Tell whether a call is accepted while slave mode is on.
 
-    Where no source says, reading is and everything else is not.
+    Where no source says, reading is and everything else is not; what is no command is refused elsewhere.
     """
-    is_command_allowed = _ARE_COMMANDS_ALLOWED.get(function_id)
-    if is_command_allowed is not None:
-        name = arguments[1].value if len(arguments) > 1 else ""
-        return is_command_allowed(name if isinstance(name, str) else "")
+    refused = _REFUSED_COMMANDS.get(function_id)
+    if refused is not None:
+        name = arguments[1].value if len(arguments) > 1 else None
+        return not isinstance(name, str) or name.casefold() not in refused
     if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
         return True
     return function_effect(function_id) < Effect.MOVES
 
 
-def _is_command_allowed(function_id: int, name: str) -> bool:
-    if name.casefold() in _SLAVE_MODE_OWN:
-        return True
-    known = command(function_id, name)
-    if known is None:
+def _is_command_allowed(known: Command) -> bool:
+    if known.name.casefold() in _SLAVE_MODE_OWN:
         return True
     return known.effect <= Effect.READS if known.in_slave_mode is None else known.in_slave_mode
 
 
-_ARE_COMMANDS_ALLOWED: Mapping[int, Callable[[str], bool]] = {
-    function_id: lru_cache(maxsize=64)(partial(_is_command_allowed, function_id))
+_REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
+    function_id: frozenset(
+        known.name.casefold() for known in commands(function_id) if not _is_command_allowed(known)
+    )
     for function_id in (17, 28, 64, 87)
 }
-"""By the ..._Execute function; asked with every set point, so the last answers are kept."""
+"""In slave mode, by the ..._Execute function, in lower case."""
 
 
 def parse_options(text: str) -> dict[str, str]:
