@@ -28,6 +28,11 @@ def span(nanoseconds: int) -> str:
     return f"{ms:.1f} ms" if ms >= 0.095 else f"{ms:.2f} ms"
 
 
+def amount(value: float) -> str:
+    """Write a measured number with three digits that matter, or all that stand before the point."""
+    return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
+
+
 def times(count: int) -> str:
     """Write how often."""
     return {1: "once", 2: "twice"}.get(count, f"{count} times")

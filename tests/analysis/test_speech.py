@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.analysis.speech import Speech, shown, span, times
+from bcapscope.analysis.speech import Speech, amount, shown, span, times
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 
 
@@ -27,6 +27,11 @@ from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 )
 def test_durations(nanoseconds: int, words: str) -> None:
     assert span(nanoseconds) == words
+
+
+def test_amounts_that_people_read_have_no_exponent() -> None:
+    texts = [amount(value) for value in (0.0123456, -1.5, 125.0, 999.4, 999.6, -1234.5, 1e6, 1e200)]
+    assert texts == ["0.0123", "-1.5", "125", "999", "1000", "-1234", "1000000", "1e+200"]
 
 
 def test_counts() -> None:

@@ -11,7 +11,7 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.motion import Jump
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import Incident, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, span
+from bcapscope.analysis.speech import Speech, amount, called, span
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.hresult import describe
 from bcapscope.protocol.poses import AXES
@@ -129,12 +129,12 @@ class Limits(Watcher):
         def say(speech: Speech) -> str:
             who = speech.client(stay.conversation)
             return (
-                f"the first set point of {who} is {distance:.3g} {unit} away in {axis} from where the robot "
-                f"was ({known_by}), and in slave mode it is to get there in one period"
+                f"the first set point of {who} is {amount(distance)} {unit} away in {axis} from where the "
+                f"robot was ({known_by}), and in slave mode it is to get there in one period"
             )
 
         def then(speech: Speech, after: int) -> str:
-            return f"the first set point was {distance:.3g} {unit} away in {axis}"
+            return f"the first set point was {amount(distance)} {unit} away in {axis}"
 
         time = stay.first.time if stay.first is not None else stay.entered
         self.report(Incident(FAR, time, time, stay.conversation, frames, say, then))
@@ -149,12 +149,13 @@ class Limits(Watcher):
 
         def say(speech: Speech) -> str:
             return (
-                f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {jump.step:.3g} "
-                f"{unit} in {jump.axis} ({speed:.0f} {unit}/s in one period), far more than those around it"
+                f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {amount(jump.step)} "
+                f"{unit} in {jump.axis} ({amount(speed)} {unit}/s in one period), far more than those "
+                "around it"
             )
 
         def then(speech: Speech, after: int) -> str:
-            return f"a set point jumped by {jump.step:.3g} {unit} in {jump.axis}"
+            return f"a set point jumped by {amount(jump.step)} {unit} in {jump.axis}"
 
         self.report(Incident(JUMP, jump.time, jump.time, stay.conversation, (jump.frame,), say, then))
 
@@ -187,8 +188,8 @@ def _over_limit(call: Exchange, client: Client, clients: Clients) -> Why | None:
     def text(speech: Speech) -> str:
         return (
             f"the largest step of J{axis} in the {counted(len(points), 'set point')} up to then is "
-            f"{step:.4g} deg, from {called(before)} to {called(after_it)} at "
-            f"{speech.at(after_it.request.time)} ({speed:.0f} deg/s if taken in one period of 8 ms; they "
+            f"{amount(step)} deg, from {called(before)} to {called(after_it)} at "
+            f"{speech.at(after_it.request.time)} ({amount(speed)} deg/s if taken in one period of 8 ms; they "
             f"were sent {span(interval)} apart)"
         )
 

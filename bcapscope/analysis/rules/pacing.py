@@ -10,7 +10,7 @@ from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, Why, refusal
 from bcapscope.analysis.rules.rule import MS, Incident, Kind, Report, Rule, Watcher
-from bcapscope.analysis.speech import Speech, called, name_of, span
+from bcapscope.analysis.speech import Speech, amount, called, name_of, span
 from bcapscope.analysis.stay import Stay
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
 from bcapscope.protocol.wording import counted
@@ -164,12 +164,12 @@ class Pacing(Watcher):
         def say(speech: Speech) -> str:
             who, points = speech.client(stay.conversation), counted(stay.counts.sent, "set point")
             return (
-                f"{who} sent {points} every {mean:.3g} ms on average ({rate:.0f} a second), where "
+                f"{who} sent {points} every {amount(mean)} ms on average ({amount(rate)} a second), where "
                 f"{grid:g} ms is the period{more}"
             )
 
         def then(speech: Speech, after: int) -> str:
-            return f"set points came every {mean:.3g} ms"
+            return f"set points came every {amount(mean)} ms"
 
         frames = (first.frame, last.frame)
         self.report(Incident(rule, first.time, last.time, stay.conversation, frames, say, then))
