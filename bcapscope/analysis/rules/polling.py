@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bcapscope.analysis.client import Client, Clients
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.rule import Incident, Kind, Report, Rule, Watcher
+from bcapscope.analysis.rules.rule import Incident, Kind, Report, Rule, Watcher, last_time
 from bcapscope.analysis.speech import Speech, shown, span
 from bcapscope.protocol.functions import ID
 from bcapscope.traffic.exchange import Exchange
@@ -64,7 +64,7 @@ class Polling(Watcher):
         reads = self._reads.pop(client.conversation, None)
         if reads is None or reads.count < _MANY or reads.count < client.calls * _SHARE:
             return
-        calls, took = client.calls, reads.last.request.time - reads.first.request.time
+        calls, took = client.calls, last_time(reads.last) - reads.first.request.time
         top, often = max(reads.names.items(), key=lambda item: item[1])
 
         def say(speech: Speech) -> str:

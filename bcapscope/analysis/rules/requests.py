@@ -189,12 +189,8 @@ def _guess(function_id: int, name: str) -> str:
 
 
 def _argument(call: Exchange, client: Client, clients: Clients) -> Why | None:
-    odd = _odd_types(call)
-    return (
-        Why(lambda speech: odd, key=call.question.command or "")
-        if odd
-        else Why(key=shown(call.question.command or ""))
-    )
+    odd, key = _odd_types(call), shown(call.question.command or "")
+    return Why(lambda speech: odd, key=key) if odd else Why(key=key)
 
 
 def _odd_types(call: Exchange) -> str:
@@ -216,7 +212,7 @@ def _odd_types(call: Exchange) -> str:
     return (
         ""
         if sent in known.parameter_types
-        else f"{arguments and sent} was sent, and {known.name} takes {' or '.join(known.parameter_types)}"
+        else f"{sent} was sent, and {known.name} takes {' or '.join(known.parameter_types)}"
     )
 
 

@@ -7,13 +7,13 @@ from tests.analysis.scenes import CONTROLLER, Play, Story
 from tests.samples.calls import i4, text
 
 
-def _reads(times: int) -> Play:
+def _reads(times: int, takes: float = 1.7) -> Play:
     def play(story: Story) -> None:
         client = story.client()
         client.open()
         client.call(50, "Controller_GetVariable", CONTROLLER, text("IO128"), text(""), result=i4(10))
         for number in range(times):
-            client.call(60 + 2 * number, "Variable_GetValue", i4(10), result=i4(1), takes=1.7)
+            client.call(60 + 2 * number, "Variable_GetValue", i4(10), result=i4(1), takes=takes)
         client.call(70 + 2 * times, "Variable_Release", i4(10))
         client.close(80 + 2 * times)
 
@@ -31,4 +31,5 @@ SCENES = (
         ),
         _reads(20),
     ),
+    Scene("polling", _reads(200, takes=2.0), (11, 409), ("2.0 ms each, 100% of its time",), _reads(20)),
 )
