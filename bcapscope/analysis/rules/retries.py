@@ -118,7 +118,7 @@ class Retries(Watcher):
         elif call.question.function_id == ID["Service_Start"]:
             self._look_for_stale(client.last, call)
         elif client.last.reply is None:
-            self._look_for_unmarked(client.last, call)
+            self._look_for_unmarked(client, call)
 
     def stay(self, stay: Stay) -> None:
         count, frames = stay.counts.retries_forbidden, stay.forbidden_retry_list
@@ -232,9 +232,9 @@ class Retries(Watcher):
             before=before,
         )
 
-    def _look_for_unmarked(self, before: Exchange, call: Exchange) -> None:
-        frame, earlier = call.request.item, before.request.item
-        if not before.gone_on or before.let_go or frame.raw[9:] != earlier.raw[9:]:
+    def _look_for_unmarked(self, client: Client, call: Exchange) -> None:
+        before, frame = client.last, call.request.item
+        if not before.gone_on or before.let_go or not _asks_the_same(before, call) or _may_rest(client):
             return
         arguments = frame.variants
         if request_effect(frame.code, arguments) < Effect.CHANGES:
@@ -249,6 +249,19 @@ class Retries(Watcher):
             before=before,
             because=(before.call,),
         )
+
+
+def _asks_the_same(one: Exchange, other: Exchange) -> bool:
+    return one.request.item.raw[9:] == other.request.item.raw[9:]
+
+
+def _may_rest(client: Client) -> bool:
+    """Tell whether the last call is a set point that the next may equal, as the robot is to stand still."""
+    last = client.last
+    if command_of(last.question) != "slvmove":
+        return False
+    earlier = [point for point in client.points if point is not last]
+    return not earlier or _asks_the_same(earlier[-1], last)
 
 
 def _answered_before(before: Exchange, call: Exchange) -> bool:

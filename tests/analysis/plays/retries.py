@@ -42,6 +42,21 @@ def _again(reserved: int, answered: bool = False) -> Play:
     return play
 
 
+def _repeats_point(step: float) -> Play:
+    """Two set points of one pose, neither answered, after some that were each `step` further on."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.enter(40)
+        at = client.move(50, 4, first=-4 * step, step=step)
+        client.ask(at, "Robot_Execute", *_MOVE)
+        client.ask(at + 8, "Robot_Execute", *_MOVE)
+        client.leave(client.move(at + 16, 4, step=step))
+
+    return play
+
+
 def _serial_zero(story: Story) -> None:
     client = story.client()
     client.call(0, "Service_Start", *_START, serial=0)
@@ -116,6 +131,14 @@ SCENES = (
         (9, 10, 11),
         ("Motor 6 repeats Motor 5, which was not answered, as if it were new",),
         _again(0, answered=True),
+        "no-reply",
+    ),
+    Scene(
+        "unmarked-retry",
+        _repeats_point(0.05),
+        (19, 20),
+        ("slvMove 11 repeats slvMove 10",),
+        _repeats_point(0.0),
         "no-reply",
     ),
     Scene("serial-zero", _serial_zero, (1, 2), ("Service_Start, has serial 0",), _wraps_through_zero),
