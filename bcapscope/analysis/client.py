@@ -106,6 +106,7 @@ class Client:
         last: its latest call.
         calls: how many.
         answered: how many of them had a reply.
+        longest_pause: nanoseconds between two of them; not of what set points are apart.
         service: the accepted Service_Start of this session.
         connected: the accepted Controller_Connect.
         closed: the accepted Service_Stop or Controller_Disconnect since.
@@ -134,7 +135,7 @@ class Client:
     def __init__(self, first: Exchange) -> None:
         self.conversation: Conversation = first.conversation
         self.first = self.last = first
-        self.calls = self.answered = 0
+        self.calls = self.answered = self.longest_pause = 0
         self.service: Exchange | None = None
         self.connected: Exchange | None = None
         self.closed: Exchange | None = None
@@ -197,6 +198,7 @@ class Client:
     def learn(self, call: Exchange) -> None:
         """Take a settled call into account, the one that `thing` is about."""
         self.calls += 1
+        self.longest_pause = max(self.longest_pause, call.request.time - self.last.activity)
         self.last = call
         reply = call.reply
         slow = not call.let_go if reply is None else reply.time - call.request.time > A_WHILE

@@ -25,6 +25,9 @@ _SOON = SECOND // 20
 
 _FORGOTTEN = 10 * SECOND
 _REPLACED = 2 * SECOND
+_USUAL_PAUSES = 2
+"""A client that was silent before, and went on, has vanished only after so many times as long."""
+
 _SMALLEST_WDT = 80
 
 NOT_STARTED = Rule(
@@ -168,7 +171,8 @@ class Session(Watcher):
         silent = last_time(client.last)
         follower = _follower(client, self.clients, silent)
         quiet = max((last_time(each.last) for each in self.clients), default=silent) - silent
-        if quiet < (_REPLACED if follower is not None else _FORGOTTEN):
+        patience = max(_FORGOTTEN, _USUAL_PAUSES * client.longest_pause)
+        if quiet < (_REPLACED if follower is not None else patience):
             return
 
         def say(speech: Speech) -> str:

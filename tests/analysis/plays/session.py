@@ -58,6 +58,21 @@ def _vanishes(others_until: float, closes: bool = False) -> Play:
     return play
 
 
+def _calls_seldom(every: float, calls: int) -> Play:
+    """A client that calls every so many ms, and 20 s after its last call another one that goes."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        for number in range(1, calls + 1):
+            client.execute(every * number, "CurJnt")
+        other = story.client(50002, host="192.168.0.11")
+        other.open(100)
+        other.close(every * calls + 20000)
+
+    return play
+
+
 def _restarts_without_closing(story: Story) -> None:
     client = story.client()
     client.open()
@@ -194,6 +209,13 @@ SCENES = (
         (7,),
         ("Client 192.168.0.10:50001 (UDP) said nothing after 0.016 s", "while others went on for 12 s"),
         _vanishes(12000, closes=True),
+    ),
+    Scene(
+        "unclean-quit",
+        _calls_seldom(3000, 3),
+        (21,),
+        ("said nothing after 9.001 s", "while others went on for 20 s"),
+        _calls_seldom(30000, 3),
     ),
     Scene(
         "unclean-quit", _restarts_without_closing, (7, 9), ("began a new session at 0.500 s",), _vanishes(200)
