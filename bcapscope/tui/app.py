@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import math
 import os
 import signal
 import sys
+import time
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast
@@ -33,6 +35,9 @@ if TYPE_CHECKING:
 
 CLOSING_LIMIT = 10.0
 """Seconds that all that is to be let go of may take; then the screen closes anyway."""
+
+SAME_HALT = 0.5
+"""Seconds in which a key that the driver has seen comes to us as well."""
 
 LOOK_EACH = 1.0
 """Seconds from one look at the terminal to the next."""
@@ -96,6 +101,7 @@ class Scope(KeyOrder):
         # Not a blank screen at first, as Textual has it: all styles would be read for that one, too.
         self.DEFAULT_MODE = spots[0].mode  # type: ignore[misc]  # its place is the class, where there is one mode
         self._halts: list[Callable[[], bool]] = []  # before the driver that uses it is made
+        self._halted = -math.inf, False
         self._harmless = Harmless()
         super().__init__()
         self.spots = tuple(spots)
@@ -195,7 +201,7 @@ class Scope(KeyOrder):
 
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver, which knows the keys of HALT."""
-        return halting(super().get_driver_class(), self.halt)
+        return halting(super().get_driver_class(), self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer HALT only where there is something to halt."""
@@ -213,9 +219,16 @@ class Scope(KeyOrder):
         """Stop everything that moves; return whether there was something. From any thread."""
         return any([each() for each in tuple(self._halts)])
 
+    def _halt_by_key(self) -> None:
+        """Halt as soon as the driver reads the key, which comes to `action_halt` as well."""
+        self._halted = time.monotonic(), self.halt()
+
     def action_halt(self) -> None:
-        """Stop everything that moves, and say so: the driver has done it, if it reads the keys."""
-        self.tell(say("shell.halted" if self.halt() else "shell.halt.nothing"), "warning")
+        """Stop everything that moves, and say so; not twice where the driver has just done it."""
+        at, was_there = self._halted
+        if time.monotonic() - at > SAME_HALT:
+            was_there = self.halt()
+        self.tell(say("shell.halted" if was_there else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
         """Let go of everything, then close."""

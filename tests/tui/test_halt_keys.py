@@ -122,6 +122,26 @@ def test_the_driver_halts_before_the_event_loop_knows() -> None:
     assert len(passed) == 2
 
 
+def test_a_key_that_the_driver_has_seen_halts_once(tmp_path: Path) -> None:
+    """The key comes to the screen as well, which says so, and would halt where no driver reads keys."""
+    halted: list[str] = []
+
+    def halt() -> bool:
+        halted.append("")
+        return True
+
+    async def act(pilot: Pilot[None]) -> None:
+        app.at_halt(halt)
+        driver = app._driver
+        assert driver is not None
+        driver.process_message(Key("f12", None))
+        await until(pilot, lambda: len(app._notifications) == 1)
+        assert len(halted) == 1
+
+    app = make_tester(tmp_path, "127.0.0.1", 9)
+    drive(app, act)
+
+
 def test_a_terminal_that_has_hung_up_is_not_taken_again() -> None:
     done: list[str] = []
 

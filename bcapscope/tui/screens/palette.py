@@ -77,7 +77,7 @@ class Commands(Provider):
     """Gives the palette every action of the screen that it was opened on."""
 
     def _all(self) -> Iterator[Command]:
-        return all_commands(self.screen, cast(Scope, self.app))
+        return filter(_can_be_done, all_commands(self.screen, cast(Scope, self.app)))
 
     async def discover(self) -> Hits:
         """Yield all of them."""
@@ -100,6 +100,10 @@ class Commands(Provider):
 
     def _run(self, command: Command) -> partial[Coroutine[Any, Any, bool]]:
         return partial(self.app.run_action, command.action, command.node)
+
+
+def _can_be_done(command: Command) -> bool:
+    return command.node.check_action(command.action.partition("(")[0], ()) is not False
 
 
 def _shown(command: Command) -> Content:
