@@ -152,7 +152,8 @@ class Addons:
             if passing.dropped:
                 break
         if not isinstance(passing.data, bytes):
-            self._complain(self, name, "data", f"{name}: data is to be bytes; the message goes on as it came")
+            if self._is_new(self, name, "data"):
+                self.tell(f"{name}: data is to be bytes; the message goes on as it came (told once)")
             passing.data = message.data
         if self._tracker is not None:
             for told in message.told:
@@ -199,18 +200,20 @@ class Addons:
         try:
             hook(*arguments)
         except (Exception, SystemExit) as error:
-            self._complain(addon, name, "error", f"{type(addon).__name__}.{name}: {_where(error)}")
+            if self._is_new(addon, name, "error"):  # else looking for the place costs more than all the rest
+                self.tell(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
         took = self._clock() - began
-        if took > SLOW:
+        if took > SLOW and self._is_new(addon, name, "slow"):
             text = f"{type(addon).__name__}.{name} took {took / 1e6:.1f} ms, and all that passes waits for it"
-            self._complain(addon, name, "slow", text)
+            self.tell(f"{text} (told once)")
 
-    def _complain(self, addon: object, name: str, kind: str, text: str) -> None:
+    def _is_new(self, addon: object, name: str, kind: str) -> bool:
+        """Count what went wrong; tell whether the user does not know it yet."""
         self.errors += kind != "slow"
         key = (id(addon), name, kind)
-        if key not in self._told:
-            self._told.add(key)
-            self.tell(f"{text} (told once)")
+        is_new = key not in self._told
+        self._told.add(key)
+        return is_new
 
 
 def load_addons(path: str) -> list[object]:

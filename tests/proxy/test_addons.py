@@ -124,6 +124,24 @@ def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
     assert addons.errors == 8
 
 
+def test_where_it_went_wrong_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Broken:
+        def connected(self, client: Client) -> None:
+            raise ValueError
+
+    looked: list[str] = []
+
+    def where(error: BaseException) -> str:
+        looked.append("here")
+        return "here"
+
+    monkeypatch.setattr("bcapscope.proxy.addons._where", where)
+    addons = Addons([Broken()])
+    for _ in range(3):
+        addons.connected(WHO)
+    assert (len(looked), addons.errors) == (1, 3)
+
+
 def test_an_interrupt_is_no_error_of_the_addon() -> None:
     class Interrupted:
         def done(self) -> None:
