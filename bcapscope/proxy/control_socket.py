@@ -16,8 +16,6 @@ from bcapscope.proxy.control import LONGEST_LINE, Desk
 from bcapscope.proxy.poller import READ, WRITE
 
 MOST_CONNECTIONS = 16
-LARGEST_BACKLOG = 4 << 20
-"""Bytes of answers that a connection may leave unread before it is closed."""
 
 
 class ControlError(BcapError):
@@ -117,46 +115,45 @@ class _Connection:
             self._socket.close()
 
     def _happened(self, _: int) -> None:
+        """Go on by one answer at most: what passes the relay waits for no more, nor is more kept of it."""
         try:
-            if self._backlog:
-                self._flush()
-            else:
-                self._read()
+            if not self._backlog and (b"\n" in self._asked or self._read()):
+                self._answer()
+            self._send()
+        except BlockingIOError:
+            return
         except OSError:
             self.close()
 
-    def _read(self) -> None:
-        try:
-            data = self._socket.recv(1 << 16)
-        except BlockingIOError:
-            return
-        if not data:
-            self.close()
-            return
+    def _read(self) -> bool:
+        """Read on; tell whether there is a whole line now."""
+        data = self._socket.recv(1 << 16)
         self._asked += data
-        *lines, rest = bytes(self._asked).split(b"\n")
-        self._asked = bytearray(rest)
-        for line in lines:
-            if line.strip() and not self._ends:
-                self._answer(line)
-        if len(self._asked) > LONGEST_LINE:
+        if not data or (b"\n" not in data and len(self._asked) > LONGEST_LINE):
             self._ends = True
-        self._flush()
+        return b"\n" in data
 
-    def _answer(self, line: bytes) -> None:
-        reply = self._desk.answer(line, time.monotonic_ns())
-        self._backlog += reply.line
-        # A browser that a web page sends here talks HTTP, with JSON of the page's making after it.
-        self._ends = not reply.sound
+    def _answer(self) -> None:
+        """Answer the next line."""
+        end = self._asked.index(b"\n")
+        line = bytes(self._asked[:end])
+        del self._asked[: end + 1]
+        if line.strip():
+            reply = self._desk.answer(line, time.monotonic_ns())
+            self._backlog += reply.line
+            # A browser that a web page sends here talks HTTP, with JSON of the page's making after it.
+            self._ends = not reply.sound
 
-    def _flush(self) -> None:
+    def _send(self) -> None:
+        """Send what the other end takes; end, or wait for what comes next."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
-        if (self._ends and not self._backlog) or len(self._backlog) > LARGEST_BACKLOG:
+        if self._ends and not self._backlog:
             self.close()
         else:
-            self._watcher.change(self._descriptor, WRITE if self._backlog else READ)
+            has_more = self._backlog or b"\n" in self._asked
+            self._watcher.change(self._descriptor, WRITE if has_more else READ)
 
 
 def is_port(address: str) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.proxy.control import LONGEST_LINE, Desk
+from bcapscope.proxy.control import LONGEST_LINE, Desk, Reply
 from bcapscope.proxy.control_socket import (
     MOST_CONNECTIONS,
     ControlError,
@@ -131,6 +131,31 @@ def test_a_long_answer_comes_whole(address: str) -> None:
         with sock.makefile("rb") as answers:
             assert {answers.readline() for _ in range(asked)} != {b""}
         thread.join()
+
+
+def test_of_who_asks_and_does_not_listen_one_answer_is_kept_however_long(address: str) -> None:
+    class Talkative(Desk):
+        asked = 0
+
+        def answer(self, line: bytes, now: int) -> Reply:
+            self.asked += 1
+            return Reply(b"x" * (16 << 20) + b"\n", True)
+
+    desk, watcher = Talkative(rules()), Watcher()
+    with (
+        closing(watcher),
+        closing(ControlServer(address, desk, watcher)) as made,
+        watcher,
+        reach_control(made.address) as sock,
+        reach_control(made.address) as other,
+    ):
+        sock.sendall(b"{}\n" * 9)
+        eventually(lambda: desk.asked == 1)
+        other.sendall(b"{}\n")
+        eventually(lambda: desk.asked == 2)
+        with sock.makefile("rb") as answers:
+            assert len(answers.readline()) == (16 << 20) + 1
+        eventually(lambda: desk.asked == 3)
 
 
 def test_who_does_not_speak_json_is_sent_away(address: str) -> None:
