@@ -79,7 +79,7 @@ def usual_clause(call: Exchange, code: int) -> Callable[[Speech, int], str]:
     """Return how a refusal is told as a consequence."""
 
     def then(speech: Speech, after: int) -> str:
-        when = f" {span(after)} later" if after >= 0 else ""
+        when = f" {span(after)} later" if after > 0 else ""
         return f"{name_of(call)} was refused{when} (0x{code:08X}, {describe(code).text})"
 
     return then

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from bcapscope.analysis.client import Client, Clients, argument, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
-from bcapscope.analysis.rules.rule import Kind, Report, Rule, Watcher
+from bcapscope.analysis.rules.rule import OF_ITSELF, Kind, Report, Rule, Watcher
 from bcapscope.analysis.speech import called, shown
 from bcapscope.protocol.commands import command, commands
 from bcapscope.protocol.functions import FUNCTIONS
@@ -46,6 +46,7 @@ ARGUMENT = Rule(
     "Compare types and order of the arguments with the command's; options are texts, states numbers.",
     f"DENSORobot/denso_robot_ros issues 48 and 52; {_SAMPLES}",
     ("unusual-argument",),
+    OF_ITSELF,
 )
 UNUSUAL = Rule(
     "unusual-argument",

@@ -18,6 +18,9 @@ from bcapscope.traffic.question import Question
 SECOND = 1_000_000_000
 MS = 1_000_000
 
+OF_ITSELF = 0
+"""The reach of a rule whose cause is something about the same call."""
+
 
 @dataclass(frozen=True, slots=True)
 class Rule:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bcapscope.analysis.client import Client, Clients, argument, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, Why, fixed, refusal
-from bcapscope.analysis.rules.rule import MS, SECOND, Incident, Rule, Watcher
+from bcapscope.analysis.rules.rule import MS, OF_ITSELF, SECOND, Incident, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, name_of, shown
 from bcapscope.analysis.stay import Call, ExitReason, Stay
 from bcapscope.protocol.commands import command
@@ -80,6 +80,7 @@ MODE_REFUSED = Rule(
     "Use 0x001-0x003 or 0x101-0x103, on an RC8 or later also 0x201-0x203, as VT_I4 (VT_I2 on RC7).",
     "DENSO Wave 2009, How to use the Slave mode; ShoheiKobata/orin_bcap_python_samples",
     ("unusual-argument",),
+    OF_ITSELF,
 )
 
 _NOT_ALLOWED = (E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177)

@@ -32,6 +32,19 @@ def _one_point(mode: Variant, point: Variant) -> Play:
     return play
 
 
+def _mode_then(odd: Variant, command: str, parameter: Variant) -> Play:
+    """A mode of an odd type, which is refused, and soon after it a command that is refused as well."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.execute(30, "slvChangeMode", odd, code=_INVALID)
+        client.execute(40, command, parameter, code=_INVALID)
+        client.close(60)
+
+    return play
+
+
 _POINT = r8s(*HOME)
 
 SCENES = (
@@ -58,6 +71,13 @@ SCENES = (
             "VT_I4 was sent, and TakeArm takes VT_I4|VT_ARRAY or VT_EMPTY or VT_BSTR",
         ),
         _executes("TakeArm", i4(0), 0),
+    ),
+    Scene(
+        "argument-refused",
+        _mode_then(text("514"), "TakeArm", i4(0)),
+        (11, 12),
+        ("TakeArm 6 of your client",),
+        _mode_then(text("514"), "slvChangeMode", text("x")),
     ),
     Scene(
         "unusual-argument", _one_point(text("514"), _POINT), (13, 14), ("its mode as VT_BSTR '514'",), good
