@@ -7,14 +7,20 @@ import os
 import signal
 import socket
 import threading
-from contextlib import closing
+from contextlib import closing, nullcontext
 from multiprocessing.shared_memory import SharedMemory
 
 import pytest
 
+from bcapscope.cli import proxyrun
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.proxyrun import Proxy, _share
 from bcapscope.cli.proxywishes import Look, Wishes
+from bcapscope.faults.shaper import Shaper
+from bcapscope.player.realtime import Grade
+from bcapscope.proxy.addons import Addons, Client
+from bcapscope.proxy.rules import Rules
+from bcapscope.proxy.spec import parse_listeners
 
 
 class Stubborn:
@@ -75,6 +81,42 @@ def test_memory_that_is_too_small_leaves_nothing_behind(monkeypatch: pytest.Monk
     with pytest.raises(FileRefused, match="no space left"):
         _share(4096)
     assert len(unlinked) == 1
+
+
+class Diary:
+    """An addon that notes who has gone, and the end."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def gone(self, client: Client) -> None:
+        self.lines.append("gone")
+
+    def done(self) -> None:
+        self.lines.append("done")
+
+
+def test_scripts_are_told_of_the_end_after_all_clients_have_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(proxyrun, "undisturbed", lambda: nullcontext(Grade(True, True, "")))
+    diary = Diary()
+    here, there = socket.socketpair()
+    here.setblocking(False)
+    policy = Rules(Shaper((), now=0), addons=Addons([diary]))
+    (listener,) = parse_listeners(["udp:127.0.0.1:0"], ["127.0.0.1:9"])
+    with (
+        here,
+        there,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client,
+        closing(Proxy(Wishes(None, None, Look(None), "never"), here, policy)) as proxy,
+    ):
+        address = proxy.listen(listener, 10**12)
+
+        def greet() -> None:
+            client.sendto(b"x", address)
+            there.send(bytes([signal.SIGINT]))
+
+        proxy.run(greet)
+    assert diary.lines == ["gone", "done"]
 
 
 def test_who_hears_of_an_answer_that_is_taken_already_does_not_wait_for_another() -> None:
