@@ -24,6 +24,9 @@ sessions are below 10 KiB, so a corrupted length costs a bounded wait and not th
 LARGEST_GARBAGE = 64 * 1024
 """Bytes outside of any frame come out in pieces of this size, so that they are never piled up."""
 
+STREAM_ENDS = "the stream ends here"
+"""Why the last frame of a stream is not whole."""
+
 MOST_ARGUMENTS = 64
 """Arguments of a frame at which a stream may get back into step. No function takes more than four and no
 reply has more than one; the bound keeps crafted garbage from being walked over and over."""
@@ -116,7 +119,7 @@ class Splitter:
 
     def close(self) -> list[Piece]:
         """End the stream: what is left comes out as it is."""
-        return self._end("the stream ends here")
+        return self._end(STREAM_ENDS)
 
     def _end(self, why: str) -> list[Piece]:
         pieces = self._cut(final=True)

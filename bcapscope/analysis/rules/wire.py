@@ -10,6 +10,7 @@ from bcapscope.analysis.rules.rule import SECOND, Incident, Report, Rule, Watche
 from bcapscope.analysis.speech import Speech, called
 from bcapscope.protocol.arguments import Problem
 from bcapscope.protocol.frame import LARGEST_UDP_FRAME, SOH, Frame, Malformed
+from bcapscope.protocol.stream import STREAM_ENDS
 from bcapscope.protocol.wording import counted
 from bcapscope.traffic.exchange import Exchange, FrameObservation
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
@@ -78,6 +79,11 @@ DUPLICATE = Rule(
     "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
 )
 
+_ENDED = (
+    "Look at what ended the connection just there, a crash or a time-out; only if the capture lacks its last "
+    "packets may the frame have been whole."
+)
+
 LARGE = 480
 """Bytes of a frame from which on its size is looked at."""
 
@@ -121,7 +127,12 @@ class Wire(Watcher):
                 f"the capture lacks {counted(item.missing, 'byte')} of what {seen.flow.src_text} sent",
             )
         elif seen.flow.conversation.transport is Transport.TCP and self._is_torn(seen, problems):
-            self._see(GAP, seen, f"the capture has only a part of what {seen.flow.src_text} sent here")
+            who = seen.flow.src_text
+            if _is_last_of_connection(seen, problems):
+                text = f"the connection ended in the middle of frame {seen.number} from {who}"
+                self._see(GAP, seen, text, _ENDED)
+            else:
+                self._see(GAP, seen, f"the capture has only a part of what {who} sent here")
         elif any(problem.code == "cut" for problem in problems):
             self._see(
                 CUT,
@@ -191,11 +202,18 @@ class Wire(Watcher):
             f"frame {seen.number} from {seen.flow.src_text} is malformed: {reasons}{danger}",
         )
 
-    def _see(self, rule: Rule, seen: Observation | FrameObservation, text: str) -> None:
+    def _see(self, rule: Rule, seen: Observation | FrameObservation, text: str, advice: str = "") -> None:
         def say(speech: Speech) -> str:
             return f"{text}, at {speech.at(seen.time)}"
 
-        self.report(Incident(rule, seen.began, seen.time, seen.flow.conversation, (seen.number,), say))
+        frames = (seen.number,)
+        self.report(Incident(rule, seen.began, seen.time, seen.flow.conversation, frames, say, advice=advice))
+
+
+def _is_last_of_connection(seen: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:
+    """Tell whether the end of a connection that was seen to end cuts a frame."""
+    ended = seen.flow.conversation.closing is not None
+    return ended and any(problem.reason == STREAM_ENDS for problem in problems)
 
 
 def _reasons(problems: Sequence[Problem]) -> str:

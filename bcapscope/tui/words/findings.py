@@ -215,6 +215,7 @@ PHRASES: dict[str, str] = {
     "that {word} is the server and {word2} the client is only a guess, at {time}": "{word} がサーバ、{word2} がクライアントというのは推定です ({time})",
     "the capture lacks {text} of what {word} sent, at {time}": "{time} に {word} が送ったもののうち {text} がキャプチャにありません",
     "the capture has only a part of what {word} sent here, at {time}": "{time} に {word} が送ったものの一部しかキャプチャにありません",
+    "the connection ended in the middle of frame {n} from {word}, at {time}": "{time} に {word} からのフレーム {n} の途中で接続が終わっています",
     "frame {n} is cut: {text}, at {time}": "フレーム {n} が途中で切れています ({time}): {text}",
     "a copy of a frame of {name} was seen ({text})": "{name} のフレームの複製が観測されました ({text})",
     "a UDP frame of {n} bytes from {word}, where b-CAP allows {n2}, at {time}": "{time} の {word} からの UDP フレームが {n} バイトで、b-CAP の上限 {n2} バイトを超えています",

@@ -172,6 +172,7 @@ PHRASES: dict[str, str] = {
     "Expect 80000909 in the client when it grows: a larger packet is refused before it is sent and never seen here.": "これ以上長くなるとクライアントで 80000909 になります。大きすぎるパケットは送信前に拒否され、ここには現れません。",
     "Correct the client's encoder; a datagram that begins with 01 and has a wrong length, EOT or argument count stops the UDP service of the official server for all clients until it is restarted.": "クライアントのエンコーダを修正してください。01 で始まり長さ・EOT・引数の数が誤ったデータグラムは、公式サーバの UDP サービスを、再起動するまで全クライアントに対して停止させます。",
     "Expect 80010000 (E_INVALIDPACKET) or an exception in the client; check what stands between both.": "クライアントでは 80010000 (E_INVALIDPACKET) または例外になります。両者の間に何があるかを確認してください。",
+    "Look at what ended the connection just there, a crash or a time-out; only if the capture lacks its last packets may the frame have been whole.": "そこで接続が終わった原因 (異常終了やタイムアウト) を調べてください。キャプチャに最後のパケットが欠けている場合に限り、フレームは完全だった可能性があります。",
     "Do not blame the robot for what is missing there: the capture lost packets, or began or ended in the middle. A larger buffer (tcpdump -B) or a filter (port 5007) helps.": "そこに欠けているものをロボットのせいにしないでください。キャプチャがパケットを落としたか、途中で始まったか終わっています。バッファを増やす (tcpdump -B) か、フィルタ (port 5007) が有効です。",
     "Capture again with a longer snap length (tcpdump -s 0).": "保存長を増やして取り直してください (tcpdump -s 0)。",
     "Name the server's port with --port if the directions look wrong.": "方向が逆に見える場合は、--port でサーバのポートを指定してください。",

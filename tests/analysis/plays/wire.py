@@ -54,6 +54,14 @@ def _gap(story: Story) -> None:
     client.close(60)
 
 
+def _ends_in_the_middle(story: Story) -> None:
+    client = story.client(tcp=True)
+    client.open()
+    assert isinstance(client.network, Connection)
+    client.network.up(START + 50 * MS, request(9, 0, "Service_Stop")[:-1])
+    client.network.close(START + 60 * MS)
+
+
 def _begins_in_the_middle(story: Story) -> None:
     client = story.client(tcp=True)
     client.network.down(START, reply(1, 0, text("y" * 40))[20:])
@@ -112,6 +120,13 @@ SCENES = (
     ),
     Scene("capture-gap", _gap, (10,), ("lacks 40 bytes of what 192.168.0.1:5007 sent",), good),
     Scene("capture-gap", _begins_in_the_middle, (2,), ("only a part of what 192.168.0.1:5007 sent",), good),
+    Scene(
+        "capture-gap",
+        _ends_in_the_middle,
+        (9,),
+        ("The connection ended in the middle of frame 9 from 192.168.0.10:50001",),
+        good,
+    ),
     Scene("capture-cut", _cut, (142,), ("the capture kept 8 of the datagram's 16 bytes",), good),
     Scene(
         "server-guessed",
