@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
@@ -311,6 +312,8 @@ def _aside(text: str) -> None:
 def _share(size: int) -> SharedMemory:
     """Make memory that processes share, all of it there at once: a page that is missing later would kill."""
     try:
+        if sys.platform != "win32":
+            resource_tracker.ensure_running()  # who cannot start it later would leave the memory behind
         memory = SharedMemory(create=True, size=size)
         try:
             if hasattr(os, "posix_fallocate"):
