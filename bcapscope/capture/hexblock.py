@@ -5,7 +5,7 @@ from __future__ import annotations
 from bcapscope.capture.hexline import Hex
 from bcapscope.traffic.observation import Direction
 
-_LARGEST_REPEAT = 64 * 1024
+LARGEST_REPEAT = 64 * 1024
 """Bytes that an asterisk may stand for."""
 
 _LARGEST_HOLE = 4096
@@ -28,7 +28,7 @@ class Block:
         alone: there is nothing else in any of its lines.
         marked: written as only hex is.
         paused: a blank line follows.
-        repeats: an asterisk follows, which stands for more rows like the last.
+        repeats: bytes that an asterisk which follows may stand for, rows like the last; 0 where none follows.
         size: whole bytes.
         notes: what is odd about it.
     """
@@ -43,9 +43,10 @@ class Block:
         self.alone = True
         self.marked = False
         self.paused = False
-        self.repeats = False
+        self.repeats = 0
         self.notes: list[str] = []
         self._parts: list[str] = []
+        self._data: bytes | None = None
         self._count = 0
         self._skipped = 0
         self._rows: list[tuple[int, int]] = []
@@ -64,7 +65,9 @@ class Block:
     @property
     def data(self) -> bytes:
         """The bytes; half a byte at the end is left out."""
-        return bytes.fromhex(self.digits[: 2 * self.size])
+        if self._data is None:
+            self._data = bytes.fromhex(self.digits[: 2 * self.size])
+        return self._data
 
     def lines(self) -> list[tuple[int, int]]:
         """Return offset and line number of each row."""
@@ -119,13 +122,14 @@ class Block:
     def _append(self, digits: str) -> None:
         self._parts.append(digits)
         self._count += len(digits)
+        self._data = None
 
     def _fill(self, count: int, line: int) -> bool:
         """Put in `count` bytes that are like the last row, or note that they are missing."""
-        if self.repeats and count <= _LARGEST_REPEAT:
+        if count <= self.repeats:
             row = self._parts[-1]
             self._append((row * (2 * count // len(row) + 1))[: 2 * count])
-            self.repeats = False
+            self.repeats = 0
             return True
         if count > _LARGEST_HOLE:
             return False

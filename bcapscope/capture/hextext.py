@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from bcapscope.capture.captions import caption_direction, tidy
-from bcapscope.capture.hexblock import Block
+from bcapscope.capture.hexblock import LARGEST_REPEAT, Block
 from bcapscope.capture.hexline import FEWEST, End, Hex, Piece, Text, read_line
 from bcapscope.capture.link import ETHERNET, NOT_IP, find_ip, read_ip
 from bcapscope.capture.sides import PORTS, evidence
@@ -21,6 +21,9 @@ from bcapscope.protocol.frame import parse_bytes
 from bcapscope.protocol.repair import LONGEST_SEARCHED, repair
 from bcapscope.protocol.shape import reach, stated_length
 from bcapscope.traffic.observation import Direction
+
+MOST_REPEATED = 1024 * 1024
+"""Bytes that all asterisks of a text may stand for, so that a short text cannot fill the memory."""
 
 _LINE_END = re.compile("\r\n|\n|\r")
 _UDP, _TCP = 17, 6
@@ -72,6 +75,7 @@ class _Reader:
         self._caption_line = 0
         self._heard = False
         self._tail: tuple[int, Hex] | None = None
+        self._room = MOST_REPEATED
 
     def read(self, number: int, pieces: list[Piece]) -> None:
         """Take the pieces of line `number`."""
@@ -85,7 +89,7 @@ class _Reader:
             elif isinstance(piece, End):
                 self._end(number, piece.digits)
             elif self._open is not None:
-                self._open.repeats = True
+                self._open.repeats = min(LARGEST_REPEAT, self._room)
 
     def _words(self, number: int, words: str) -> None:
         said = caption_direction(words)
@@ -109,11 +113,17 @@ class _Reader:
     def _dump_row(self, number: int, piece: Hex) -> None:
         """Go on with the last block if the offset fits; characters that were wrapped may stand between."""
         last = self.blocks[-1] if self.blocks else None
-        if last is not None and last.indent == piece.indent and last.reach(piece.offset, number):
+        if last is not None and last.indent == piece.indent and self._reach(last, piece.offset, number):
             last.add(number, piece)
             self._open, self._heard = last, False
         else:
             self._begin(number, piece)
+
+    def _reach(self, block: Block, offset: str, number: int) -> bool:
+        size = block.size
+        reached = block.reach(offset, number)
+        self._room -= max(block.size - size, 0)
+        return reached
 
     def _few(self, number: int, piece: Hex) -> None:
         """Take a few bytes beside words: the end of a frame, or the beginning of what the next line has."""
@@ -134,7 +144,7 @@ class _Reader:
         self._open, self._heard, self._tail = block, False, None
 
     def _end(self, number: int, digits: str) -> None:
-        if self._open is not None and self._open.offset and self._open.reach(digits, number):
+        if self._open is not None and self._open.offset and self._reach(self._open, digits, number):
             self._open = None
         else:
             self._hex(number, Hex(digits, "", 0, True, False, True, True))

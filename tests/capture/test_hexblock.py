@@ -63,10 +63,11 @@ def test_characters_taken_for_hex_are_dropped() -> None:
 
 def test_an_asterisk_stands_for_rows_like_the_last() -> None:
     made = block(("0000", ROW))
-    made.repeats = True
+    made.repeats = 48
+    assert made.data == b"A" * 16
     assert made.reach("0040", 12)
     assert made.data == b"A" * 64
-    assert not made.repeats
+    assert made.repeats == 0
 
 
 def test_rows_that_are_missing_are_told_once() -> None:

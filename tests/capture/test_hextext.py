@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.capture.hextext import HexPacket, read_hex_text
+from bcapscope.capture.hextext import MOST_REPEATED, HexPacket, read_hex_text
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.traffic.observation import Direction
@@ -368,3 +368,10 @@ def test_any_text_is_read(text: str) -> None:
 def test_long_texts_take_no_longer_than_they_are(text: str) -> None:
     """Each would take minutes if the work grew with the square of the length."""
     read_hex_text(text)
+
+
+def test_asterisks_do_not_make_much_of_a_short_text() -> None:
+    rows = [f"{60_000 * row:08x}  00 00 00 00\n*" for row in range(200)]
+    assert len(rows) * 60_000 > 10 * MOST_REPEATED
+    packets = read_hex_text("\n".join(rows))
+    assert sum(len(packet.data) for packet in packets) <= MOST_REPEATED + 4 * len(rows)
