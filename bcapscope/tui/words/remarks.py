@@ -8,6 +8,7 @@ PHRASES: dict[str, str] = {
     "{name}: dropped, the line's queue is full": "{name}: 回線のキューが満杯のため破棄",
     "{name}: dropped, the conversation is dead": "{name}: 通信が途絶しているため破棄",
     "dropped, too much is held already": "保留が多すぎるため破棄",
+    "copies dropped, too much is held already": "保留が多すぎるため複製を破棄",
     "{name}: delayed by {span}": "{name}: {span} 遅延",
     "{name}: duplicated": "{name}: 複製",
     "{name}: duplicated {n} times": "{name}: {n} 回複製",
