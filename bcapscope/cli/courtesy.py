@@ -21,7 +21,7 @@ from pathlib import Path
 
 from bcapscope.proxy.ring import RingReader, RingWriter
 
-TAKEN_WITHIN = 0.15
+TAKEN_WITHIN = 0.2
 """Seconds after which what had passed at one look is to be recorded, or shown where nothing is recorded."""
 
 OVERDUE_AFTER = 0.4

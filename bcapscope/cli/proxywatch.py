@@ -44,8 +44,11 @@ _SPELL = 0.008
 """Seconds of decoding between two looks, in which what comes is not recorded."""
 
 _MAY_WAIT = 0.25
-"""Share of the ring up to which more comes than a spell is enough for, and yet others have a tick for
-themselves: that is far more than robots send, and a processor that is always taken costs each round trip."""
+"""Share of the ring up to which others have most of the time for themselves though more comes than a spell is
+enough for: that is far more than robots send, and a processor that is taken costs each round trip."""
+
+_REST, _LONGEST_REST = 1.5, 0.075
+"""How long that time is, as a multiple of what a look took, and s at most."""
 
 _STATUS_EVERY = 500_000_000
 _MARGIN = round(3 * TICK * 1e9)
@@ -117,10 +120,10 @@ class Scribe:
         self._pause = turns_for_others(reader)
 
     def write(self) -> None:
-        """Record what there was at the last look."""
-        until = self.reader.place + self.reader.waiting
-        while self.reader.place < until and (records := self.reader.take(_PIECE)):
-            self._recorder.take(records)
+        """Record what there is; the first look may only find how much that is."""
+        until = self.reader.written
+        while self.reader.place < until:
+            self._recorder.take(self.reader.take(_PIECE))
             self._pause()
         self._recorder.flush()
 
@@ -182,14 +185,19 @@ class Watcher:
         Returns:
             Seconds that others may have for themselves before the next look.
         """
+        began = time.monotonic()
         if self._scribe is not None:
             self._scribe.write()
         is_busy = self._decode()
         self._look_around()
+        took = time.monotonic() - began
+        return min(max(TICK, took * _REST), _LONGEST_REST) if not is_busy or self._may_rest() else 0
+
+    def _may_rest(self) -> bool:
+        """Tell whether what was not decoded can wait: more comes, there is room for it, and no haste."""
         reader, before = self._reader, self._written
         self._written = reader.written
-        still_comes = self._written > before and reader.haste < Haste.ALL and reader.share < _MAY_WAIT
-        return TICK if not is_busy or still_comes else 0
+        return self._written > before and reader.haste < Haste.ALL and reader.share < _MAY_WAIT
 
     def _decode(self) -> bool:
         """Decode; tell whether the spell was too short."""
