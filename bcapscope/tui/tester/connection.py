@@ -8,6 +8,7 @@ from textual.containers import Horizontal, Vertical
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
+from bcapscope.client.target import split_port
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.news import Status, Step, StepNews
@@ -87,11 +88,8 @@ class ConnectionPanel(Vertical):
 
     def _place(self) -> tuple[str, str]:
         """Return host and port as they stand there; a port behind the host counts, as in `host:5007`."""
-        host = self.query_one("#host", Input).value.strip()
-        name, colon, port = host.rpartition(":")
-        if colon and ":" not in name and port.isdecimal():  # else it is an address of IPv6
-            return name, port
-        return host, self.query_one("#port", Input).value.strip()
+        host, port = split_port(self.query_one("#host", Input).value.strip())
+        return host, port or self.query_one("#port", Input).value.strip()
 
     def begin(self) -> None:
         """Forget the steps of the connection before."""
