@@ -12,6 +12,7 @@ slice away. So the relay, which has the processor when it needs it, looks how fa
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Callable
@@ -69,13 +70,14 @@ class Courtesy:
         """
         haste = self._needed(now)
         if haste:
-            self._late_at = now
+            self._late_at = max(now, self._late_at)
             self._be(max(haste, self._haste))
         elif now - self._late_at >= AGAIN_AFTER:
             self._be(Haste.NONE)
 
     def end(self) -> None:
-        """Have it give way no more, as when nothing passes any longer and somebody waits for its end."""
+        """Have it give way no more, as somebody waits for its end."""
+        self._late_at = math.inf
         self._be(Haste.ALL)
 
     def _be(self, haste: Haste) -> None:

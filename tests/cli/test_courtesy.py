@@ -122,8 +122,9 @@ def test_at_the_end_it_gives_way_no_more() -> None:
     scene.pass_for(1)
     for _ in range(2):
         scene.courtesy.end()
-    assert scene.asked == [True, False]
-    assert scene.decoder.haste == Haste.ALL
+        scene.pass_for(AGAIN_AFTER + 1)
+        assert scene.asked == [True, False]
+        assert scene.decoder.haste == Haste.ALL
 
 
 @POLICIES
