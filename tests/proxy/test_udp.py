@@ -5,12 +5,14 @@ from __future__ import annotations
 import errno
 import socket
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy import udp
-from bcapscope.proxy.relay import GIVE_WAY_AFTER
+from bcapscope.proxy.relay import GIVE_WAY_AFTER, Relay
 from bcapscope.proxy.ring import Count, Kind
 from bcapscope.proxy.sockets import facing, listen_on
 from bcapscope.traffic.observation import Endpoint, Transport
@@ -86,18 +88,24 @@ def test_silent_clients_are_forgotten_and_may_come_again() -> None:
         assert other != way
 
 
-def test_who_is_silent_is_not_told_by_a_clock_that_is_put_forward(monkeypatch: pytest.MonkeyPatch) -> None:
+@contextmanager
+def stopped_behind_a_client(forget_after: int = udp.FORGET_AFTER) -> Iterator[tuple[Relay, socket.socket]]:
+    """Let a relay meet a client, and run no more; yield it and the controller."""
     with (
         datagrams() as server,
-        running(port_of(server), "udp") as proxy,
+        running(port_of(server), "udp", forget_after=forget_after) as proxy,
         datagrams(to=proxy.address) as client,
     ):
         client.send(b"one")
         server.recv(100)
         proxy.stop()
+        yield proxy.relay, server
+
+
+def test_who_is_silent_is_not_told_by_a_clock_that_is_put_forward(monkeypatch: pytest.MonkeyPatch) -> None:
+    with stopped_behind_a_client() as (relay, _):
         later = time.time_ns() + 10 * udp.FORGET_AFTER
         monkeypatch.setattr(time, "time_ns", lambda: later)
-        relay = proxy.relay
         relay._sweep()
         assert relay.sessions
         monkeypatch.undo()
@@ -107,15 +115,7 @@ def test_who_is_silent_is_not_told_by_a_clock_that_is_put_forward(monkeypatch: p
 
 
 def test_after_a_long_standstill_clients_may_speak_before_they_are_called_silent() -> None:
-    with (
-        datagrams() as server,
-        running(port_of(server), "udp", forget_after=10**9) as proxy,
-        datagrams(to=proxy.address) as client,
-    ):
-        client.send(b"one")
-        server.recv(100)
-        proxy.stop()
-        relay = proxy.relay
+    with stopped_behind_a_client(forget_after=10**9) as (relay, _):
         (session,) = relay.sessions.values()
         relay.now = session.heard = relay.now - 10**10  # as after ten seconds in which nothing ran
         relay._beats = relay_module._SWEEP_EVERY - 1
@@ -213,15 +213,8 @@ def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
 
 
 def test_who_leaves_without_time_asks_nothing() -> None:
-    with (
-        datagrams() as server,
-        running(port_of(server), "udp") as proxy,
-        datagrams(to=proxy.address) as client,
-    ):
-        client.send(b"one")
-        server.recv(100)
-        proxy.stop()
-        (session,) = proxy.relay.sessions.values()
+    with stopped_behind_a_client() as (relay, server):
+        (session,) = relay.sessions.values()
         assert isinstance(session, udp.UdpSession)
         assert session.leave([b"bye"], time.monotonic()) == 0
         server.settimeout(0)
