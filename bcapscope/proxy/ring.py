@@ -130,6 +130,11 @@ class _Ring:
         self.figures = self._marks[_FIGURES : _FIGURES + len(Figure)]
 
     @property
+    def written(self) -> int:
+        """Bytes that were written so far."""
+        return self._marks[_WRITTEN]
+
+    @property
     def share(self) -> float:
         """Share of the memory that no room is in, 0 to 1."""
         return (self._marks[_WRITTEN] - self._marks[_READ]) / self._size
@@ -196,11 +201,6 @@ class RingWriter(_Ring):
             self._space[place : place + size] = b"".join(parts)
             self._marks[_WRITTEN] = self._written = written + size
         notes.clear()
-
-    @property
-    def written(self) -> int:
-        """Bytes that were written so far."""
-        return self._written
 
     @property
     def taken(self) -> int:
@@ -326,11 +326,6 @@ class RingReader(_Ring):
     def waiting(self) -> int:
         """Bytes that were written and not taken yet."""
         return self.written - self.place
-
-    @property
-    def written(self) -> int:
-        """Bytes that were written so far."""
-        return self._marks[_WRITTEN]
 
     def take(self, most: int = 8192, until: int | None = None) -> list[Record]:
         """Return what had been written at the last look, so many records at most, and look again.
