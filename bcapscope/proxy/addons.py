@@ -68,7 +68,6 @@ class PassingMessage:
         client: whose it is.
         data: the bytes; other bytes put here go on in their place.
         dropped: it does not go on.
-        answers: results that the client gets in place of the controller's answer.
         question: what it asks or answers, where that is known.
     """
 
@@ -76,7 +75,7 @@ class PassingMessage:
         self.client = client
         self.data = message.data
         self.dropped = False
-        self.answers: list[int] = []
+        self._answers: list[int] = []
         self.question: Question | None = next((told.question for told in message.told if told.question), None)
         self._frames = message.frames
 
@@ -100,6 +99,11 @@ class PassingMessage:
         """The values of the arguments."""
         return [argument.variant.value for argument in self.frame.arguments] if self.frame else []
 
+    @property
+    def answers(self) -> tuple[int, ...]:
+        """The results that the client gets in place of the controller's answer."""
+        return tuple(self._answers)
+
     def drop(self) -> None:
         """Let it end here."""
         self.dropped = True
@@ -110,7 +114,7 @@ class PassingMessage:
         Raises:
             ValueError: there is no such result.
         """
-        self.answers.append(ResultCode.read(hresult))
+        self._answers.append(ResultCode.read(hresult))
         self.dropped = True
 
 
@@ -199,7 +203,7 @@ class Addons:
         began = self._clock()
         try:
             hook(*arguments)
-        except (Exception, SystemExit) as error:
+        except BaseException as error:  # Ctrl-C raises nothing while bytes pass: all of them are its own
             if self._is_new(addon, name, "error"):  # else looking for the place costs more than all the rest
                 self.tell(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
         took = self._clock() - began
@@ -233,7 +237,9 @@ def load_addons(path: str) -> list[object]:
         raise ScriptError(f"{path} has no class with a method {', '.join(HOOKS[:-1])} or {HOOKS[-1]}")
     try:
         return [kind() for kind in kinds]
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise ScriptError(f"{path}: {_where(error)}") from error
 
 
@@ -248,7 +254,9 @@ def _run(path: str) -> ModuleType:
         spec.loader.exec_module(module)
     except OSError as error:
         raise ScriptError(f"{path} cannot be read: {error.strerror or error}") from error
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise ScriptError(f"{path}: {_where(error)}") from error
     return module
 
@@ -259,5 +267,5 @@ def _where(error: BaseException) -> str:
         return f"{error.msg} (line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)
     spot = f" ({Path(frames[-1].filename).name} line {frames[-1].lineno})" if frames else ""
-    text = "".join(traceback.format_exception_only(error)).strip().splitlines()[-1]
+    text = "".join(traceback.format_exception_only(error)).splitlines()[0]
     return f"{text}{spot}"

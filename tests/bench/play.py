@@ -188,17 +188,16 @@ def _measure(target: Target, period: int, count: int, rounds: int, wanted: bool)
     print(line(f"{name}, empty loop", bare))
     print(line(f"{name}, play", ours), flush=True)
     if wanted:
-        words = ["yes" if _is_good(each) else "NO" for each in (ours, bare)]
-        print(f"    p99.9 under 0.1 ms and none above 1 ms: {words[0]}; the empty loop: {words[1]}")
+        good = [f"{sum(map(_is_good, found))} of {len(found)} rounds" for found in (ours, bare)]
+        print(f"    p99.9 under 0.1 ms and none above 1 ms: {good[0]}; the empty loop: {good[1]}")
     else:
         shares = [median(each.spread.p999 for each in found) for found in (ours, bare)]
         print(f"    p99.9 {shares[0] / max(1, shares[1]):.2f} times that of the empty loop")
 
 
-def _is_good(rounds: list[Round]) -> bool:
-    """Tell whether the usual round keeps the limits."""
-    late, most = median(each.spread.p999 for each in rounds), median(each.spread.most for each in rounds)
-    return late < LIMIT_P999 and most <= LIMIT_MOST
+def _is_good(found: Round) -> bool:
+    """Tell whether a round keeps the limits; no priority helps against a host that takes the processor."""
+    return found.spread.p999 < LIMIT_P999 and found.spread.most <= LIMIT_MOST
 
 
 def stolen() -> float:
