@@ -252,11 +252,11 @@ def _run(path: str) -> ModuleType:
     sys.modules[name] = module  # dataclasses look their module up there
     try:
         spec.loader.exec_module(module)
-    except OSError as error:
-        raise ScriptError(f"{path} cannot be read: {error.strerror or error}") from error
     except KeyboardInterrupt:
         raise
     except BaseException as error:
+        if isinstance(error, OSError) and error.filename == spec.origin:
+            raise ScriptError(f"{path} cannot be read: {error.strerror or error}") from error
         raise ScriptError(f"{path}: {_where(error)}") from error
     return module
 

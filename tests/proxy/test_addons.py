@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
@@ -55,6 +56,9 @@ def test_each_class_with_a_hook_is_made(script: Callable[[str], str]) -> None:
         ("import nothing_like_it", r"No module named 'nothing_like_it' \(mine.py line 1\)"),
         ("1 / 0", r"division by zero \(mine.py line 1\)"),
         ("import sys; sys.exit(5)", "SystemExit: 5"),
+        ("open('settings.none')", r"^\S+: FileNotFoundError.*'settings.none' \(mine.py line 1\)"),
+        ("import asyncio; raise asyncio.CancelledError", r"CancelledError \(mine.py line 1\)"),
+        ("raise ValueError('one\\ntwo')", r"ValueError: one \(mine.py line 1\)"),
         ("class A:\n  def __init__(self, x): pass\n  def done(self): pass", "missing 1 required positional"),
     ],
 )
@@ -142,13 +146,28 @@ def test_where_it_went_wrong_is_looked_for_once(monkeypatch: pytest.MonkeyPatch)
     assert (len(looked), addons.errors) == (1, 3)
 
 
-def test_an_interrupt_is_no_error_of_the_addon() -> None:
-    class Interrupted:
+@pytest.mark.parametrize("kind", [SystemExit, asyncio.CancelledError, GeneratorExit, KeyboardInterrupt])
+def test_nothing_that_can_be_raised_ends_the_relay(kind: type[BaseException]) -> None:
+    class Broken:
         def done(self) -> None:
-            raise KeyboardInterrupt
+            raise kind
 
-    with pytest.raises(KeyboardInterrupt):
-        Addons([Interrupted()]).done()
+    told: list[str] = []
+    addons = Addons([Broken()], clock=lambda: 0)
+    addons.tell = told.append
+    addons.done()
+    assert addons.errors == len(told) == 1
+    assert kind.__name__ in told[0]
+
+
+def test_answers_are_given_in_one_way_only() -> None:
+    class Careless:
+        def request(self, message: PassingMessage) -> None:
+            message.answers = (-1,)  # type: ignore[misc]  # as users do
+
+    addons = Addons([Careless()])
+    assert addons.see(WHO, message()).answers == ()
+    assert addons.errors == 1
 
 
 def test_a_slow_hook_is_told_once() -> None:
