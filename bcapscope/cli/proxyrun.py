@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import socket
+import stat
 import sys
 import threading
 import time
@@ -138,7 +139,11 @@ class Proxy:
 
     def attend(self) -> None:
         """Do as when the terminal is closed once standard input ends: whoever started the proxy is gone."""
-        if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
+        if sys.platform == "win32":  # there a pipe cannot be waited for together with sockets
+            return
+        if sys.stdin is None or not _can_last(_STDIN):
+            self._hung_up = True
+        else:
             self.relay.watch(_STDIN, self._listen_to_starter)
 
     def run(self, greet: Callable[[], None]) -> None:
@@ -294,6 +299,12 @@ class Proxy:
             how = "was ended" if answered == len(requests) else f"could not be ended: {why}"
             what = f", where {state}," if state else ""
             self.relay.tell(f"the session of {client} at {controller}{what} {how}")
+
+
+def _can_last(descriptor: int) -> bool:
+    """Tell whether somebody is at the other end of a file descriptor; a file, or /dev/null, is at its end."""
+    mode = os.fstat(descriptor).st_mode
+    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
 
 
 def _aside(text: str) -> None:

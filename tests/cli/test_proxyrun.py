@@ -6,6 +6,7 @@ import errno
 import os
 import signal
 import socket
+import sys
 import threading
 from contextlib import closing, nullcontext
 from multiprocessing.shared_memory import SharedMemory
@@ -130,3 +131,22 @@ def test_who_hears_of_an_answer_that_is_taken_already_does_not_wait_for_another(
         proxy._other_end.close()  # would also wake who waits
         hearing.join(5)
     assert heard
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a pipe cannot be waited for together with sockets")
+@pytest.mark.parametrize("closed", [True, False], ids=["closed", "of no one"])
+def test_a_proxy_whose_starter_is_gone_from_the_beginning_ends(
+    monkeypatch: pytest.MonkeyPatch, closed: bool
+) -> None:
+    here, there = socket.socketpair()
+    here.setblocking(False)
+    with (
+        here,
+        there,
+        open(os.devnull, "rb") as nobody,
+        closing(Proxy(Wishes(None, None, Look(None), "never"), here)) as proxy,
+    ):
+        monkeypatch.setattr(proxyrun, "_STDIN", nobody.fileno())
+        monkeypatch.setattr(sys, "stdin", None if closed else nobody)
+        proxy.attend()
+        proxy.relay.run(proxy._look_around)
