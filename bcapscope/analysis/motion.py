@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +27,10 @@ and a motion that only begins or ends has a small step on one side at the most."
 
 SMALLEST_JUMP = 0.2
 """Degrees or mm in one step, 25 of them a second: below that a jump is rounding or noise."""
+
+LARGEST_STEP = 180.0
+"""Degrees or mm in one step, whatever is before and behind it: at 8 ms 22,500 of them a second, and 22 m/s.
+No paper says where it ends for every axis; this is meant to be well beyond all of them."""
 
 _FIGURE = "Fig"
 _TURN = 360.0
@@ -74,20 +80,33 @@ class AxisMotion:
     lag_cycles: float | None
 
 
+class JumpKind(Enum):
+    """What tells a jump from motion."""
+
+    ALONE = auto()
+    """It is far larger than the steps on both sides of it."""
+    STRAY = auto()
+    """So are it and the next one together, which goes the other way: one set point is off the path."""
+    ABSURD = auto()
+    """It is larger than `LARGEST_STEP`."""
+
+
 class Jump(NamedTuple):
-    """A step that is far larger than those on both sides of it.
+    """A step that no robot is meant to make.
 
     Attributes:
         frame: of the request that commands it.
         time: of that.
         axis: the axis of the largest one.
         step: on that axis, with sign.
+        kind: how it is known.
     """
 
     frame: int
     time: int
     axis: str
     step: float
+    kind: JumpKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +126,8 @@ class Motion:
         repeated: set points equal to the one before.
         stutters: of them, those between two that move: the robot is told to stop for one period.
         stutter_list: the first of them, by frame of the request.
-        jumps: steps far larger than those on both sides.
+        jumps: steps far larger than those on both sides, alone or as two out and back, or than any axis
+            follows.
         jump_list: the first of them.
         figure_changes: how often Fig changed; 0 for joints.
         lag_cycles: of all axes, an estimate; None where none has one.
@@ -207,7 +227,8 @@ class MotionModel:
         self._not_finite: list[int] = []
         self._not_finite_count = self._stutters_count = self._jumps_count = 0
         self._stutters: list[int] = []
-        self._jumps: list[Jump] = []
+        self._measured = [index for index, axis in enumerate(axes) if axis.unit]
+        self._jumps: dict[JumpKind, list[Jump]] = {kind: [] for kind in JumpKind}
         self._least, self._most = np.full(count, np.inf), np.full(count, -np.inf)
         self._steps = [Histogram() for _ in axes]
         self._changes = [Histogram() for _ in axes]
@@ -215,7 +236,7 @@ class MotionModel:
         self._largest_step, self._largest_change = _Largest(count), _Largest(count)
         self._largest_difference = _Largest(count)
         self._lag = Lag(count)
-        # the last three set points of the rows before: a step is judged by those on both sides
+        # the last four set points of the rows before: a step, or two, are judged by those on both sides
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
@@ -270,7 +291,7 @@ class MotionModel:
             self._figure_changes += int(np.count_nonzero(sizes[new_steps:, self._figure]))
         self._find_stutters(moves, frames, new_steps)
         self._find_jumps(steps, frames, times, new_steps)
-        self._tail, self._tail_frames, self._tail_times = points[-3:], frames[-3:], times[-3:]
+        self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
         """Find steps of nothing between two that move, the last of which is new."""
@@ -283,18 +304,31 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        first = max(new - 2, 0)
-        measured = [index for index, axis in enumerate(self._axes) if axis.unit]
-        sizes = np.abs(steps[first:, measured])
-        beside = np.maximum(sizes[:-2], sizes[2:])
-        far = (sizes[1:-1] > JUMP_TIMES * beside) & (sizes[1:-1] > SMALLEST_JUMP)
-        rows = np.flatnonzero(far.any(axis=1))
-        self._jumps_count += len(rows)
-        for row in rows[: MOST_LISTED - len(self._jumps)].tolist():
-            axis = measured[int(np.where(far[row], sizes[row + 1], -1.0).argmax())]
-            at = first + row + 1
-            name, step = self._axes[axis].name, float(steps[at, axis])
-            self._jumps.append(Jump(int(frames[at + 1]), int(times[at + 1]), name, step))
+        """Find jumps; each kind in the rows that are known to be or not to be one since the `new` steps."""
+        sizes = np.abs(steps[:, self._measured])
+        absurd = sizes > LARGEST_STEP
+        counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
+        alone, stray = np.zeros_like(absurd), np.zeros_like(absurd)
+        alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
+        alone[counted] = False
+        counted |= np.logical_or.reduce(alone, axis=1)
+        counted[:-1] |= counted[1:]  # the way there is no stray one if the way back counts
+        beside = np.maximum(sizes[:-3], sizes[3:])
+        turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
+        stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns
+        stray[counted] = False
+        for kind, far, first in (
+            (JumpKind.ABSURD, absurd, new),
+            (JumpKind.ALONE, alone, max(new - 1, 0)),
+            (JumpKind.STRAY, stray, max(new - 2, 0)),
+        ):
+            rows = first + np.flatnonzero(far[first:].any(axis=1))
+            self._jumps_count += len(rows)
+            found = self._jumps[kind]
+            for row in rows[: MOST_LISTED - len(found)].tolist():
+                axis = self._measured[int(np.where(far[row], sizes[row], -1.0).argmax())]
+                name, step = self._axes[axis].name, float(steps[row, axis])
+                found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
         """Take the short way round for angles that turn: 179 and -179 degrees are two apart."""
@@ -317,7 +351,7 @@ class MotionModel:
             stutters=self._stutters_count,
             stutter_list=tuple(self._stutters),
             jumps=self._jumps_count,
-            jump_list=tuple(self._jumps),
+            jump_list=tuple(sorted(chain(*self._jumps.values()), key=lambda jump: jump.time)[:MOST_LISTED]),
             figure_changes=self._figure_changes,
             lag_cycles=self._lag.of_all(),
             first_distance=start.distance,
@@ -345,3 +379,9 @@ class MotionModel:
             largest_difference=self._largest_difference.peak(index),
             lag_cycles=self._lag.of_axis(index),
         )
+
+
+def _stands_out(sizes: Floats, beside: Floats) -> Bools:
+    """Tell which steps are far larger than those beside them."""
+    far: Bools = (sizes > JUMP_TIMES * beside) & (sizes > SMALLEST_JUMP)
+    return far

@@ -97,7 +97,8 @@ def _oddities(motion: Motion, palette: Palette, tongue: Tongue) -> Iterator[str]
     if motion.jumps:
         first = motion.jump_list[0]
         steps = counted(motion.jumps, "step")
-        text = f"{steps} far larger than those beside, the first {first.step:.4g} on {first.axis}"
+        text = f"{steps} far larger than those beside or than any axis follows"
+        text = f"{text}, the first {first.step:.4g} on {first.axis}"
         frames = frames_text([jump.frame for jump in motion.jump_list], motion.jumps)
         yield from wrapped(f"{text}; {frames}", palette.problem, palette.reset, tongue)
     if motion.figure_changes:

@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from bcapscope.analysis.moments import MOST_LISTED
-from bcapscope.analysis.motion import JUMP_TIMES, SMALLEST_JUMP, Motion, MotionModel, Poses, Start
+from bcapscope.analysis.motion import (
+    JUMP_TIMES,
+    LARGEST_STEP,
+    SMALLEST_JUMP,
+    JumpKind,
+    Motion,
+    MotionModel,
+    Poses,
+    Start,
+)
 from bcapscope.protocol.poses import AXES, Axis
 from bcapscope.protocol.slavemode import PoseType
 
@@ -46,7 +56,7 @@ def followed(
     return model.facts(8.0, Start())
 
 
-VALUES = st.sampled_from([0.0, 0.01, 0.5, 1.0, 3.0, 90.0])
+VALUES = st.sampled_from([0.0, 0.01, 0.5, 1.0, 3.0, 90.0, -120.0])
 POINTS = st.lists(st.tuples(VALUES, VALUES), min_size=1, max_size=40)
 
 
@@ -68,6 +78,13 @@ def test_steps_by_a_plain_loop(points: list[tuple[float, float]], cuts: list[int
             assert told.largest_acceleration.value == pytest.approx(max(changes) * 125 * 125)
 
 
+def far(steps: Sequence[NDArray[np.float64]], row: int, before: int, behind: int) -> NDArray[np.bool_]:
+    """Tell on which axes a step is far larger than two others."""
+    size, beside = abs(steps[row]), np.maximum(abs(steps[before]), abs(steps[behind]))
+    found: NDArray[np.bool_] = (size > SMALLEST_JUMP) & (size > JUMP_TIMES * beside)
+    return found
+
+
 @given(POINTS, st.lists(st.integers(0, 40), max_size=6))
 def test_stops_and_jumps_by_a_plain_loop(points: list[tuple[float, float]], cuts: list[int]) -> None:
     motion = followed(points, cuts=cuts)
@@ -77,18 +94,21 @@ def test_stops_and_jumps_by_a_plain_loop(points: list[tuple[float, float]], cuts
     stutters = [
         row for row in inner if not steps[row].any() and steps[row - 1].any() and steps[row + 1].any()
     ]
-    jumps = [
+    jumps = {row for row, step in enumerate(steps) if max(abs(step)) > LARGEST_STEP}
+    jumps |= {row for row in inner if any(far(steps, row, row - 1, row + 1))}
+    jumps |= {
         row
-        for row in inner
-        if any(
-            abs(steps[row][n]) > SMALLEST_JUMP
-            and abs(steps[row][n]) > JUMP_TIMES * max(abs(steps[row - 1][n]), abs(steps[row + 1][n]))
-            for n in (0, 1)
+        for row in range(1, len(steps) - 2)
+        if jumps.isdisjoint((row, row + 1))
+        and any(
+            far(steps, row, row - 1, row + 2)
+            & far(steps, row + 1, row - 1, row + 2)
+            & (np.signbit(steps[row]) != np.signbit(steps[row + 1]))
         )
-    ]
+    }
     assert (motion.repeated, motion.stutters, motion.jumps) == (len(repeated), len(stutters), len(jumps))
     assert motion.stutter_list == tuple(2 * (row + 1) + 1 for row in stutters)
-    assert tuple(jump.frame for jump in motion.jump_list) == tuple(2 * (row + 1) + 1 for row in jumps)
+    assert tuple(jump.frame for jump in motion.jump_list) == tuple(2 * (row + 1) + 1 for row in sorted(jumps))
 
 
 @settings(deadline=None)
@@ -100,7 +120,17 @@ def test_cutting_changes_nothing(points: list[tuple[float, float]], cuts: list[i
 
 def test_a_jump_tells_its_axis_and_size() -> None:
     motion = followed([(0, 0), (0.1, 0), (0.2, -5), (0.3, -5), (0.4, -5)])
-    assert motion.jump_list == ((5, 5_000_000, "J2", -5.0),)
+    assert motion.jump_list == ((5, 5_000_000, "J2", -5.0, JumpKind.ALONE),)
+
+
+def test_one_set_point_off_the_path_is_one_jump() -> None:
+    motion = followed([(0, 0), (0.1, 0), (9, 0), (0.3, 0), (0.4, 0)])
+    assert motion.jump_list == ((5, 5_000_000, "J1", 8.9, JumpKind.STRAY),)
+
+
+def test_a_step_that_no_axis_follows_needs_no_others_beside_it() -> None:
+    assert followed([(0, 0), (0, 1e200)]).jump_list == ((3, 3_000_000, "J2", 1e200, JumpKind.ABSURD),)
+    assert followed([(0, 0), (0, LARGEST_STEP)]).jumps == 0
 
 
 def test_angles_that_turn_take_the_short_way() -> None:

@@ -96,7 +96,7 @@ def test_odd_motion_is_told() -> None:
     driver.move(80, code=OVERFLOW)
     text = " ".join(told(plan).split())
     assert "1 point equal to the one before, 1 of them between two that move; frame 9" in text
-    assert "1 step far larger than those beside, the first 9 on J1; frame 13" in text
+    assert "1 step far larger than those beside or than any axis follows, the first 9 on J1; frame 13" in text
     assert "1 hold NaN or infinity; frame 17" in text
     assert "overflow reported by the controller frame 22" in text
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from bcapscope.analysis.client import Client, Clients, argument, command_of
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.motion import Jump
+from bcapscope.analysis.motion import Jump, JumpKind
 from bcapscope.analysis.rules.refusal import NO_MORE, Refusal, Why, fixed, refusal
 from bcapscope.analysis.rules.rule import Incident, Rule, Watcher
 from bcapscope.analysis.speech import Speech, amount, called, span
@@ -68,7 +68,7 @@ FAR = Rule(
 JUMP = Rule(
     "set-point-jump",
     Severity.NOTE,
-    "one step between set points is far larger than those around it",
+    "one step between set points is far larger than those around it, or than any axis follows",
     "Look for a missing piece of trajectory at this frame, a wrap of an angle at 180 degrees, or two sources "
     "of set points.",
     "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14",
@@ -86,6 +86,11 @@ _RANGE_BASES = (0x83204070, 0x83204230, 0x82204240, 0x81204120, 0x83404D10)
 _RANGE_CODES = frozenset(base + axis for base in _RANGE_BASES for axis in range(1, 9))
 _INVALID_CODES = (0x83201405, 0x84201547, 0x80201548, 0x8420151C, 0x83201401)
 
+_BESIDE = {
+    JumpKind.ALONE: "far more than those around it",
+    JumpKind.STRAY: "far more than those around it, and the next one turns back",
+    JumpKind.ABSURD: "more than any axis follows",
+}
 _PERIOD_S = 0.008
 _FAR = 1.0
 
@@ -150,8 +155,7 @@ class Limits(Watcher):
         def say(speech: Speech) -> str:
             return (
                 f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {amount(jump.step)} "
-                f"{unit} in {jump.axis} ({amount(speed)} {unit}/s in one period), far more than those "
-                "around it"
+                f"{unit} in {jump.axis} ({amount(speed)} {unit}/s in one period), {_BESIDE[jump.kind]}"
             )
 
         def then(speech: Speech, after: int) -> str:

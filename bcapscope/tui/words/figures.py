@@ -178,8 +178,8 @@ PHRASES: dict[str, str] = {
     "{n} point equal to the one before": "直前と同じ点 {n}",
     "{n} points equal to the one before": "直前と同じ点 {n}",
     "{text} equal to the one before, {n} of them between two that move": "直前と同じ {text}、うち動いている 2 点の間 {n}",
-    "{n} step far larger than those beside, the first {n2} on {word}": "前後より極端に大きい変化 {n}、最初は {word} の {n2}",
-    "{n} steps far larger than those beside, the first {n2} on {word}": "前後より極端に大きい変化 {n}、最初は {word} の {n2}",
+    "{n} step far larger than those beside or than any axis follows, the first {n2} on {word}": "前後より極端に大きい、または軸が追従できない変化 {n}、最初は {word} の {n2}",
+    "{n} steps far larger than those beside or than any axis follows, the first {n2} on {word}": "前後より極端に大きい、または軸が追従できない変化 {n}、最初は {word} の {n2}",
     "Fig changes once": "Fig の変化 1 回",
     "Fig changes {n} times": "Fig の変化 {n} 回",
 }

@@ -44,6 +44,8 @@ PHRASES: dict[str, str] = {
     "the first set point of {client} is {n} {unit} away in {word} from where the robot was ({text}), and in slave mode it is to get there in one period": "{client} の最初の指令値は、ロボットの位置 ({text}) から {word} で {n} {unit} 離れており、スレーブモードでは 1 周期でそこへ動くことになります",
     "the first set point was {n} {unit} away in {word}": "最初の指令値が {word} で {n} {unit} 離れていました",
     "at {time} the set point of frame {n} jumps by {n2} {unit} in {word} ({n3} {unit2}/s in one period), far more than those around it": "{time} にフレーム {n} の指令値が {word} で {n2} {unit} 飛んでいます (1 周期で {n3} {unit2}/s)。前後に比べて極端に大きい変化です",
+    "at {time} the set point of frame {n} jumps by {n2} {unit} in {word} ({n3} {unit2}/s in one period), far more than those around it, and the next one turns back": "{time} にフレーム {n} の指令値が {word} で {n2} {unit} 飛んでいます (1 周期で {n3} {unit2}/s)。前後に比べて極端に大きい変化で、次の指令値は逆向きに戻っています",
+    "at {time} the set point of frame {n} jumps by {n2} {unit} in {word} ({n3} {unit2}/s in one period), more than any axis follows": "{time} にフレーム {n} の指令値が {word} で {n2} {unit} 飛んでいます (1 周期で {n3} {unit2}/s)。どの軸も追従できない変化です",
     "a set point jumped by {n} {unit} in {word}": "指令値が {word} で {n} {unit} 飛びました",
     "an axis was commanded too fast": "軸の指令が速すぎました",
     "an axis (J{n}) was commanded too fast": "J{n} 軸の指令が速すぎました",

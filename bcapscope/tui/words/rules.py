@@ -17,7 +17,7 @@ TITLES: dict[str, str] = {
     "invalid-set-point": "指令値が不正として拒否された",
     "not-finite": "指令値に NaN または無限大が含まれる",
     "far-first-point": "スレーブモードの最初の指令値がロボットの現在位置から離れている",
-    "set-point-jump": "ある指令値の変化が前後に比べて極端に大きい",
+    "set-point-jump": "ある指令値の変化が前後に比べて極端に大きい、またはどの軸も追従できない",
     # objects
     "handle-leak": "同じオブジェクトを解放せずに何度も取得している",
     "bad-handle": "ハンドルが不正のため呼び出しが拒否された",

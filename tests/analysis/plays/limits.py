@@ -38,6 +38,19 @@ def _begins_at(first: float, known: float = 0.0) -> Play:
     return play
 
 
+def _strays(*points: float) -> Play:
+    """A smooth motion with a few set points of its own in it, and on from where it was."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        at = client.drive(10)
+        for number, first in enumerate(points):
+            client.execute(at + 8 * number, "slvMove", r8s(first, *HOME[1:]), r8s(0.5, *HOME[1:]))
+        client.leave(client.move(at + 8 * len(points), 10, first=0.5))
+
+    return play
+
+
 SCENES = (
     Scene(
         "over-limit",
@@ -83,7 +96,28 @@ SCENES = (
         "set-point-jump",
         _ends_with((9.0, *HOME[1:]), 0),
         (35,),
-        ("the set point of frame 35 jumps by 8.55 deg in J1", "1069 deg/s"),
+        ("the set point of frame 35 jumps by 8.55 deg in J1", "1069 deg/s", "far more than those around it"),
+        _ends_with((0.5, *HOME[1:]), 0),
+    ),
+    Scene(
+        "set-point-jump",
+        _strays(9.0),
+        (35,),
+        ("frame 35 jumps by 8.55 deg in J1", "far more than those around it, and the next one turns back"),
+        _strays(0.55),
+    ),
+    Scene(
+        "set-point-jump",
+        _strays(1e200),
+        (35, 37),
+        ("frame 35 jumps by 1e+200 deg in J1", "more than any axis follows (twice in all"),
+        _strays(0.55),
+    ),
+    Scene(
+        "set-point-jump",
+        _ends_with((1e200, *HOME[1:]), _INVALID),
+        (35,),
+        ("frame 35 jumps by 1e+200 deg in J1", "more than any axis follows"),
         _ends_with((0.5, *HOME[1:]), 0),
     ),
 )
