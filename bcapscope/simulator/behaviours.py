@@ -97,7 +97,7 @@ _RESULTS = (
     ("E_TOO_MUCH_DATA", _A, "an answer over UDP would have more than 503 bytes", _LIMITS),
     ("E_FAIL", _A, "slave mode of RC7 without RobSlave", _NONE),
     ("E_CAO_COLLECTION_REGISTERED", _A, "a controller is connected twice by one name", _SYMBOLS),
-    ("NOT_CONNECTED", _A, "any call before Service_Start", _SYMBOLS),
+    ("E_NOT_CONNECTED", _A, "any call before Service_Start", _SYMBOLS),
     ("OBJECT_NOT_FOUND", _A, "there is no variable, program or file of that name", _SYMBOLS),
     ("NOT_WRITABLE", _A, "a variable cannot be written", _SYMBOLS),
     ("INVALID_COMMAND", _D, "there is no such command", _ANSI),

@@ -17,6 +17,7 @@ from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.hresult import (
     E_CAO_COLLECTION_REGISTERED,
     E_INVALIDARG,
+    E_NOT_CONNECTED,
     E_NOTIMPL,
     E_REFUSED_IN_SLAVE_MODE,
 )
@@ -27,7 +28,6 @@ from bcapscope.simulator.functions import METHODS
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.objects import Objects
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
-from bcapscope.simulator.refusals import NOT_CONNECTED
 from bcapscope.simulator.values import i4, nth, text_of
 
 SHORTEST_WDT = 80
@@ -98,7 +98,7 @@ class Client:
         if function_id == _START:
             return self._start(arguments)
         if not self.started:
-            raise RefusedError(NOT_CONNECTED)
+            raise RefusedError(E_NOT_CONNECTED)
         if function_id == _CONNECT:
             return self._connect(arguments)
         self.leave(now)

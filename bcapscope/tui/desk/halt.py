@@ -22,6 +22,7 @@ from bcapscope.client.session import Session, open_target
 from bcapscope.client.target import Target
 from bcapscope.errors import BcapError, ControllerError
 from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.hresult import E_HANDLE, E_NOT_CONNECTED
 from bcapscope.tui.desk.record import cause
 
 HEARTBEAT = 2.0
@@ -31,6 +32,9 @@ INSISTS = 3.0
 """Seconds for which a line that is lost is opened again and again once HALT is pressed."""
 
 _AGAIN = 0.05
+
+_FORGOTTEN = (E_HANDLE, E_NOT_CONNECTED)
+"""What a controller answers that knows the line no more, as over UDP after the pendant's Reset."""
 
 CLOSING = 3.0
 """Seconds that `close` waits for the line to let go of what it has open."""
@@ -98,6 +102,7 @@ class HaltLine:
         self._loop = asyncio.new_event_loop()
         self._pressed = asyncio.Event()
         self._insists_until = 0.0
+        self._refused = False  # once since HALT was pressed
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="halt", daemon=True)
         self._thread.start()
@@ -107,6 +112,7 @@ class HaltLine:
 
         def press() -> None:
             self._insists_until = self._loop.time() + INSISTS
+            self._refused = False
             self._pressed.set()
 
         self._wake(press)
@@ -196,17 +202,25 @@ class HaltLine:
             call.cancel()
             await asyncio.wait((call,))
             return
-        with suppress(ControllerError):  # a refusal is an answer, too
+        try:
             call.result()
+        except ControllerError as error:  # an answer, too, unless nobody knows the robot
+            if error.hresult in _FORGOTTEN:
+                raise
         took = round((self._loop.time() - began) * 1e9)
         self._tell(HaltNews(HaltState.READY, round_trip=took))
 
     async def _halt(self, session: Session, handle: int) -> None:
+        """Halt; a line that it is refused on may have been forgotten, and is opened anew for it."""
         self._tell(HaltNews(HaltState.HALTING))
         began = self._loop.time()
         try:
             await halt(session, handle, _pause)
         except ControllerError as error:
+            if not self._refused:
+                self._refused = True
+                self._pressed.set()
+                raise
             self._tell(HaltNews(HaltState.FAILED, cause(error)))
         except (BcapError, OSError) as error:
             self._tell(HaltNews(HaltState.FAILED, cause(error)))

@@ -12,14 +12,14 @@ import pytest
 
 from bcapscope.client.target import Target
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.hresult import E_BUSY
+from bcapscope.protocol.hresult import E_ACCESSDENIED, E_BUSY, E_HANDLE
 from bcapscope.tui.desk.halt import HaltLine, HaltNews, HaltState
 from tests.client.peer import Peer
 from tests.client.server import UdpServer, answering, udp_server
 
 LIMIT = 20.0
 TARGET = Target("127.0.0.1", 0, timeout=60_000.0)
-HALT, ROBOT_GETATTRIBUTE = "Robot_Halt", 77
+HALT, SERVICE_START, ROBOT_GETATTRIBUTE = "Robot_Halt", 1, 77
 
 
 class Heard:
@@ -113,3 +113,47 @@ def test_where_nobody_listens_it_fails_after_some_tries_and_is_not_said_later(
                 assert connection.recv(4096)  # Service_Start, which is not answered
                 heard.wait_for(HaltState.OPENING)
                 assert HaltState.HALTING not in heard.states
+
+
+def forgetting(peer: Peer) -> None:
+    """Have a peer that was told to refuse answer as before once the service is started anew."""
+    received = peer.received
+
+    def hear(data: bytes) -> None:
+        if Frame(data).code == SERVICE_START:
+            peer.answers.clear()
+        received(data)
+
+    setattr(peer, "received", hear)  # noqa: B010  # mypy takes no assignment to a method
+
+
+def refuse(server: UdpServer, code: int, *functions: str) -> None:
+    for peer in server.peers.values():
+        peer.answers.update(dict.fromkeys(functions, (code, ())))
+
+
+def test_a_controller_that_has_forgotten_the_line_is_halted_all_the_same() -> None:
+    with udp_server(forgetting) as server, line(server.port) as (made, heard):
+        heard.wait_for(HaltState.READY)
+        made.rest(True)  # so that only HALT finds out
+        refuse(server, E_HANDLE, HALT)
+        made.press()
+        heard.wait_for(HaltState.HALTED)
+        assert HaltState.FAILED not in heard.states
+
+
+def test_a_line_that_was_forgotten_is_not_called_ready() -> None:
+    with udp_server(forgetting) as server, line(server.port) as (_, heard):
+        heard.wait_for(HaltState.READY)
+        refuse(server, E_HANDLE, "Robot_GetAttribute")
+        heard.wait_for(HaltState.LOST)
+        heard.states.clear()
+        heard.wait_for(HaltState.READY)
+
+
+def test_what_is_refused_on_a_new_line_too_has_failed() -> None:
+    with answering(Robot_Halt=(E_ACCESSDENIED, ())) as server, line(server.port) as (made, heard):
+        heard.wait_for(HaltState.READY)
+        made.press()
+        heard.wait_for(HaltState.FAILED)
+        assert calls(server).count(HALT) == 2
