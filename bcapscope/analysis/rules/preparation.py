@@ -11,7 +11,7 @@ from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.enumerations import pass_motion
 from bcapscope.protocol.functions import ID
 from bcapscope.protocol.guard import request_effect
-from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, is_failure
+from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, describe, is_failure
 from bcapscope.protocol.slavemode import Generation, mode_value
 from bcapscope.protocol.variant import Variant
 from bcapscope.traffic.exchange import Exchange
@@ -67,8 +67,8 @@ MOTOR = Rule(
     "motor-off",
     Severity.ERROR,
     "a call needs the motor, and it is off (81501003)",
-    "Call Motor with 1 and wait for its reply; after an error the motor is off and goes on again "
-    "only after ClearError.",
+    "Call Motor with 1 and wait for its reply; after an error of level 4 or 5 (84xxxxxx, 85xxxxxx) the motor "
+    "is off, and ClearError comes first.",
     _ERRORS,
     ("underflow", "over-limit", "beyond-range", "emergency-stop", "controller-error", "motor-switching-off"),
     _EVER,
@@ -150,6 +150,8 @@ _TOKEN_CODES = (
 )
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
+_SWITCHES_OFF = 4
+"""Errors of this level stop all axes and switch the motor off; of those below it, the list does not say."""
 _MOTOR_CODES = (0x81501003, 0x2006, 0x80002006)
 _ARM_CODES = (E_ARM_NOT_TAKEN, 0x21F7, 0x800021F7)
 
@@ -339,17 +341,28 @@ def _arm_missing(call: Exchange, client: Client, clients: Clients) -> Why | None
 
 
 def _motor(call: Exchange, client: Client, clients: Clients) -> Why | None:
-    motor = client.motor
-    if client.failure is not None:
-        failure = client.failure
+    motor, failure = client.motor, client.failure
+    if motor is not None and client.motor_on is False:
         return Why(
-            lambda speech: f"the error of {called(failure)} had switched it off", because=(failure.call,)
+            lambda speech: f"{called(motor)} had switched it off at {speech.at(motor.request.time)}",
+            before=motor,
+        )
+    if failure is not None and (motor is None or motor.request.time < failure.request.time):
+        level = describe(failure.hresult or 0).level
+        grave = level is not None and level >= _SWITCHES_OFF
+        how = "most likely" if grave else "perhaps"
+        return Why(
+            lambda speech: f"{how} the error of {called(failure)} had switched it off",
+            because=(failure.call,) if grave else (),
         )
     if motor is None:
         return fixed("this client had not called Motor, as far as was seen")
-    if client.motor_on is False:
+    if client.motor_on is None:
         return Why(
-            lambda speech: f"{called(motor)} had switched it off at {speech.at(motor.request.time)}",
+            lambda speech: (
+                f"{called(motor)} had been accepted at {speech.at(motor.request.time)}, and its argument "
+                "does not tell what it switched"
+            ),
             before=motor,
         )
     return Why(

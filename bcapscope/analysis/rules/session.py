@@ -14,7 +14,7 @@ from bcapscope.analysis.stay import ExitReason, Stay
 from bcapscope.protocol.functions import ID, function_name
 from bcapscope.protocol.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
 from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.question import Question
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
@@ -77,7 +77,7 @@ IN_SLAVE_MODE = Rule(
 BUSY = Rule(
     "busy",
     Severity.ERROR,
-    "calls are refused since an earlier call of this client is still running",
+    "calls are refused since an earlier call is still running",
     "Wait for the reply to the long call (S_EXECUTING says that it goes on) before the next one; after "
     "InvokeTimeout none comes, and only a new connection helps.",
     _SERVER,
@@ -308,16 +308,43 @@ def _held_by(client: Client, connected: Exchange, name: str) -> Why:
 
 
 def _busy(call: Exchange, client: Client, clients: Clients) -> Why | None:
-    candidates = [each.unanswered for each in (client, *clients.others(client))]
-    running = next((each for each in candidates if each is not None and _runs(each, call)), None)
-    if running is None:
-        return fixed("which one was not seen")
-    since = span(call.request.time - running.request.time)
+    running = _running(client, call)
+    if running is not None:
+        since = span(call.request.time - running.request.time)
+        return Why(
+            lambda speech: f"{called(running)}, sent {since} before, had no answer yet",
+            because=(running.call,),
+            before=running,
+        )
+    for each in clients.others(client):
+        other = _running(each, call)
+        if other is not None and _share_a_slot(other, call):
+            return _busy_for(other, call)
+    return fixed("which one was not seen")
+
+
+def _busy_for(other: Exchange, call: Exchange) -> Why:
+    since = span(call.request.time - other.request.time)
     return Why(
-        lambda speech: f"{called(running)}, sent {since} before, was still running",
-        because=(running.call,),
-        before=running,
+        lambda speech: (
+            f"perhaps since {called(other)} of {speech.client(other.conversation)}, sent {since} before, had "
+            "no answer yet: over UDP the official server runs one call at a time for all clients"
+        ),
+        because=(other.call,),
+        before=other,
     )
+
+
+def _share_a_slot(one: Exchange, other: Exchange) -> bool:
+    """Tell whether a call can hold up one of another client: each TCP connection has a slot of its own."""
+    ends = one.conversation, other.conversation
+    return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
+
+
+def _running(client: Client, call: Exchange) -> Exchange | None:
+    """Return the latest slow call of a client, if it may still have been running when another was sent."""
+    slow = client.unanswered
+    return slow if slow is not None and _runs(slow, call) else None
 
 
 def _runs(earlier: Exchange, call: Exchange) -> bool:

@@ -118,6 +118,22 @@ def _moves_without_motor(code: int, switches_on: bool = True) -> Play:
     return play
 
 
+def _error_before(code: int, again: bool = False, state: int = 1) -> Play:
+    """A motion fails after Motor on; Motor may be called once more before the next motion is refused."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        client.call(30, "Robot_Move", ROBOT, i4(1), text("@E P1"), text(""), code=code)
+        if again:
+            client.execute(35, "Motor", i4s(state, 0))
+        client.execute(40, "DriveEx", code=0x81501003)
+        client.close(50)
+
+    return play
+
+
 def _type_unread(story: Story) -> None:
     client = story.client()
     client.call(0, "Service_Start", text(",WDT=400"))
@@ -200,6 +216,37 @@ SCENES = (
         (13, 14, 15, 16),
         ("0x81501003", "Motor 7 had switched it off at 0.030 s"),
         good,
+    ),
+    Scene(
+        "motor-off",
+        _error_before(0x84201482),
+        (15, 16),
+        ("most likely the error of Robot_Move 7 had switched it off",),
+        good,
+        "underflow",
+    ),
+    Scene(
+        "motor-off",
+        _error_before(0x83500127),
+        (15, 16),
+        ("perhaps the error of Robot_Move 7 had switched it off",),
+        good,
+    ),
+    Scene(
+        "motor-off",
+        _error_before(0x84201482, again=True),
+        (15, 16, 17, 18),
+        ("Motor 8 had switched it on at 0.035 s, and something switched it off since",),
+        good,
+        "underflow",
+    ),
+    Scene(
+        "motor-off",
+        _error_before(0x84201482, again=True, state=0),
+        (15, 16, 17, 18),
+        ("Motor 8 had switched it off at 0.035 s",),
+        good,
+        "underflow",
     ),
     Scene(
         "motor-off",

@@ -132,6 +132,21 @@ def _executing(answered: bool, option: str = ",WDT=400") -> Play:
     return play
 
 
+def _busy_beside(tcp: bool, code: int = _BUSY) -> Play:
+    """One client waits for a Motor that is never answered; another, on its own, is refused meanwhile."""
+
+    def play(story: Story) -> None:
+        client = story.client(tcp=tcp)
+        client.open()
+        client.ask(50, "Robot_Execute", ROBOT, text("Motor"), i4s(1, 0))
+        other = story.client(50002, tcp=tcp, host="192.168.0.11")
+        other.open(100)
+        other.execute(200, "CurJnt", code=code)
+        other.close(300)
+
+    return play
+
+
 def _long_call(option: str, is_lost: bool = False) -> Play:
     """A Motor that takes 3 s, or is lost twice, and a client that asks again after 1 s each."""
 
@@ -238,9 +253,23 @@ SCENES = (
         "busy",
         _executing(answered=False),
         (9, 10, 11, 12, 13, 14, 15, 16),
-        ("CurJnt 6 of your client", "Motor 5, sent 2.15 s before, was still running"),
+        ("CurJnt 6 of your client", "Motor 5, sent 2.15 s before, had no answer yet"),
         _executing(answered=True),
         "executing-forever",
+    ),
+    Scene(
+        "busy",
+        _busy_beside(tcp=False),
+        (9, 18, 19),
+        ("perhaps since Motor 5 of client 192.168.0.10:50001 (UDP), sent 150 ms before",),
+        _busy_beside(tcp=False, code=0),
+    ),
+    Scene(
+        "busy",
+        _busy_beside(tcp=True),
+        (18, 19),
+        ("CurJnt 5 of client 192.168.0.11:50002 (TCP) was refused", "which one was not seen"),
+        _busy_beside(tcp=True, code=0),
     ),
     Scene(
         "executing-forever",

@@ -241,7 +241,8 @@ def test_a_name_in_a_sentence_stays_as_it_was_escaped(name: str) -> None:
     "name", ["no", "yes", "error", "the robot's type", "; no", "a: b; c.", "{n}", "{0}", "%s"]
 )
 def test_no_word_of_a_name_is_ever_exchanged(name: str) -> None:
-    assert told(f"the error of {name} 5 had switched it off") == f"{name} 5 のエラーで OFF になっていました"
+    phrase = f"most likely the error of {name} 5 had switched it off"
+    assert told(phrase) == f"おそらく {name} 5 のエラーで OFF になっていました"
 
 
 @pytest.mark.parametrize("text", ["Something that nobody has said yet.", "x" * 5000, "a; b: c, d"])
