@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from typing import Protocol, TypeAlias
 
 from bcapscope.client.caller import Caller, Listener, Observer
@@ -14,7 +14,7 @@ from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.commands import call_name, command_name
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import FUNCTIONS, Function, function_by_name
+from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.protocol.hresult import describe, hresult_name
 from bcapscope.protocol.requester import Answered, Pace, Refused, Settled
 from bcapscope.protocol.slavemode import mode_value
@@ -29,6 +29,7 @@ Opener: TypeAlias = Callable[[Receiver], Awaitable[Link]]
 _MS = 1_000_000
 _SERVICE_START, _ROBOT_EXECUTE = 1, 64
 _ASYNC = 0x100
+_ONCE = Pace(_MS, 0)
 
 
 def over_udp(host: str, port: int = PORT) -> Opener:
@@ -136,7 +137,8 @@ class Session:
     async def close(self) -> None:
         """Leave slave mode and let go of what is open, newest first; then close the link.
 
-        Where the peer no longer answers, the rest is left to it.
+        Where the peer no longer answers it is told that this is the end: a controller that is only busy, with
+        a motion that nobody waits for any more, finds that when it is done. The rest is left to it.
         """
         try:
             if self._starting:
@@ -148,10 +150,18 @@ class Session:
                     await self._leave("Robot_Execute", handle, "slvChangeMode", Variant(VT.I4, 0))
             for function, opened in reversed(self._open.copy()):
                 await self._leave(function.name, *(() if opened is None else (opened,)))
-        except (ExchangeTimeout, OSError):
+        except ExchangeTimeout:
+            await self._stop_unanswered()
+        except OSError:
             pass
         finally:
             self._caller.close()
+
+    async def _stop_unanswered(self) -> None:
+        if any(function.releases is ObjectClass.SERVICE for function, _ in self._open):
+            self.paces = self.paces._replace(others=_ONCE)
+            with suppress(ExchangeTimeout, OSError):
+                await self._leave("Service_Stop")
 
     async def _leave(self, name: str, *values: object) -> None:
         try:

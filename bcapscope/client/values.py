@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 
 from bcapscope.errors import LocalProtocolError
-from bcapscope.protocol.functions import Function
-from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
+from bcapscope.protocol.functions import Function, Param
+from bcapscope.protocol.variant import EMPTY, VT, Value, Variant, encode_variant
 
 _DATE_ZERO = datetime(1899, 12, 30)
 _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
@@ -46,7 +47,7 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
     return tuple(
         variant_of(value)
         if isinstance(value, Variant) or param.type == "VARIANT"
-        else _typed(param.type, value)
+        else _typed(function, param, value)
         for param, value in zip(function.params, values, strict=True)
     )
 
@@ -69,8 +70,14 @@ def date_of(days: float) -> datetime | None:
         return None
 
 
-def _typed(type_: str, value: object) -> Variant:
-    return Variant(_TYPES[type_], value)  # type: ignore[arg-type]  # what does not fit is found when packed
+def _typed(function: Function, param: Param, value: object) -> Variant:
+    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # tried below
+    try:
+        encode_variant(variant)
+    except LocalProtocolError:
+        wrong = f"{function.name}, {param.name}: {reprlib.repr(value)} is no {param.type}"
+        raise LocalProtocolError(wrong) from None
+    return variant
 
 
 def _scalar(value: object) -> Variant | None:

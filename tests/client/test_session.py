@@ -14,6 +14,7 @@ from bcapscope.client import Paces, Robot, Session, connect, open_session, over_
 from bcapscope.errors import ControllerError, ExchangeTimeout, LocalProtocolError
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import E_HANDLE
 from bcapscope.protocol.requester import Event, Late, Pace
 from bcapscope.protocol.variant import VT, Variant
@@ -228,7 +229,26 @@ def test_a_peer_that_is_gone_is_not_asked_to_release_everything() -> None:
             gone = True
         return _moment()
 
-    assert run_virtually(play()) == pytest.approx(5.0)
+    assert run_virtually(play()) == pytest.approx(5.0, abs=0.01)
+
+
+@pytest.mark.parametrize("datagrams", [True, False])
+def test_who_is_busy_longer_than_is_waited_for_is_told_of_the_end(datagrams: bool) -> None:
+    told: list[object] = []
+
+    async def play() -> None:
+        near, far = memory_pair(datagrams=datagrams)
+        peer = Peer(far)
+        async with connect(over_link(near), observer=lambda seen: told.append(seen.item)) as service:
+            controller = await service.connect()
+            peer.answers["Controller_GetHelp"] = None
+            await controller.get_help()
+
+    with pytest.raises(ExchangeTimeout):
+        run_virtually(play())
+    last = told[-1]
+    assert isinstance(last, Frame)
+    assert function_name(last.code) == "Service_Stop"
 
 
 def test_a_stream_that_ends_fails_the_call_and_all_after_it() -> None:

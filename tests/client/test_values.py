@@ -53,6 +53,20 @@ def test_the_function_has_its_types() -> None:
 
 
 @pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ((7, "a", 1), "Robot_Speed, lAxis: 'a' is no VT_I4"),
+        ((7, 2**31, 1), "Robot_Speed, lAxis: 2147483648 is no VT_I4"),
+        ((None, 1, 1), "Robot_Speed, hRobot: None is no VT_I4"),
+        ((7, 1, "fast"), "Robot_Speed, fSpeed: 'fast' is no VT_R4"),
+    ],
+)
+def test_an_argument_of_another_type_is_named(values: tuple[object, ...], told: str) -> None:
+    with pytest.raises(LocalProtocolError, match=told):
+        arguments_of(FUNCTIONS[74], values)
+
+
+@pytest.mark.parametrize(
     ("variant", "value"),
     [
         (EMPTY, None),
