@@ -133,7 +133,9 @@ def _ros(message: dict[str, Any], source: Source) -> Trajectory:
     columns = [
         Column(axis, place + 1, names[place], "rad", _RADIAN) for axis, place in zip(axes, order, strict=True)
     ]
-    timed = all(moment is not None for moment in seconds)
+    timed = None not in seconds
+    if not timed and any(moment is not None for moment in seconds):
+        raise TrajectoryError(f"point {seconds.index(None) + 1} has no time_from_start, and others have")
     found = timing.of_times(np.array(seconds, dtype=np.float64)) if timed else timing.Timing(None, None)
     if timed:
         columns.append(Column("time", 0, "time_from_start", "s"))
@@ -155,7 +157,7 @@ def _order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
     """Return which joint of the message is J1, J2 and so on: by the numbers in their names, else as listed.
 
     Raises:
-        TrajectoryError: there are more joints than a robot has.
+        TrajectoryError: there are more joints than a robot has, or by their numbers some are not there.
     """
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
@@ -164,6 +166,9 @@ def _order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
         others = [name for name, found in zip(names, numbers, strict=True) if not found]
         left = (f"left out, having no number: {titles_text(others)}",) if others else ()
         return [by_number[number] for number in sorted(by_number)], left
+    if count == len(names) == len(by_number) and all(number in _AXIS_NUMBERS for number in by_number):
+        told = ", ".join(f"J{number}" for number in sorted(by_number))
+        raise TrajectoryError(f"the names of the joints tell {told}, and J1 on are needed without a gap")
     if len(names) > len(_AXIS_NUMBERS):
         raise TrajectoryError(f"{len(names)} joints, and no numbers in their names that tell J1 to J8")
     return list(range(len(names))), (f"joints are taken in the order listed: {titles_text(names)}",)
