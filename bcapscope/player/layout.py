@@ -20,6 +20,8 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MOST_NAMED = 12
+_EVEN = 1e-3  # share by which steps may differ and still count as even
+_USUAL_AXES = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,8 +160,10 @@ def _doubt(rows: Sequence[Sequence[float]]) -> str:
     """Say why numbers may be no joints; empty where they look like joints."""
     first = [row[0] for row in rows]
     steps = [b - a for a, b in pairwise(first)]
-    if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= 1e-3 * steps[0] and first[0] == 0:
-        return "the first of which may be a time"
+    if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
+        begins = first[0] == 0 or abs(first[0] - steps[0]) <= _EVEN * steps[0]
+        if begins or len(rows[0]) > _USUAL_AXES:
+            return "the first of which may be a time or count the records"
     if len(rows[0]) != 7:
         return ""
     far = any(abs(value) > _HALF_TURN for row in rows for value in row[:3])

@@ -132,11 +132,18 @@ def test_bare_numbers_are_joints(count: int) -> None:
         ([[300.0, 0, 200, 0, 90, 0, 5.0]] * 3, "which may be X to Fig"),
         ([[k * 0.008, 1, 2, 3, 4, 5, 6.5] for k in range(4)], "the first of which may be a time"),
         ([[k * 0.008, 1, 2, 3, 4, 5] for k in range(4)], "the first of which may be a time"),
+        ([[12.5 + k * 0.008, 1, 2, 3, 4, 5, 6.5] for k in range(4)], "the first of which may be a time"),
+        ([[k + 1.0, 1, 2, 3, 4, 5] for k in range(4)], "or count the records"),
     ],
 )
 def test_bare_numbers_that_may_be_something_else(rows: list[list[float]], reason: str) -> None:
     with pytest.raises(TrajectoryError, match=reason):
         layout_of_numbers(rows, Wishes())
+
+
+def test_six_bare_numbers_may_begin_on_the_way() -> None:
+    rows = [[12.5 + number, 1, 2, 3, 4, 5] for number in range(4)]
+    assert layout_of_numbers(rows, Wishes()).kind is PoseType.J
 
 
 def test_bare_numbers_of_a_type_that_was_told() -> None:
