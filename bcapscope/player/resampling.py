@@ -67,6 +67,8 @@ def resample(trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp:
 
 
 def _told(trajectory: Trajectory, period: float, speed: float, ramp: float) -> Iterator[str]:
+    if trajectory.period is None and trajectory.times is None:
+        yield f"the file does not tell the interval, {period * 1000:.6g} ms is assumed"
     yield f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {ramp:.3g} s to start and stop"
     if trajectory.period is None and trajectory.times is not None:
         count = int(gaps(trajectory.times).sum())

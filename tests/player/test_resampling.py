@@ -96,6 +96,11 @@ def test_what_was_done_is_noted() -> None:
     assert found.source.notes[-1] == "1 gap in the times, the longest of 480 ms, drawn smoothly across"
 
 
+def test_an_interval_that_was_assumed_is_noted() -> None:
+    found = resample(way([[0], [1], [2]], period=None), 0.008)
+    assert found.source.notes[0] == "the file does not tell the interval, 8 ms is assumed"
+
+
 @pytest.mark.parametrize(
     ("trajectory", "error"),
     [
