@@ -85,9 +85,6 @@ def fig(case: Case) -> Iterator[Finding]:
     if count:
         sentence = f"Fig is no whole number in {counted(count, 'set point')}"
         yield Finding("fig", Severity.ERROR, sentence, "check which column is Fig", points, count)
-    if case.present is not None and len(case.present) > column and case.present[column] != values[0]:
-        sentence = f"the first point has Fig {values[0]:g}, the robot has {case.present[column]:g} now"
-        yield Finding("fig", Severity.WARNING, sentence, "bring the arm into that posture first")
 
 
 def directions(case: Case) -> Iterator[Finding]:

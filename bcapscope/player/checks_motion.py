@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.player.checks import RESAMPLE
-from bcapscope.player.curve import Array, unwound
+from bcapscope.player.curve import FIG, Array, has_posture, turns, unwound
 from bcapscope.player.finding import Case, Finding, numbered
 from bcapscope.player.limits import FASTEST
 from bcapscope.player.motion import Motion, motions
@@ -22,6 +22,9 @@ NEAR = 0.05
 """mm or degrees that the first point may be away from where the robot is, without a Move there."""
 
 _SLACK = 1.000001  # rounding of single-precision set points is no excess
+_DIRECTIONS = Axis("Ox..Az", "deg")
+_MOVE = "move there slowly first"
+_TOO_FAST, _SLOWER = "more than any arm does", "play it more slowly, or look for a jump there"
 _SLOW, _CRAWL = 0.1, 1.0  # share of the top speed, and units a second, that count as rest at either end
 
 
@@ -71,6 +74,7 @@ def bounds(case: Case) -> Iterator[Finding]:
             continue
         for place in range(len(motion.axes)):
             yield from _bounds(case, motion, place)
+    yield from _turning(case)
     names = [axis.name for axis in case.trajectory.axes if axis.unit]
     if not any(map(case.limits.knows, names)) and case.limits.to_joints is None:
         sentence = "no limits of this arm are known, so that speeds are told but compared with nothing"
@@ -84,8 +88,7 @@ def rest(case: Case) -> Iterator[Finding]:
     if not len(speeds) or case.step is None:
         return
     floor = np.maximum(_SLOW * speeds.max(axis=0), _CRAWL)
-    ends = (("begins", 0, 1), ("ends", -1, len(case.trajectory)))
-    for verb, row, number in ends[:1] if case.loop else ends:
+    for verb, row, number in (("begins", 0, 1), ("ends", -1, len(case.trajectory))):
         place = int(np.argmax(speeds[row] / floor))
         if speeds[row, place] > floor[place]:
             axis = motion.axes[place]
@@ -93,19 +96,29 @@ def rest(case: Case) -> Iterator[Finding]:
                 f"the trajectory {verb} at speed: {axis.name} at {speeds[row, place]:.4g} {axis.unit}/s"
             )
             yield Finding("rest", Severity.WARNING, sentence, RESAMPLE, (number,), 1)
+            if case.loop:
+                return  # at speed from round to round
 
 
 def first_point(case: Case) -> Iterator[Finding]:
     """Compare the first point with where the robot is."""
     away = distance(case)
-    if away is None:
+    if away is None or case.present is None:
         return
-    places = [place for place, axis in enumerate(case.trajectory.axes) if axis.unit]
-    far = [place for place in places if abs(away[place]) > NEAR]
-    if far:
-        named = ", ".join(_away(case.trajectory.axes[place], away[place]) for place in far)
-        sentence = f"the first point is away from where the robot is: {named}"
-        yield Finding("first-point", Severity.WARNING, sentence, "move there slowly first", (1,), 1)
+    kind, axes, first = case.trajectory.kind, case.trajectory.axes, case.trajectory.points[0]
+    far = [place for place, axis in enumerate(axes) if axis.unit and abs(away[place]) > NEAR]
+    named = [_away(axes[place], away[place]) for place in far]
+    width = min(len(case.present), len(axes))
+    turned = float(turns(kind, np.vstack((np.asarray(case.present[:width]), first[:width])))[0])
+    if turned > NEAR:
+        named.append(_away(_DIRECTIONS, turned))
+    if named:
+        sentence = f"the first point is away from where the robot is: {', '.join(named)}"
+        yield Finding("first-point", Severity.WARNING, sentence, _MOVE, (1,), 1)
+    if not has_posture(kind, case.present, first.tolist()):
+        fig = FIG[kind]
+        sentence = f"the first point has Fig {first[fig]:g}, the robot has {case.present[fig]:g} now"
+        yield Finding("first-point", Severity.WARNING, sentence, _MOVE, (1,), 1)
 
 
 def distance(case: Case) -> tuple[float, ...] | None:
@@ -151,9 +164,9 @@ def _own(case: Case) -> Motion:
 
 
 def _motions(case: Case) -> Iterator[Motion]:
-    """Return the motion of each set of axes, one point longer at both ends: rest, or the next round."""
+    """Return the motion of each set of axes, longer at both ends: by rest, or as the next round begins."""
     points = case.trajectory.points
-    after = points[:1] if case.loop else points[-1:]
+    after = points[:2] if case.loop else points[-1:]
     return _of(case, np.vstack((points[:1], points, after)))
 
 
@@ -192,27 +205,39 @@ def _bounds(case: Case, motion: Motion, place: int) -> Iterator[Finding]:
     if case.step is None:
         return
     speeds = np.abs(motion.speeds[:, place])
-    whose = f"its limit is {limit.speed:g}" if limit.speed != FASTEST.get(unit) else "more than any arm does"
+    whose = f"its limit is {limit.speed:g}" if limit.speed != FASTEST.get(unit) else _TOO_FAST
     yield from _beyond(
         "speed",
         _at_points(speeds > limit.speed * _SLACK, count),
         f"{axis.name} reaches {speeds.max():.4g} {unit}/s, {whose}",
-        "play it more slowly, or look for a jump there",
+        _SLOWER,
     )
     accelerations = np.abs(motion.accelerations[:, place])
     yield from _beyond(
         "acceleration",
-        accelerations > limit.acceleration * _SLACK,
+        _at_points(accelerations > limit.acceleration * _SLACK, count),
         f"{axis.name} accelerates by {accelerations.max():.4g} {unit}/s², "
         f"its limit is {limit.acceleration:g}",
         f"play it more slowly, or {RESAMPLE}",
     )
 
 
-def _at_points(steps: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Give each step to the set point that it leads to; the step behind the last one leads to the first."""
-    at = steps[:count].copy()
-    at[0] |= steps[count]
+def _turning(case: Case) -> Iterator[Finding]:
+    """Look at how fast the directions of T type turn."""
+    if case.step is None:
+        return
+    points, most = case.trajectory.points, FASTEST[_DIRECTIONS.unit]
+    after = points[:1] if case.loop else points[-1:]
+    speeds = turns(case.trajectory.kind, np.vstack((points[:1], points, after))) / case.step
+    told = f"{_DIRECTIONS.name} reaches {speeds.max():.4g} {_DIRECTIONS.unit}/s, {_TOO_FAST}"
+    yield from _beyond("speed", _at_points(speeds > most, len(points)), told, _SLOWER)
+
+
+def _at_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    """Give what is found to its set point; behind the last one come those of the next round."""
+    at = where[:count].copy()
+    rest = where[count : 2 * count]
+    at[: len(rest)] |= rest
     return at
 
 

@@ -10,6 +10,8 @@ between two points where they are equally far apart in time.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,8 @@ TURNS = slice(3, 6)
 FIG = {PoseType.P: 6, PoseType.T: 9}
 """Column of Fig, a number of a posture, between whose values there is nothing."""
 
-_ORIENTATION, _APPROACH = slice(3, 6), slice(6, 9)  # columns of T type, two unit vectors at a right angle
+DIRECTIONS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
+"""Columns of T type, two unit vectors at a right angle."""
 
 
 class Curve:
@@ -80,10 +83,10 @@ class Curve:
         if self._kind is PoseType.P and np.abs(self._points[:, TURNS]).max() <= 180:
             rows[:, TURNS] = 180 - np.mod(180 - rows[:, TURNS], 360)
         if self._kind is PoseType.T:
-            orientation = _unit(rows[:, _ORIENTATION])
-            approach = rows[:, _APPROACH]
+            orientation = _unit(rows[:, ORIENTATION])
+            approach = rows[:, APPROACH]
             across = (approach * orientation).sum(axis=1, keepdims=True)
-            rows[:, _ORIENTATION], rows[:, _APPROACH] = orientation, _unit(approach - across * orientation)
+            rows[:, ORIENTATION], rows[:, APPROACH] = orientation, _unit(approach - across * orientation)
         return rows
 
 
@@ -92,6 +95,26 @@ def unwound(kind: PoseType, points: Array) -> Array:
     if kind is not PoseType.P:
         return points
     return np.hstack((points[:, :3], np.unwrap(points[:, TURNS], axis=0, period=360), points[:, 6:]))
+
+
+def turns(kind: PoseType, rows: Array) -> Array:
+    """Return by how many degrees the directions of T type turn from each point to the next; 0 for others."""
+    turned = np.zeros(len(rows) - 1)
+    for columns in DIRECTIONS if kind is PoseType.T else ():
+        way = np.linalg.norm(np.diff(rows[:, columns], axis=0), axis=1)
+        turned = np.maximum(turned, np.degrees(2 * np.arcsin(np.minimum(way / 2, 1.0))))
+    return turned
+
+
+def has_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
+    """Tell whether a pose has the Fig that another one wants, as far as both tell it.
+
+    Below 0 it leaves the choice to the controller (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
+    """
+    column = FIG.get(kind)
+    if column is None or min(len(here), len(there)) <= column:
+        return True
+    return here[column] == there[column] or min(here[column], there[column]) < 0
 
 
 def _derivatives(knots: Array, rows: Array) -> tuple[Array, Array]:

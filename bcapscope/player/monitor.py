@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 from bcapscope.player.course import Course
 from bcapscope.player.desk import Desk
 from bcapscope.player.journal import Journal
@@ -66,7 +68,8 @@ class Monitor:
 
 
 def _pose(reply: Frame | None) -> Point:
-    """Read the pose out of a reply; nothing where it holds none."""
+    """Read the pose out of a reply; nothing where it holds none, or NaN, which no message carries."""
     if reply is None or not reply.arguments:
         return ()
-    return numbers(reply.arguments[0].variant) or ()
+    row = numbers(reply.arguments[0].variant) or ()
+    return row if all(map(isfinite, row)) else ()

@@ -17,7 +17,7 @@ from bcapscope.client.objects import Controller, Robot, Task, handle_of
 from bcapscope.client.reach import Reach
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.player.checks_motion import NEAR
-from bcapscope.player.curve import unwound
+from bcapscope.player.curve import has_posture, unwound
 from bcapscope.player.messages import TYPE_NAME, Debt, Point
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import ObjectClass
@@ -108,7 +108,7 @@ class Station:
         for name, owner, variable in _FACTS:
             found = await self._optional(owner, variable)
             if found is not None:
-                self.facts[name] = str(found.value)
+                self.facts[name] = _text(found.value)
         joints = await self._read(ObjectClass.ROBOT, _POSES[PoseType.J])
         self.generation = Generation.RC7 if joints.vt == ARRAY | VT.R4 else Generation.RC8
 
@@ -207,7 +207,8 @@ class Station:
     async def approach(self, kind: PoseType, goal: Point, percent: float) -> None:
         """Go to a pose by an ordinary motion, ending with @E as slave mode wants it.
 
-        The call comes back at once (NEXT), so that the robot can be halted on the way.
+        The call comes back at once (NEXT), so that the robot can be halted on the way. Where the position is
+        reached and the controller goes on telling another Fig, its own word is not doubted for long.
 
         Raises:
             RemoteProtocolError: it stands still elsewhere.
@@ -229,13 +230,15 @@ class Station:
             if busy.value:
                 still = 0
                 continue
-            far = distance(kind, await self.pose(kind), goal)
-            if far <= NEAR:
+            here = await self.pose(kind)
+            far = distance(kind, here, goal)
+            if far <= NEAR and has_posture(kind, here, goal):
                 return
             still += 1
-        raise RemoteProtocolError(
-            f"the robot stands {far:.3g} from the first set point and does not move", b""
-        )
+        if far > NEAR:
+            raise RemoteProtocolError(
+                f"the robot stands {far:.3g} from the first set point and does not move", b""
+            )
 
     async def set_formats(self, kind: PoseType) -> None:
         """Let slvMove carry a pose there and back, whatever an earlier client has set.
@@ -337,4 +340,9 @@ def _value(reply: Frame, name: str) -> Variant:
 def _error(info: Value) -> tuple[int, str]:
     """Read code and text out of GetCurErrorInfo's values."""
     code, text, *_ = (*info, 0, "") if isinstance(info, tuple) else (0, str(info))
-    return (code & 0xFFFFFFFF if isinstance(code, int) else 0), str(text)
+    return (code & 0xFFFFFFFF if isinstance(code, int) else 0), _text(text)
+
+
+def _text(value: Value) -> str:
+    """Make text of a value; half of a surrogate pair, which no message carries, is replaced."""
+    return str(value).encode("utf-16", "surrogatepass").decode("utf-16", "replace")

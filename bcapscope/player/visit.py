@@ -23,6 +23,7 @@ from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.player.channel import Channel
 from bcapscope.player.checks_motion import NEAR
 from bcapscope.player.course import Course
+from bcapscope.player.curve import FIG, has_posture
 from bcapscope.player.debts import Debts
 from bcapscope.player.desk import Desk
 from bcapscope.player.exchanger import LOOK_EACH, BlockingExchanger
@@ -231,12 +232,14 @@ class Visit:
     async def _approach(self, kind: PoseType, first: Point) -> None:
         """Bring the robot to the first point, unless it is there."""
         station = self._station
-        far = distance(kind, await station.pose(kind), first)
-        if far <= NEAR:
+        here = await station.pose(kind)
+        far, posed = distance(kind, here, first), has_posture(kind, here, first)
+        if far <= NEAR and posed:
             return
         if not self._plan.may_approach:
+            fig = "" if posed else f", with Fig {first[FIG[kind]]:g} instead of {here[FIG[kind]]:g}"
             text = (
-                f"The first set point is {far:.3g} (degrees or mm) from where the robot stands. "
+                f"The first set point is {far:.3g} (degrees or mm) from where the robot stands{fig}. "
                 f"Move there at {self._plan.approach:g}% of its speed?"
             )
             if self._ask(Topic.APPROACH, text, (NO, YES)) != YES:

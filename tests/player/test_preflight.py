@@ -73,6 +73,9 @@ def changed(rows: Array, row: int | slice, column: int, value: float) -> Array:
     return copy
 
 
+FACING = (400, 0, 500, 0, 1, 0, 0, 0, 1, 1)
+TURNED_ROUND = (400, 0, 500, 0, 1, 0, 0, 0, -1, 1)
+RETURNING = way([[0], [0], [0.3], [0.6], [0.9], [1.2], [1.2], [1.0], [0.5]], period=0.1)
 FAST = way([[0], [1], [3], [4]], period=0.1)
 FIGS = changed(positions(), slice(100, None), 6, 5)
 TURNED = np.array([trans(tuple(row)) for row in JOINTS.tolist()])
@@ -128,11 +131,11 @@ FAULTS = [
         check(way(FIGS, PoseType.P), PERIOD),
     ),
     Fault(
-        "fig",
+        "first-point",
         WARNING,
         "the first point has Fig 1, the robot has 5 now",
-        (),
-        0,
+        (1,),
+        1,
         check(way(positions(), PoseType.P), PERIOD, present=(*position(HOME)[:6], 5.0)),
     ),
     Fault(
@@ -217,6 +220,22 @@ FAULTS = [
         check(way([[0], [0], [100], [0], [0]]), PERIOD),
     ),
     Fault(
+        "speed",
+        ERROR,
+        "Ox..Az reaches 2.25e+04 deg/s, more than any arm does: 1 set point",
+        (3,),
+        1,
+        check(way([FACING, FACING, TURNED_ROUND], PoseType.T), PERIOD),
+    ),
+    Fault(
+        "acceleration",
+        ERROR,
+        "J1 accelerates by 50 deg/s², its limit is 40: 1 set point",
+        (1,),
+        1,
+        check(RETURNING, 0.1, limited(UNKNOWN, ["J1.acceleration=40"]), loop=True),
+    ),
+    Fault(
         "acceleration",
         ERROR,
         "J1 accelerates by 100 deg/s², its limit is 99: 4 set points",
@@ -263,6 +282,22 @@ FAULTS = [
         (1,),
         1,
         check(way(JOINTS), PERIOD, present=(12, 0, 89.9, 0, 90, 0.01, 0, 0)),
+    ),
+    Fault(
+        "first-point",
+        WARNING,
+        "the first point is away from where the robot is: Ox..Az +180 deg",
+        (1,),
+        1,
+        check(way([FACING] * 3, PoseType.T), PERIOD, present=TURNED_ROUND),
+    ),
+    Fault(
+        "rest",
+        WARNING,
+        "the trajectory ends at speed: J1 at 5 deg/s",
+        (9,),
+        1,
+        check(RETURNING, 0.1, loop=True),
     ),
     Fault(
         "loop",
@@ -331,6 +366,12 @@ def test_the_first_point_is_near_the_short_way_round() -> None:
     assert not preflight.needs_move
     assert preflight.distance is not None
     assert preflight.distance[3] == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize(("first", "present"), [(-1, 5), (5, -2), (5, 5)])
+def test_a_posture_that_is_left_to_the_controller_is_no_other(first: float, present: float) -> None:
+    here = (400.0, 0.0, 500.0, 0.0, 90.0, 0.0)
+    assert not check(way([[*here, first]], PoseType.P), PERIOD, present=(*here, present)).needs_move
 
 
 def test_a_loop_that_is_closed_the_short_way_round() -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from itertools import pairwise
+from math import nan
 
 import pytest
 
+from bcapscope.player import monitor
 from bcapscope.player.messages import (
     Ended,
     Order,
@@ -17,9 +19,12 @@ from bcapscope.player.messages import (
     State,
     Topic,
     Trouble,
+    decode_message,
+    encode_message,
 )
 from bcapscope.player.visit import AGAIN, CLEAR, YES
 from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.poses import numbers
 from bcapscope.protocol.slavemode import Generation, PoseType, mode_pose_type, slave_mode
 from bcapscope.simulator.machine import Start
 from tests.player.simulated import HOME, MS, Stage, fall_silent, named, plan, wave
@@ -233,6 +238,25 @@ def test_the_first_point_is_gone_to_if_the_user_agrees(answer: str) -> None:
         texts = [argument.variant.value for argument in move.arguments[2:]]
         assert texts == ["@E J(0, 0, 90, 0, 90, 0, 0, 0)", "SPEED=10,NEXT"]
     assert stage.said[-1] == "Service_Stop"
+
+
+@pytest.mark.parametrize("answer", ["yes", "no"])
+def test_another_posture_at_the_same_place_is_gone_to_as_well(answer: str) -> None:
+    points = [(*row[:6], 5.0) for row in position_wave("P")]
+    stage = Stage(answers={Topic.APPROACH: answer})
+    ended = stage.play(plan(0x201, kind=PoseType.P, points=points))
+    assert stage.desk.asked == [Topic.BEGIN, Topic.APPROACH]
+    assert ended.outcome is (Outcome.DONE if answer == "yes" else Outcome.DECLINED)
+    assert ("Robot_Move" in stage.said) is (answer == "yes")
+
+
+def test_what_no_message_can_carry_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage(start=Start(type_name="arm \ud800"))
+    slv_move = numbers
+    monkeypatch.setattr(monitor, "numbers", lambda variant: (nan, *(slv_move(variant) or ())[1:]))
+    assert stage.play(plan(0x202)).outcome is Outcome.DONE
+    for message in stage.desk.told:
+        assert decode_message(encode_message(message)) == message
 
 
 def test_a_controller_that_falls_silent_is_given_up() -> None:

@@ -52,7 +52,6 @@ PHRASES: dict[str, str] = {
     "Fig is no whole number in {text}": "{text} で Fig が整数ではありません",
     "check which column is Fig": "どの列が Fig か確認する",
     "the first point has Fig {text}, the robot has {text2} now": "最初の点の Fig は {text}、ロボットは現在 {text2} です",
-    "bring the arm into that posture first": "先にアームをその形態にする",
     "orientation and approach are no unit vectors at a right angle in {text}": "{text} でオリエントとアプローチが直交する単位ベクトルではありません",
     "check the columns": "列を確認する",
     # times

@@ -143,6 +143,7 @@ PHRASES: dict[str, str] = {
     # the player: what it asks
     "A robot will move: {text}.": "ロボットが動きます: {text}。",
     "a controller that tells nothing of itself": "型式などを答えないコントローラ",
+    "The first set point is {text} (degrees or mm) from where the robot stands, with Fig {n} instead of {n2}. Move there at {text2}% of its speed?": "最初の指令値はロボットの現在位置から {text} (度または mm) 離れ、Fig は {n2} ではなく {n} です。速度 {text2}% でそこへ移動しますか?",
     "The first set point is {text} (degrees or mm) from where the robot stands. Move there at {text2}% of its speed?": "最初の指令値はロボットの現在位置から {text} (度または mm) 離れています。速度 {text2}% でそこへ移動しますか?",
     "Clear the error, or clear it and begin again: RobSlave, first set point, slave mode?": "エラーを解除しますか? 解除してやり直し (RobSlave、最初の指令値、スレーブモード) もできます。",
     "no": "いいえ",
