@@ -27,14 +27,18 @@ class Fitness(NamedTuple):
     reason: str
 
 
-def fitness(round_trips: Distribution | None, lost: int) -> tuple[Fitness, ...]:
+def fitness(round_trips: Distribution | None, lost: int, broken: bool = False) -> tuple[Fitness, ...]:
     """Judge a way to a controller for set points each 8 ms and each 1 ms.
 
     Args:
         round_trips: ms of the calls that were answered; None where none was.
         lost: calls that were not.
+        broken: the connection did not last.
     """
-    return tuple(_judge(period, round_trips, lost) for period in (SYNC_MS, ASYNC_MS))
+    periods = (SYNC_MS, ASYNC_MS)
+    if broken:
+        return tuple(Fitness(period, False, "the connection broke") for period in periods)
+    return tuple(_judge(period, round_trips, lost) for period in periods)
 
 
 def _judge(period: float, round_trips: Distribution | None, lost: int) -> Fitness:

@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 
 from bcapscope.analysis.distribution import Distribution, Histogram
-from bcapscope.analysis.fitness import fitness
+from bcapscope.analysis.fitness import Fitness, fitness
 from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
@@ -40,6 +40,7 @@ class _Found:
     """What came out.
 
     Attributes:
+        there: somebody answered.
         simulator: it is our own.
         facts: what the controller says of itself.
         refused: why it would not be connected to; None where it was.
@@ -48,6 +49,7 @@ class _Found:
         lost: calls without an answer.
     """
 
+    there: bool = False
     simulator: bool = False
     facts: dict[str, object] = field(default_factory=dict)
     refused: str | None = None
@@ -99,6 +101,7 @@ async def _ping(target: Target, count: int, interval: float, found: _Found) -> N
     async with open_target(target) as session:
         reach = Reach(session, target.service, target.connect, {})
         await reach.start()
+        found.there = True
         handle = 0
         try:
             handle = await reach.handle(ObjectClass.CONTROLLER)
@@ -144,6 +147,9 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
 
 def _lines(target: Target, found: _Found) -> Iterator[str]:
     spread = _spread(found)
+    if not found.there:
+        yield f"{target}: nothing was answered"
+        return
     kind = "bcapscope's simulator" if found.simulator else "a controller"
     facts = "".join(f", {name} {printable(str(value))}" for name, value in found.facts.items())
     yield f"{target}: {kind}{facts}"
@@ -157,7 +163,7 @@ def _lines(target: Target, found: _Found) -> Iterator[str]:
             f"round trip, ms: p50 {spread.p50:.3f}, p90 {spread.p90:.3f}, p99 {spread.p99:.3f}, "
             f"p99.9 {spread.p999:.3f}, most {spread.most:.3f}"
         )
-    for verdict in fitness(spread, found.lost):
+    for verdict in _verdicts(found):
         word = "fit" if verdict.fit else "not fit"
         yield f"{word} for set points each {verdict.period:g} ms: {verdict.reason}"
 
@@ -176,8 +182,12 @@ def _record(target: Target, found: _Found) -> dict[str, object]:
         "calls": len(found.round_trips) + found.lost,
         "lost": found.lost,
         "round_trip_ms": None if spread is None else {name: getattr(spread, name) for name in names},
-        "fit": {f"{verdict.period:g} ms": verdict.fit for verdict in fitness(spread, found.lost)},
+        "fit": {f"{verdict.period:g} ms": verdict.fit for verdict in _verdicts(found)},
     }
+
+
+def _verdicts(found: _Found) -> tuple[Fitness, ...]:
+    return fitness(_spread(found), found.lost, found.broken is not None)
 
 
 def _spread(found: _Found) -> Distribution | None:

@@ -35,3 +35,4 @@ def test_reasons() -> None:
     assert fitness(None, 3)[0].reason == "nothing was answered"
     assert fitness(_spread(0.5), 1)[0].reason == "50.0% of the calls were lost"
     assert fitness(_spread(0.5), 0)[1] == (1.0, True, "99.9% of the answers within 0.500 ms")
+    assert fitness(_spread(0.5), 0, broken=True)[0] == (8.0, False, "the connection broke")

@@ -92,6 +92,7 @@ def test_what_was_found_is_shown_if_the_connection_breaks() -> None:
         "3 calls, 0 lost",
     )  # the last answer may come with the end
     assert "round trip, ms: p50 " in ran.out
+    assert ran.lines[-1] == "not fit for set points each 1 ms: the connection broke"
 
 
 class _SlowOnce(dict[str, Answer | None]):
@@ -142,3 +143,16 @@ def test_a_signal_releases_everything_and_what_was_found_is_shown(number: signal
     assert program.returncode == Exit.INTERRUPTED
     assert b" calls, 0 lost\nround trip, ms: p50 " in out
     assert peer.functions[-3:] == ["Robot_Release", "Controller_Disconnect", "Service_Stop"]
+
+
+def test_a_signal_before_the_first_answer_makes_no_controller_of_nobody() -> None:
+    with udp_server(lambda peer: peer.answers.update({"Service_Start": None})) as server:
+        argv = [sys.executable, "-m", "bcapscope", "ping", "127.0.0.1", "--port", str(server.port)]
+        with subprocess.Popen([*argv, "--timeout", "300"], stdout=subprocess.PIPE) as program:
+            while not server.peers:
+                assert program.poll() is None
+                threading.Event().wait(0.02)
+            program.send_signal(signal.SIGTERM)
+            out, _ = program.communicate()
+    assert program.returncode == Exit.INTERRUPTED
+    assert out.decode() == f"127.0.0.1:{server.port} over UDP: nothing was answered\n"
