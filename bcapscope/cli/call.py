@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import IO, Any, TextIO
 
 import click
@@ -12,7 +13,7 @@ from bcapscope.cli import options
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate, palette
-from bcapscope.cli.request import Request, check_owners, read_request, read_script
+from bcapscope.cli.request import LONGEST_LINE, Request, RequestReader, check_owners
 from bcapscope.cli.signals import run_in_order
 from bcapscope.client.reach import NAMES, Reach
 from bcapscope.client.session import open_target
@@ -84,8 +85,9 @@ def command(
     """Call functions of a controller, such as `Robot_Execute slvGetMode`.
 
     What a function needs is opened before and released afterwards: service, controller, and the object whose
-    handle it takes, which is left out of the arguments. Arguments have the types that the function or command
-    has; others are named, as in i2:2 or r4[]:10,20,30. What is left out is empty. The first failure ends it.
+    handle it takes, which is left out of the arguments. Arguments have the types of the function, command or
+    variable; others are named, as in i2:2 or r4[]:10,20,30. What is left out is empty. The first failure ends
+    it.
 
     What may move a robot is only sent with --arm, or to bcapscope's own simulator.
 
@@ -94,9 +96,11 @@ def command(
     """
     if dump and as_json:
         raise click.UsageError("--hex and --json exclude each other")
-    requests = [read_request(words, target)] if words else []
-    requests += read_script(more, target)
-    requests += read_script(script, target) if script else []
+    reader = RequestReader(target, named["variable"])
+    requests = [reader.read(words)] if words else []
+    requests += reader.read_script(more)
+    if script is not None:
+        requests += reader.read_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
     if not requests:
         raise click.UsageError("which function? Give FUNCTION, --exec or --script")
     names = {owner: given for owner in _NAMED if (given := _given(named, owner)) is not None}

@@ -14,8 +14,13 @@ from bcapscope.client.reach import Reach
 from bcapscope.protocol.commands import command
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, Param, function_by_name
 from bcapscope.protocol.notation import parse_as
+from bcapscope.protocol.variables import variable
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 
+LONGEST_LINE = 65536
+"""Characters of a line of a script."""
+
+_OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
 _OPENED_WITHOUT_NAME = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
 
 
@@ -42,51 +47,65 @@ class Request:
         return self.values
 
 
-def read_request(words: Sequence[str], target: Target) -> Request:
-    """Read one call.
+class RequestReader:
+    """Reads the calls of one session, in their order."""
 
-    Raises:
-        click.UsageError: there is no such function, or the arguments do not fit it.
-    """
-    name, *texts = words
-    function = function_by_name(name)
-    if function is None:
-        near = get_close_matches(name, [each.name for each in FUNCTIONS.values()], 1)
-        raise click.UsageError(f"there is no function {name!r}" + (f"; {near[0]}?" if near else ""))
-    params = function.params
-    takes_handle = function.takes_handle and len(texts) < len(params)
-    if takes_handle:
-        params = params[1:]
-    if len(texts) > len(params):
-        raise click.UsageError(f"{function.name} takes {_names(function)}; that are {len(texts)} values")
-    defaults = {"Controller_Connect": target.connect, "Service_Start": (target.service,)}.get(
-        function.name, ()
-    )
-    texts = [*texts, *defaults[len(texts) :]]
-    values = tuple(_value(function, index, param, texts) for index, param in enumerate(params))
-    return Request(function, values, takes_handle)
+    def __init__(self, target: Target, variable_name: str | None) -> None:
+        """Read calls to `target`; a variable that has to be opened has the name `variable_name`."""
+        self._target = target
+        self._types = _types_of(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
 
+    def read(self, words: Sequence[str]) -> Request:
+        """Read one call.
 
-def read_script(lines: Iterable[str], target: Target) -> list[Request]:
-    """Read calls, one a line, words as in a shell; empty lines and what follows # do not count.
+        Raises:
+            click.UsageError: there is no such function, or the arguments do not fit it.
+        """
+        name, *texts = words
+        function = function_by_name(name)
+        if function is None:
+            near = get_close_matches(name, [each.name for each in FUNCTIONS.values()], 1)
+            raise click.UsageError(f"there is no function {name!r}" + (f"; {near[0]}?" if near else ""))
+        params = function.params
+        takes_handle = function.takes_handle and len(texts) < len(params)
+        if takes_handle:
+            params = params[1:]
+        if len(texts) > len(params):
+            raise click.UsageError(f"{function.name} takes {_names(function)}; that are {len(texts)} values")
+        target = self._target
+        defaults = {"Controller_Connect": target.connect, "Service_Start": (target.service,)}.get(
+            function.name, ()
+        )
+        texts = [*texts, *defaults[len(texts) :]]
+        types = self._types if takes_handle and function.name == "Variable_PutValue" else ()
+        values = tuple(_value(function, index, param, texts, types) for index, param in enumerate(params))
+        if function.creates is ObjectClass.VARIABLE:
+            opened = str(values[0 if takes_handle else 1].value)
+            self._types = _types_of(opened, (function.owner,))
+        return Request(function, values, takes_handle)
 
-    Raises:
-        click.UsageError: a line makes no sense, or is no text.
-    """
-    requests = []
-    number = 1
-    try:
-        for line in lines:
-            words = shlex.split(line, comments=True)
-            if words:
-                requests.append(read_request(words, target))
-            number += 1
-    except UnicodeError:
-        raise click.UsageError(f"line {number} on: this is no UTF-8") from None
-    except (ValueError, click.UsageError) as error:
-        reason = error.message if isinstance(error, click.UsageError) else str(error).lower()
-        raise click.UsageError(f"line {number}: {reason}") from None
-    return requests
+    def read_script(self, lines: Iterable[str]) -> list[Request]:
+        """Read calls, one a line, words as in a shell; empty lines and what follows # do not count.
+
+        Raises:
+            click.UsageError: a line makes no sense, or is no text.
+        """
+        requests = []
+        number = 1
+        try:
+            for line in lines:
+                if len(line) > LONGEST_LINE:
+                    raise ValueError("it is too long")
+                words = shlex.split(line, comments=True)
+                if words:
+                    requests.append(self.read(words))
+                number += 1
+        except UnicodeError:
+            raise click.UsageError(f"line {number} on: this is no UTF-8") from None
+        except (ValueError, click.UsageError) as error:
+            reason = error.message if isinstance(error, click.UsageError) else str(error).lower()
+            raise click.UsageError(f"line {number}: {reason}") from None
+        return requests
 
 
 def check_owners(requests: Iterable[Request], named: Collection[ObjectClass]) -> None:
@@ -118,18 +137,25 @@ def _names(function: Function) -> str:
     return " ".join(param.name for param in function.params) or "no arguments"
 
 
-def _value(function: Function, index: int, param: Param, texts: Sequence[str]) -> Variant:
+def _types_of(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
+    """Return the types that a variable of one of these classes may have; () where nobody says."""
+    known = (variable(owner, variable_name) for owner in owners)
+    return next((kind.types for kind in known if kind), ())
+
+
+def _value(
+    function: Function, index: int, param: Param, texts: Sequence[str], types: Sequence[str]
+) -> Variant:
+    """Read an argument; `types` are those that its value may have where the function leaves that open."""
     if index >= len(texts):
         if param.type == "VT_BSTR":
             return Variant(VT.BSTR, "")
         if param.type == "VARIANT":
             return EMPTY
         raise click.UsageError(f"{function.name} takes {_names(function)}; {param.name} is missing")
-    types = [param.type]
-    if param.name == "vntParam":
-        known = command(function.id, texts[index - 1])
-        types = list(known.parameter_types) if known else types
+    if param.name == "vntParam" and (known := command(function.id, texts[index - 1])):
+        types = known.parameter_types
     try:
-        return parse_as(texts[index], types)
+        return parse_as(texts[index], types or [param.type])
     except ValueError as error:
         raise click.UsageError(f"{function.name}, {param.name}: {error}") from None

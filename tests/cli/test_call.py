@@ -129,6 +129,11 @@ def test_a_session_of_several_calls(tmp_path: Path) -> None:
         ),
         (["Robot_Execute CurJnt", "Robot_Bogus"], "line 2: there is no function 'Robot_Bogus'"),
         (["Robot_Execute 'x"], "line 1: no closing quotation"),
+        (["Robot_GetName", "\0" * 100_000], "line 2: it is too long"),
+        (
+            ["Controller_GetVariable I1", "Variable_PutValue on"],
+            "line 2: Variable_PutValue, newVal: 'on' is no",
+        ),
         (["Robot_Execute CurJnt", "\udcff"], "this is no UTF-8"),
     ],
 )
@@ -149,6 +154,25 @@ def test_arguments_have_the_types_of_the_catalogue_or_their_own() -> None:
     assert executed[3] == ("Robot_Execute", 102, "slvMove", (10.0, 20.0, -30.0))
     _, executed = _call("Robot_Speed", "-1", "50")
     assert executed[3] == ("Robot_Speed", 102, -1, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "value"),
+    [
+        (("--variable", "io128", "Variable_PutValue", "true"), True),
+        (("--variable", "F1", "Variable_PutValue", "5"), 5.0),
+        (("--variable", "P1", "Variable_PutValue", "1,2,3"), (1.0, 2.0, 3.0)),
+        (("--variable", "S1", "Variable_PutValue", "12"), "12"),
+        (("--variable", "I1", "Variable_PutValue", "i2:12"), 12),
+        (("--variable", "own", "Variable_PutValue", "12"), 12),
+        (("--variable", "S1", "Controller_GetVariable", "D3", "--exec", "Variable_PutValue 5"), 5.0),
+        (("--exec", "Robot_GetVariable @speed", "--exec", "Variable_PutValue 50"), 50.0),
+    ],
+)
+def test_a_variable_has_the_type_of_the_catalogue(words: tuple[str, ...], value: object) -> None:
+    _, executed = _call(*words, "--arm")
+    (written,) = (call[2] for call in executed if call[0] == "Variable_PutValue")
+    assert (written, type(written)) == (value, type(value))
 
 
 def test_an_explicit_handle() -> None:
