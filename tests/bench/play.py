@@ -1,7 +1,7 @@
 """How late set points go out beside two busy processes, and how late an empty loop is in the same run.
 
-The empty loop sleeps and spins to its deadlines as the player does, and sends nothing. Both take turns, in
-short rounds, so that what the host of a virtual machine takes away meets both alike; the medians of the
+The empty loop sleeps and spins to its deadlines as the player does, and sends nothing; of the system it asks
+real-time priority where that is measured, and nothing else. Both take turns, in short rounds, so that what the host of a virtual machine takes away meets both alike; the medians of the
 rounds are shown. Run from the project's root as ``python -m tests.bench.play``; real-time priority is shown
 where the system gives it.
 """
@@ -16,7 +16,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from math import cos, pi
 from statistics import median
 from typing import NamedTuple
@@ -73,7 +73,7 @@ def empty(period: int, count: int, realtime: bool) -> None:
     late = Lateness(count)
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     channel = SocketChannel(ends[0])
-    with undisturbed(realtime):
+    with undisturbed() if realtime else nullcontext():
         due = channel.now()
         for _ in range(count):
             due += period

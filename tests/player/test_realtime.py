@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
+import platform
+import sys
 
 import pytest
 
@@ -44,6 +47,28 @@ def test_without_the_right_it_says_how_to_give_it(monkeypatch: pytest.MonkeyPatc
     assert grade.text.startswith("no real-time priority (operation not permitted)")
     assert f"`ann - rtprio {PRIORITY}`" in grade.text
     assert "setcap cap_sys_nice+ep /" in grade.text
+
+
+def slice_length() -> int:
+    """Return how many ns of the processor we ask for at a time (sched_getattr(2)); 0 on older kernels."""
+    attr = ctypes.create_string_buffer(48)
+    ctypes.CDLL(None).syscall(315, 0, attr, len(attr), 0)
+    return int.from_bytes(attr.raw[24:32], "little")
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or platform.machine() != "x86_64" or not slice_length(),
+    reason="Linux before 6.12, or another system, cannot be asked for short slices",
+)
+def test_without_priority_it_asks_for_little_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    if os.sched_getscheduler(0) != os.SCHED_OTHER:
+        pytest.skip("whoever runs the tests has chosen another policy")
+    usual, nice = slice_length(), os.getpriority(os.PRIO_PROCESS, 0)
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with undisturbed():
+        assert slice_length() == 100_000
+        assert os.getpriority(os.PRIO_PROCESS, 0) == nice
+    assert slice_length() == usual
 
 
 @pytest.mark.parametrize("throttled", [True, False])
