@@ -123,9 +123,14 @@ class Splitter:
 
     def _end(self, why: str) -> list[Piece]:
         pieces = self._cut(final=True)
-        if pieces and isinstance(frame := pieces[-1].item, Frame) and frame.length > len(frame.raw):
-            note = Problem(len(frame.raw), "cut", why)
-            pieces[-1] = pieces[-1]._replace(item=Frame(frame.raw, note))
+        last = pieces[-1].item if pieces else None
+        if last is None:
+            return pieces
+        note = Problem(len(last.raw), "cut", why)
+        if isinstance(last, Frame) and last.length > len(last.raw):
+            pieces[-1] = pieces[-1]._replace(item=Frame(last.raw, note))
+        elif isinstance(last, Malformed) and last.raw[0] == SOH and len(last.raw) < HEADER_SIZE:
+            pieces[-1] = pieces[-1]._replace(item=Malformed(last.raw, (*last.problems, note)))
         return pieces
 
     def _cut(self, final: bool) -> list[Piece]:

@@ -11,8 +11,9 @@ from bcapscope.analysis.rules import RULES
 from bcapscope.analysis.rules.rule import Rule
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
-from tests.analysis.scenes import diagnose_bytes, good, stage
+from tests.analysis.scenes import Story, diagnose_bytes, good, stage
 from tests.samples import guide, slave, tcp, trouble
+from tests.samples.calls import MS, START, request
 
 _NAMES = [f"{scene.rule}-{number}" for number, scene in enumerate(SCENES)]
 
@@ -89,3 +90,18 @@ def test_good_captures_have_neither_errors_nor_warnings(capture: Callable[[], by
 
 def test_a_good_session_has_no_findings_at_all() -> None:
     assert stage(good).findings == ()
+
+
+def test_the_advice_on_bytes_that_are_no_frame_is_for_their_transport() -> None:
+    def play(story: Story) -> None:
+        for number, over_tcp in enumerate((False, True)):
+            client = story.client(50001 + number, tcp=over_tcp)
+            client.open(number * 100)
+            client.network.up(START + (number * 100 + 50) * MS, b"\x01\x02" + request(9, 0, "Service_Stop"))
+
+    first, second = stage(play).of("malformed-request")
+    assert "can stop the official server" in first.sentence
+    assert "stops the UDP service" in first.advice
+    assert "stop the official server" not in second.sentence
+    assert "UDP" not in second.advice
+    assert "over TCP" in second.advice

@@ -182,7 +182,24 @@ def test_bytes_outside_of_frames_say_why() -> None:
     assert [problem for piece in pieces for problem in piece.item.problems] == [
         (0, "soh", "bytes outside of any frame"),
         (0, "short", "a frame breaks off after 2 bytes"),
+        (2, "cut", "the stream ends here"),
     ]
+
+
+def test_only_the_end_or_a_gap_cuts_a_frame() -> None:
+    begun = GOOD[:9]
+    found = feed([GOOD + begun + GOOD + begun])
+    assert raws(found) == [GOOD, begun, GOOD, begun]
+    assert [[problem.code for problem in piece.item.problems] for piece in found] == [
+        [],
+        ["short"],
+        [],
+        ["short", "cut"],
+    ]
+    splitter = Splitter()
+    before, hole = splitter.feed(begun) + splitter.gap(3)
+    assert before.item.problems[-1] == (9, "cut", "what follows was not seen")
+    assert isinstance(hole.item, Malformed)
 
 
 def test_a_gap_ends_what_was_begun_and_counts_its_bytes() -> None:

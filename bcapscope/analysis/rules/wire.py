@@ -79,6 +79,10 @@ DUPLICATE = Rule(
     "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
 )
 
+_OVER_TCP = (
+    "Correct the client's encoder; over TCP the official server skips what is before a 01, and ends the "
+    "connection without a reply at a frame that it cannot read."
+)
 _ENDED = (
     "Look at what ended the connection just there, a crash or a time-out; only if the capture lacks its last "
     "packets may the frame have been whole."
@@ -165,7 +169,7 @@ class Wire(Watcher):
     def _is_torn(self, seen: Observation | FrameObservation, problems: tuple[Problem, ...]) -> bool:
         """Tell whether bytes of a stream are odd since the capture lacks what is before or behind them."""
         since = seen.time - self._unsure.pop(seen.flow, -_AFTER_GAP)
-        return any(problem.code in ("cut", "short") for problem in problems) or (
+        return any(problem.code == "cut" for problem in problems) or (
             isinstance(seen.item, Malformed) and since < _AFTER_GAP
         )
 
@@ -193,21 +197,27 @@ class Wire(Watcher):
                 BAD_REPLY, seen, f"frame {seen.number} from {seen.flow.src_text} is malformed: {reasons}"
             )
             return
-        udp = seen.flow.conversation.transport is Transport.UDP
+        transport = seen.flow.conversation.transport
+        udp = transport is Transport.UDP
         deadly = udp and seen.item.raw[:1] == bytes((SOH,))
         danger = "; such a datagram can stop the official server" if deadly else ""
         self._see(
             BAD_REQUEST,
             seen,
             f"frame {seen.number} from {seen.flow.src_text} is malformed: {reasons}{danger}",
+            "" if transport is not Transport.TCP else _OVER_TCP,
+            transport,
         )
 
-    def _see(self, rule: Rule, seen: Observation | FrameObservation, text: str, advice: str = "") -> None:
+    def _see(
+        self, rule: Rule, seen: Observation | FrameObservation, text: str, advice: str = "", key: str = ""
+    ) -> None:
         def say(speech: Speech) -> str:
             return f"{text}, at {speech.at(seen.time)}"
 
         frames = (seen.number,)
-        self.report(Incident(rule, seen.began, seen.time, seen.flow.conversation, frames, say, advice=advice))
+        conversation = seen.flow.conversation
+        self.report(Incident(rule, seen.began, seen.time, conversation, frames, say, key=key, advice=advice))
 
 
 def _is_last_of_connection(seen: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:

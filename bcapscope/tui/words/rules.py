@@ -124,6 +124,7 @@ PHRASES: dict[str, str] = {
     "Wait for standstill, best by @E on the motion before: slvChangeMode itself waits no longer than 500 ms.": "停止を待ってください。前の動作に @E を付けるのが確実です。slvChangeMode 自体は 500 ms しか待ちません。",
     "Call TakeArm after Controller_GetRobot and before Motor and slvChangeMode; an error or an emergency stop can take the arm away again.": "Controller_GetRobot の後、Motor と slvChangeMode の前に TakeArm を呼んでください。エラーや非常停止でアームの取得が失われることがあります。",
     "Let that client call GiveArm, or do all motion in one process.": "そのクライアントで GiveArm を呼ぶか、動作をすべて一つのプロセスで行ってください。",
+    "Correct the client's encoder; over TCP the official server skips what is before a 01, and ends the connection without a reply at a frame that it cannot read.": "クライアントのエンコーダを修正してください。TCP では、公式サーバは 01 より前を読み飛ばし、読めないフレームがあると応答せずに接続を切ります。",
     "Call Motor with 1 and wait for its reply; after an error of level 4 or 5 (84xxxxxx, 85xxxxxx) the motor is off, and ClearError comes first.": "Motor を 1 で呼び、応答を待ってください。レベル 4 または 5 のエラー (84xxxxxx、85xxxxxx) の後はモータが OFF で、先に ClearError が必要です。",
     "Repeat Motor on until it is accepted.": "受け付けられるまでモータ ON を繰り返してください。",
     "Release the stop at the robot, then ManualReset (RC9) or ManualResetPreparation (COBOTTA), ClearError and Motor on.": "ロボット側で停止を解除し、ManualReset (RC9) または ManualResetPreparation (COBOTTA)、ClearError、モータ ON の順に行ってください。",

@@ -54,12 +54,17 @@ def _gap(story: Story) -> None:
     client.close(60)
 
 
-def _ends_in_the_middle(story: Story) -> None:
-    client = story.client(tcp=True)
-    client.open()
-    assert isinstance(client.network, Connection)
-    client.network.up(START + 50 * MS, request(9, 0, "Service_Stop")[:-1])
-    client.network.close(START + 60 * MS)
+def _ends_in_the_middle(sent: int) -> Play:
+    """A connection that ends behind so many bytes of a frame."""
+
+    def play(story: Story) -> None:
+        client = story.client(tcp=True)
+        client.open()
+        assert isinstance(client.network, Connection)
+        client.network.up(START + 50 * MS, request(9, 0, "Service_Stop")[:sent])
+        client.network.close(START + 60 * MS)
+
+    return play
 
 
 def _begins_in_the_middle(story: Story) -> None:
@@ -112,6 +117,13 @@ SCENES = (
         _sends(_SOUND),
     ),
     Scene(
+        "malformed-request",
+        _sends(_SOUND[:9] + _SOUND, tcp=True),
+        (9,),
+        ("Frame 9 from 192.168.0.10:50001 is malformed: a frame breaks off after 9 bytes",),
+        _sends(_SOUND, tcp=True),
+    ),
+    Scene(
         "malformed-reply",
         _answers(reply(5, 0)[:-1] + b"\x05"),
         (10,),
@@ -122,7 +134,14 @@ SCENES = (
     Scene("capture-gap", _begins_in_the_middle, (2,), ("only a part of what 192.168.0.1:5007 sent",), good),
     Scene(
         "capture-gap",
-        _ends_in_the_middle,
+        _ends_in_the_middle(15),
+        (9,),
+        ("The connection ended in the middle of frame 9 from 192.168.0.10:50001",),
+        good,
+    ),
+    Scene(
+        "capture-gap",
+        _ends_in_the_middle(14),
         (9,),
         ("The connection ended in the middle of frame 9 from 192.168.0.10:50001",),
         good,
