@@ -17,7 +17,7 @@ from yaml.composer import Composer
 from yaml.constructor import SafeConstructor
 from yaml.resolver import Resolver
 
-from bcapscope.faults.fault import AnyFault
+from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yamlevents import YamlError, events
 from bcapscope.traffic.filter_tokens import nearest
@@ -222,7 +222,7 @@ def _in_words(reason: str, place: _Place, data: object) -> str:
     last = place.path[-1] if place.path else ""
     if last == "action" and reason.startswith("Invalid value"):
         word = str(_value_at(place.path, data))
-        return f"there is no action {word!r}{nearest(word, _actions(place.kinds))}"
+        return f"there is no action {word!r}{nearest(ALIASES.get(word, word), _actions(place.kinds))}"
     if reason.startswith("Invalid enum value"):
         wrong = _value_at(place.path, data)
         name = next((step for step in reversed(place.path) if isinstance(step, str)), "")

@@ -338,3 +338,6 @@ ACTIONS: Mapping[str, type[Fault]] = MappingProxyType(
     {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 )
 """The class of each action."""
+
+ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
+"""Other words for actions, as netem has them; where one stands its main value is meant as well."""

@@ -28,6 +28,18 @@ then, in any order, what it strikes and other fields of the action by name:
     set arg[2][0]=10        limit arg[2]=-90..90   step arg[2]=0.5
 
 and last ``if`` with a filter.
+
+In a file all fields have their names, those behind ``=`` as well:
+
+    faults:
+      - {action: drop, probability: 5%, direction: response, try: 1}
+      - {action: delay, time: 3ms, jitter: 1ms, times: 5, if: command == slvMove}
+
+and of the other actions, with the names of their main values:
+
+    duplicate copies   reorder by       corrupt bits     truncate keep   garbage size
+    burst enter leave  bandwidth rate   answer hresult   serial by       executing time
+    close how
 """
 
 from __future__ import annotations
@@ -37,7 +49,7 @@ import re
 from typing import Any, NamedTuple, NoReturn
 
 from bcapscope.faults.document import DocumentError, fault_of, plain
-from bcapscope.faults.fault import ACTIONS, AnyFault, Fault
+from bcapscope.faults.fault import ACTIONS, ALIASES, AnyFault, Fault
 from bcapscope.traffic.filter_tokens import FilterError, nearest
 
 _WORD = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^\s"])+')
@@ -65,7 +77,6 @@ _MAIN: dict[str, tuple[str, ...]] = {
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}
 _MAPPINGS = ("set", "limit", "step")
-_ALIASES = {"loss": "drop"}
 
 
 class NotationError(FilterError):
@@ -128,7 +139,7 @@ class _Reader:
 
     def read(self) -> AnyFault:
         if not self.words:
-            self.refuse(0, f"expected an action: {', '.join(sorted([*ACTIONS, *_ALIASES]))}")
+            self.refuse(0, f"expected an action: {', '.join(sorted([*ACTIONS, *ALIASES]))}")
         self.words.reverse()
         self.read_action(self.words.pop())
         while self.words:
@@ -143,16 +154,16 @@ class _Reader:
 
     def read_action(self, word: _Word) -> None:
         written, equals, value = word.text.partition("=")
-        action = _ALIASES.get(written, written)
+        action = ALIASES.get(written, written)
         if action not in ACTIONS:
-            hint = nearest(written, [*ACTIONS, *_ALIASES])
+            hint = nearest(written, [*ACTIONS, *ALIASES])
             self.refuse(word.start, f"there is no action {written!r}{hint}")
         self.put("action", action, word)
         names = _MAIN.get(written, ())
         start = word.start + len(written) + 1
         if equals and not names:
             self.refuse(start - 1, f"{written} has no value")
-        if not equals and written in _ALIASES:
+        if not equals and written in ALIASES:
             self.refuse(word.start + len(written), f"expected = and a value after {written}")
         if equals:
             self.read_main(written, _Word(value, start), names)

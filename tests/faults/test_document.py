@@ -59,6 +59,10 @@ def test_a_rule_file_is_read() -> None:
             "faults:\n  - action: dely\n",
             "line 2: faults[0].action: there is no action 'dely', did you mean 'delay'?",
         ),
+        (
+            "faults:\n  - {action: loss, probability: 5%}\n",
+            "line 2: faults[0].action: there is no action 'loss', did you mean 'drop'?",
+        ),
         ("faults:\n  - time: 3ms\n", "line 2: faults[0]: action is missing, such as answer or"),
         (
             "faults:\n  - action: drop\n    name: x\n    tims: 3\n",

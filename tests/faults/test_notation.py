@@ -6,6 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.faults import notation
+from bcapscope.faults.document import RuleFile, read_document
 from bcapscope.faults.fault import (
     Answer,
     AnyFault,
@@ -151,3 +153,19 @@ def test_any_text_is_read_or_refused(text: str) -> None:
         position = None
         assert read_fault(write_fault(fault)) == fault
     assert position is None or 0 <= position <= len(text)
+
+
+def test_the_names_that_files_have_for_main_values_are_told() -> None:
+    told = notation.__doc__ or ""
+    for action, fields in notation._MAIN.items():
+        assert f"{action} {' '.join(fields)}" in told or action in ("loss", "delay")
+
+
+def test_the_file_that_is_shown_can_be_read() -> None:
+    told = notation.__doc__ or ""
+    start = told.index("    faults:")
+    document = read_document(told[start : told.index("\n\n", start)], RuleFile)
+    assert list(document.faults) == [
+        read_fault("drop 5% response try 1"),
+        read_fault("delay=3ms±1ms times 5 if command == slvMove"),
+    ]
