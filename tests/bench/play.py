@@ -1,9 +1,9 @@
 """How late set points go out beside two busy processes, and how late an empty loop is in the same run.
 
 The empty loop sleeps and spins to its deadlines as the player does, and sends nothing; of the system it asks
-real-time priority where that is measured, and nothing else. Both take turns, in short rounds, so that what the host of a virtual machine takes away meets both alike; the medians of the
-rounds are shown. Run from the project's root as ``python -m tests.bench.play``; real-time priority is shown
-where the system gives it.
+real-time priority where that is measured, and nothing else. Both take turns, in short rounds, so that what
+the host of a virtual machine takes away meets both alike; the medians of the rounds are shown. Run from the
+project's root as ``python -m tests.bench.play``; real-time priority is shown where the system gives it.
 """
 
 from __future__ import annotations
