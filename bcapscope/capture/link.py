@@ -1,7 +1,8 @@
 """From a captured packet to the IP packet inside: link headers, IPv4, IPv6.
 
-Link headers: IEEE 802.3 and 802.1Q; RFC 2516 for PPPoE, whose protocol numbers are those of RFC 1332 and
-RFC 5072; the LINKTYPE_ documents of tcpdump.org for the others. IPv4: RFC 791; IPv6: RFC 8200.
+Link headers: IEEE 802.3 and 802.1Q; RFC 1042 for LLC and SNAP; RFC 1661 and 1662 for PPP, whose protocol
+numbers are those of RFC 1332 and RFC 5072, and RFC 2516 over Ethernet; the LINKTYPE_ documents of tcpdump.org
+for the others. IPv4: RFC 791; IPv6: RFC 8200.
 """
 
 from __future__ import annotations
@@ -16,8 +17,15 @@ _IPV4, _IPV6 = 0x0800, 0x86DD
 _VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
 """Customer tag, service tag (IEEE 802.1Q), and the service tag of switches older than the standard."""
 
+_LONGEST_LENGTH = 1500
+"""Up to this number the type field is a length, and LLC stands behind it (IEEE 802.3)."""
+
+_SNAP = b"\xaa\xaa\x03\x00\x00\x00"
+"""LLC for SNAP, unnumbered information, and the organisation whose types are those of Ethernet."""
+
 _PPPOE, _PPPOE_SIZE = 0x8864, 6
-_PPP_TO_IP = {0x0021: _IPV4, 0x0057: _IPV6}
+_PPP_FRAMING = b"\xff\x03"
+_PPP_IP = frozenset({0x0021, 0x0057})
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
 """AF_INET, then AF_INET6 of Linux, NetBSD and OpenBSD, FreeBSD, macOS (LINKTYPE_NULL)."""
@@ -86,15 +94,36 @@ def _ethernet(data: bytes) -> int:
 
 
 def _behind_type(data: bytes, offset: int) -> int:
-    """Follow VLAN tags, and a PPPoE session, from the type field at `offset`."""
+    """Follow VLAN tags, LLC with SNAP, and a PPPoE session, from the type field at `offset`."""
     kind = int.from_bytes(data[offset : offset + 2])
     while kind in _VLAN_TAGS:
         offset += 4
         kind = int.from_bytes(data[offset : offset + 2])
+    if kind <= _LONGEST_LENGTH:
+        offset, kind = _behind_llc(data, offset + 2)
     if kind == _PPPOE:
-        offset += 2 + _PPPOE_SIZE
-        kind = _PPP_TO_IP.get(int.from_bytes(data[offset : offset + 2]), kind)
+        return _behind_ppp(data, offset + 2 + _PPPOE_SIZE)
     return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
+
+
+def _behind_llc(data: bytes, offset: int) -> tuple[int, int]:
+    """Return the offset and the value of the type field behind LLC and SNAP; 0 where none is."""
+    if not data.startswith(_SNAP, offset):
+        return offset, 0
+    offset += len(_SNAP)
+    return offset, int.from_bytes(data[offset : offset + 2])
+
+
+def _behind_ppp(data: bytes, offset: int) -> int:
+    """Read the protocol field at `offset`: two bytes, or one where the ends agreed to compress it."""
+    compressed = data[offset : offset + 1]
+    if compressed and compressed[0] & 1:
+        return offset + 1 if compressed[0] in _PPP_IP else NOT_IP
+    return offset + 2 if int.from_bytes(data[offset : offset + 2]) in _PPP_IP else NOT_IP
+
+
+def _ppp(data: bytes) -> int:
+    return _behind_ppp(data, len(_PPP_FRAMING) if data.startswith(_PPP_FRAMING) else 0)
 
 
 def _cooked(data: bytes) -> int:
@@ -105,7 +134,10 @@ def _cooked_2(data: bytes) -> int:
     kind = int.from_bytes(data[:2])
     if kind in _VLAN_TAGS:
         return _behind_type(data, 22)
-    return 20 if kind in (_IPV4, _IPV6) else NOT_IP
+    offset = 18
+    if kind <= _LONGEST_LENGTH:
+        offset, kind = _behind_llc(data, 20)
+    return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
 
 
 def _loopback(data: bytes) -> int:
@@ -121,8 +153,10 @@ def _raw(_: bytes) -> int:
 LINKS: dict[int, Callable[[bytes], int]] = {
     0: _loopback,
     ETHERNET: _ethernet,
+    9: _ppp,
     12: _raw,
     14: _raw,
+    50: _ppp,
     101: _raw,
     108: _loopback,
     LINUX_COOKED: _cooked,

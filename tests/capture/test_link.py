@@ -12,6 +12,7 @@ from tests.capture.packets import CLIENT, SERVER, ethernet, ipv4, ipv6
 CONTENT = b"what is carried"
 V4, V6 = ipv4(CONTENT), ipv6(CONTENT)
 PPPOE = struct.pack(">BBHH", 0x11, 0, 1, 2 + len(V4))
+SNAP = b"\xaa\xaa\x03\x00\x00\x00"
 COOKED = struct.pack(">HHH8s", 0, 1, 6, bytes(8))
 COOKED_2_REST = struct.pack(">HIHBB8s", 0, 1, 1, 0, 6, bytes(8))
 
@@ -31,11 +32,21 @@ def _cooked_2(kind: int) -> bytes:
         (1, ethernet(V6, 0x86DD, tags=[0x8100])),
         (1, ethernet(PPPOE + b"\x00\x21" + V4, 0x8864)),
         (1, ethernet(PPPOE + b"\x00\x57" + V6, 0x8864, tags=[0x8100])),
+        (1, ethernet(SNAP + b"\x08\x00" + V4, 8 + len(V4))),
+        (1, ethernet(SNAP + b"\x86\xdd" + V6, 8 + len(V6), tags=[0x8100])),
+        (9, b"\xff\x03\x00\x21" + V4),
+        (9, b"\xff\x03\x00\x57" + V6),
+        (9, b"\x00\x21" + V4),
+        (9, b"\x21" + V4),
+        (9, b"\xff\x03\x57" + V6),
+        (50, b"\xff\x03\x00\x21" + V4),
         (113, COOKED + b"\x08\x00" + V4),
+        (113, COOKED + b"\x00\x04" + SNAP + b"\x08\x00" + V4),
         (113, COOKED + b"\x86\xdd" + V6),
         (113, COOKED + b"\x81\x00\x00\x05\x08\x00" + V4),
         (276, _cooked_2(0x0800) + V4),
         (276, _cooked_2(0x86DD) + V6),
+        (276, _cooked_2(4) + SNAP + b"\x08\x00" + V4),
         (276, _cooked_2(0x8100) + b"\x00\x05\x08\x00" + V4),
         (0, b"\x02\x00\x00\x00" + V4),
         (0, b"\x00\x00\x00\x02" + V4),
@@ -64,6 +75,13 @@ def test_finds_what_is_carried_behind_every_link(linktype: int, data: bytes) -> 
         (1, ethernet(PPPOE, 0x8864)),
         (1, b""),
         (1, bytes(12) + b"\x81\x00"),
+        (1, ethernet(b"\x42\x42\x03" + V4, 3 + len(V4))),
+        (1, ethernet(b"\xaa\xaa\x03\x00\x00\x0c\x08\x00" + V4, 8 + len(V4))),
+        (1, ethernet(SNAP, 6)),
+        (9, b"\xff\x03\xc0\x21" + V4),
+        (9, b"\xff\x03"),
+        (9, b"\x2d" + V4),
+        (9, b""),
         (113, COOKED + b"\x08\x06" + bytes(40)),
         (276, _cooked_2(0x0806) + bytes(40)),
         (0, b"\x07\x00\x00\x00" + V4),
