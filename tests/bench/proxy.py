@@ -28,7 +28,7 @@ from statistics import median
 
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import ARRAY, VT, Variant
-from tests.bench.awake import awake
+from tests.bench.awake import add_option, awake
 
 TRIPS = 20_000
 PACED = 8_000
@@ -270,7 +270,7 @@ def main() -> None:
     parser.add_argument("task", nargs="?", choices=("trips", "robots", "echo", "bare"), default="trips")
     parser.add_argument("numbers", nargs="*", type=float, help="of robots: seconds; of echo and bare: ports")
     parser.add_argument("--runs", type=int, default=5, help="of each way, of which the medians are shown")
-    parser.add_argument("--awake", action="store_true", help="keep the processors from sleeping")
+    add_option(parser)
     chosen = parser.parse_args()
     numbers = [int(number) for number in chosen.numbers]
     if chosen.task == "echo":

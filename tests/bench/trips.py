@@ -22,7 +22,7 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.protocol.variant import EMPTY, VT, Variant
-from tests.bench.awake import awake
+from tests.bench.awake import add_option, awake
 from tests.bench.jobs import ROOT, python
 
 TRANSPORTS = ("udp", "tcp")
@@ -210,7 +210,7 @@ def main(doc: str | None, jobs: Sequence[Job], told: Callable[[Figures], Iterabl
     parser.add_argument("--runs", type=int, default=5, help="rounds, of which the medians are shown")
     parser.add_argument("--trips", type=int, default=20_000, help="round trips of each job and round")
     parser.add_argument("--share", action="store_true", help="one processor for server and client")
-    parser.add_argument("--awake", action="store_true", help="keep the processors from sleeping")
+    add_option(parser)
     parser.add_argument("--only", default="", help="run the jobs whose name contains this")
     chosen = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
