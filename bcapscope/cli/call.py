@@ -115,7 +115,8 @@ def command(
 
 
 def _given(named: Mapping[str, str | None], owner: ObjectClass) -> str | None:
-    return named.get(owner.lower()) or named.get(f"{owner.lower()}_")
+    word = owner.lower()
+    return named[word] if word in named else named[f"{word}_"]
 
 
 class _Printer:

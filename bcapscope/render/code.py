@@ -63,7 +63,8 @@ def call_line(
         subject: what the handle stands for; the line opens it by its name. None to give the number.
 
     Returns:
-        The line; None where an argument has no notation or there is no such function.
+        The line; None where an argument has no notation, where a terminal would obey something in it rather
+        than take it as pasted, or where there is no such function.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(arguments) != len(function.params):
@@ -75,7 +76,8 @@ def call_line(
         return None
     names = _names(subject) if skipped else []
     words = ["bcapscope", "call", peer.host, *_ways(peer), *names, function.name]
-    return shlex.join([*words, *_guarded([text for text in texts if text is not None])])
+    line = shlex.join([*words, *_guarded([text for text in texts if text is not None])])
+    return line if line == printable(line) else None
 
 
 def _guarded(texts: list[str]) -> list[str]:

@@ -84,9 +84,30 @@ def test_hostile_strings_stay_strings() -> None:
     assert program.isascii()
     compile(program, "program", "exec")
     assert "\x1b" not in program
-    line = call_line(Target("h"), 64, (MODE[0], command, EMPTY), ROBOT)
+
+
+@pytest.mark.parametrize("text", ["\x15rm -rf ~\r", "\n", "\x1b[A", "\x00", "\u202e", "\ud800"])
+def test_no_line_holds_what_a_terminal_obeys_when_it_is_pasted(text: str) -> None:
+    assert call_line(Target("h"), 64, (MODE[0], Variant(VT.BSTR, text), EMPTY), ROBOT) is None
+    named = Opened(ObjectClass.ROBOT, 5, (text, ""), CONTROLLER)
+    assert call_line(Target("h"), 64, MODE, named) is None
+
+
+@pytest.mark.parametrize("text", ["'; rm -rf ~ #", "$(reboot)", "`reboot`", "%s", "!!", "-x", "ロボット\u3000"])
+def test_what_only_a_shell_would_obey_is_quoted(text: str) -> None:
+    line = call_line(Target("h"), 64, (MODE[0], Variant(VT.BSTR, text), EMPTY), ROBOT)
     assert line is not None
-    assert shlex.split(line)[-2] == command.value
+    assert shlex.split(line)[-2] == text
+
+
+def test_an_object_without_a_name_is_opened_without_a_name() -> None:
+    with udp_server() as server:
+        unnamed = Opened(ObjectClass.ROBOT, 5, ("", ""), CONTROLLER)
+        line = call_line(Target("127.0.0.1", server.port), 64, MODE, unnamed)
+        assert line is not None
+        assert run_here("call", "--arm", *shlex.split(line)[2:]).code == 0
+        calls = [call for peer in server.peers.values() for call in peer.executed]
+        assert [call[2] for call in calls if call[0] == "Controller_GetRobot"] == [""]
 
 
 def test_every_function_has_a_method_of_that_name() -> None:
