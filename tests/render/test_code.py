@@ -93,7 +93,9 @@ def test_no_line_holds_what_a_terminal_obeys_when_it_is_pasted(text: str) -> Non
     assert call_line(Target("h"), 64, MODE, named) is None
 
 
-@pytest.mark.parametrize("text", ["'; rm -rf ~ #", "$(reboot)", "`reboot`", "%s", "!!", "-x", "ロボット\u3000"])
+@pytest.mark.parametrize(
+    "text", ["'; rm -rf ~ #", "$(reboot)", "`reboot`", "%s", "!!", "-x", "ロボット\u3000"]
+)
 def test_what_only_a_shell_would_obey_is_quoted(text: str) -> None:
     line = call_line(Target("h"), 64, (MODE[0], Variant(VT.BSTR, text), EMPTY), ROBOT)
     assert line is not None
