@@ -41,7 +41,7 @@ class Debts:
         try:
             await step()
         except ControllerError:
-            self._paid(debt)
+            self.paid(debt)
             raise
 
     def owe(self, *debts: Debt) -> None:
@@ -55,7 +55,7 @@ class Debts:
             debt = self._owed[-1]
             await self._end(debt)
             if not self.gone:
-                self._paid(debt)
+                self.paid(debt)
 
     async def _end(self, debt: Debt) -> None:
         give_up = self._channel.now() + _BUSY_FOR
@@ -72,7 +72,8 @@ class Debts:
                     return
             self._channel.wait(self._channel.now() + _AGAIN)
 
-    def _paid(self, debt: Debt) -> None:
+    def paid(self, debt: Debt) -> None:
+        """Note that something has ended."""
         self._owed.remove(debt)
         self._tell()
 

@@ -38,6 +38,8 @@ class Debt(StrEnum):
     ROBSLAVE = "RobSlave"
     ARM = "arm"
     MOTOR = "motor"
+    MOTION = "motion"
+    """To the first point, by an ordinary motion, which goes on by itself."""
     LOG = "log"
     SLAVE_MODE = "slave mode"
 

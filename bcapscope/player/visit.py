@@ -181,7 +181,9 @@ class Visit:
         self._leaving = True
         self._show(State.LEAVING)
         await self._station.connect()
-        self._debts.owe(*left.debts)
+        if Debt.MOTION in left.debts:
+            await self._halt()
+        self._debts.owe(*(debt for debt in left.debts if debt is not Debt.MOTION))
         await self._debts.settle()
         errors = () if self._debts.gone else await self._station.errors()
         if errors:
@@ -245,11 +247,14 @@ class Visit:
             if self._ask(Topic.APPROACH, text, (NO, YES)) != YES:
                 raise EndedEarly(Outcome.DECLINED, "the robot is not at the first set point")
         self._show(State.APPROACHING)
+        self._debts.owe(Debt.MOTION)
         try:
             await station.approach(kind, first, self._plan.approach)
         except (EndedEarly, BcapError):
             await self._halt()  # it may be on its way
             raise
+        finally:
+            self._debts.paid(Debt.MOTION)
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
         """Send the set points; come to rest, or halt, when that is ordered."""

@@ -108,6 +108,28 @@ def test_another_player_ends_what_one_has_left(profile: str) -> None:
     assert not [message for message in after.desk.told if isinstance(message, Trouble)]
 
 
+def test_a_motion_to_the_first_point_is_halted_by_another_player() -> None:
+    stage = Stage(start=Start(joints=(60.0, *HOME[1:])))
+    owed: list[Owed] = []
+
+    def vanish(_: int) -> None:
+        if "Robot_Move" in stage.said and not owed:
+            owed.extend(message for message in stage.desk.told if isinstance(message, Owed))
+            stage.channel.silent_from = 0
+
+    stage.desk.at_poll = vanish
+    stage.play(plan(0x202, may_approach=True, approach=0.1))
+    assert owed[-1].debts == (Debt.ARM, Debt.MOTOR, Debt.MOTION)
+    arm, now = stage.simulator.machine.arm, stage.channel.now()
+    assert not arm.stands(now)
+    after = Stage()
+    after.channel = SimulatedChannel(stage.simulator, began=now)
+    ended = after.play(plan(0x202, points=(), aftermath=Aftermath(owed[-1].debts, "RC8", 50000, 9999)))
+    assert (ended.outcome, ended.left) == (Outcome.DONE, True)
+    assert after.said[3:6] == ["Robot_Halt", "Motor", "GiveArm"]
+    assert arm.stands(after.channel.now() + 100 * MS)
+
+
 def test_what_the_controller_shows_after_a_player_was_killed_is_told() -> None:
     stage = Stage(start=Start(errors=(0x84201482,)))
     ended = stage.play(plan(0x202, points=(), aftermath=Aftermath((Debt.SLAVE_MODE,), Generation.RC8, 1, 9)))
