@@ -12,6 +12,7 @@ import orjson
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate
+from bcapscope.faults.quantities import Duration
 from bcapscope.protocol.frame import parse_datagram
 from bcapscope.proxy.control_client import Answer, ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError
@@ -104,9 +105,16 @@ def _off(ctl: _Ctl, name: str) -> None:
     ctl.ask(do="off", name=name)
 
 
+def _time(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    try:
+        return None if value is None else Duration.read(value).text
+    except ValueError as error:
+        raise click.BadParameter(f"{error}", context, parameter) from None
+
+
 @command.command("intercept", short_help="Hold other messages, or none.")
 @click.argument("expression", required=False)
-@click.option("--hold", metavar="TIME", help="How long, such as 60s; see `proxy --hold`.")
+@click.option("--hold", metavar="TIME", callback=_time, help="How long, such as 60s; see `proxy --hold`.")
 @click.pass_obj
 def _intercept(ctl: _Ctl, expression: str | None, hold: str | None) -> None:
     """Hold what EXPRESSION is true for from now on; without it nothing more."""

@@ -226,10 +226,16 @@ class Desk:
         fault = read_fault(f"rewrite {ask.rewrite}")
         assert isinstance(fault, Rewrite)
         rewriter = Rewriter(fault)
-        return b"".join(
+        data = b"".join(
             rewriter.apply(item, held.flow) if isinstance(item, Frame) else item.raw
             for item in parse_datagram(held.data)
         )
+        if data == held.data:  # a slip in what was typed is not to let a motion pass as it is
+            raise ValueError(
+                "that changes nothing: no such argument, a value that does not fit its type, "
+                "or the one that it has"
+            )
+        return data
 
     def _stats(self) -> dict[str, object]:
         rules = self._rules

@@ -132,6 +132,8 @@ def test_figures_are_given() -> None:
         ({"do": "edit", "number": 1}, "edit takes the bytes in hex, or what to rewrite"),
         ({"do": "edit", "number": 1, "hex": "0"}, "non-hexadecimal number found"),
         ({"do": "edit", "number": 1, "rewrite": "sett"}, "'sett' means nothing here"),
+        ({"do": "edit", "number": 1, "rewrite": "set arg[9]=1"}, "that changes nothing: no such argument"),
+        ({"do": "edit", "number": 1, "rewrite": "set arg[2][0]=x"}, "that changes nothing: no such argument"),
         ({"do": "drop", "number": 8}, "no message 8 is held"),
     ],
     ids=str,
