@@ -6,7 +6,7 @@ import math
 import struct
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Protocol, TypeAlias, cast
+from typing import NamedTuple, Protocol, TypeAlias, cast
 
 from bcapscope.errors import LocalProtocolError
 from bcapscope.faults.fault import Rewrite, Setting
@@ -14,12 +14,12 @@ from bcapscope.faults.quantities import Span, read_path
 from bcapscope.protocol.frame import Frame, Framing, encode
 from bcapscope.protocol.notation import parse_as
 from bcapscope.protocol.variant import ARRAY, VT, Variant, vt_name
-from bcapscope.traffic.observation import Conversation, Direction, Flow
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MOST_REMEMBERED = 4096
-"""Values that steps are counted from; a session has some dozens. When there are more, all are forgotten."""
+"""Messages that steps are counted from; a session has some dozens. When there are more, all are forgotten."""
 
-_Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None], int]
+_Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 
 Change: TypeAlias = Callable[[Variant], Variant]
 """Makes a value into another one; the same object where nothing changes."""
@@ -29,6 +29,20 @@ class _Adjust(Protocol):
     """Makes a number into another one, by its index in the array."""
 
     def __call__(self, number: float, index: int) -> float: ...
+
+
+class _Last(NamedTuple):
+    """The last message of a series.
+
+    Attributes:
+        raw: as it came.
+        values: of its arguments as it went on.
+        reached: by the number of the step, what the next one is counted from.
+    """
+
+    raw: bytes
+    values: list[Variant]
+    reached: dict[int, Variant]
 
 
 _SERIAL_RESERVED_CODE = struct.Struct("<HHI")
@@ -74,7 +88,7 @@ class Rewriter:
         self._set = [(read_path(path), setting) for path, setting in fault.set.items()]
         self._limit = [(read_path(path), span) for path, span in fault.limit.items()]
         self._step = [(read_path(path), step) for path, step in fault.step.items()]
-        self._before: dict[_Key, Variant] = {}
+        self._before: dict[_Key, _Last] = {}
 
     def apply(self, frame: Frame, flow: Flow) -> bytes:
         """Give the bytes of `frame` after the change; arguments are changed only in a sound one."""
@@ -88,31 +102,46 @@ class Rewriter:
             _edit(values, path, partial(_set, setting=setting))
         for path, span in self._limit:
             _edit(values, path, partial(_limited, span=span))
-        for index, (path, step) in enumerate(self._step):
-            _edit(
-                values,
-                path,
-                partial(
-                    self._stepped, key=(flow.conversation, flow.direction, _subject(frame), index), step=step
-                ),
-            )
+        if self._step:
+            values = self._stepped(frame, flow, values)
         if all(new is old for new, old in zip(values, before, strict=True)):
             return raw
         head = Frame(raw)
         return _encoded(frame, (head.serial, head.reserved, head.code), values)
 
-    def _stepped(self, value: Variant, key: _Key, step: float) -> Variant:
+    def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
+        """Keep numbers near those of the message before.
+
+        Another try of a message goes on as the first one did: a server would take it for a new call, and
+        execute it, if it differed.
+        """
+        key = flow.conversation, flow.direction, _subject(frame)
         last = self._before.get(key)
-        if last is not None:
-            value = _near(value, last, step)
+        if last is not None and flow.conversation.transport is Transport.UDP and _is_again(frame, last.raw):
+            return last.values
+        before = {} if last is None else last.reached
+        reached = dict(before)
+
+        def near(value: Variant, index: int, step: float) -> Variant:
+            reached[index] = _near(value, before[index], step) if index in before else value
+            return reached[index]
+
+        for index, (path, step) in enumerate(self._step):
+            _edit(values, path, partial(near, index=index, step=step))
         if len(self._before) >= MOST_REMEMBERED:
             self._before.clear()
-        self._before[key] = value
-        return value
+        self._before[key] = _Last(frame.raw, values, reached)
+        return values
 
     def forget(self, conversation: Conversation) -> None:
         """Forget a conversation that is over."""
         self._before = {key: value for key, value in self._before.items() if key[0] is not conversation}
+
+
+def _is_again(frame: Frame, raw: bytes) -> bool:
+    """Tell whether a frame is another try of the call that `raw` asked for, or a copy of it."""
+    is_retry = frame.reserved not in (0, frame.serial)
+    return frame.raw == raw or (is_retry and frame.raw[9:] == raw[9:])
 
 
 def _subject(frame: Frame) -> tuple[int, str | None]:

@@ -13,6 +13,7 @@ from bcapscope.faults.notation import read_fault
 from bcapscope.faults.rewriting import Rewriter, with_header
 from bcapscope.protocol.frame import Frame, Framing, encode
 from bcapscope.protocol.variant import VT, Value, Variant
+from bcapscope.traffic.observation import Transport
 from tests.faults.traffic import request, talk
 from tests.strategies import variants
 
@@ -90,6 +91,30 @@ def test_a_step_is_limited_from_one_message_to_the_next() -> None:
     assert pass_on((50, 50, 50), "Other") == (50, 50, 50)
     machine.forget(FLOW.conversation)
     assert pass_on((9, 9, 9)) == (9, 9, 9)
+
+
+def test_every_try_of_a_call_goes_on_alike_whatever_a_step_allows() -> None:
+    machine = rewriter("step arg[2]=0.5")
+
+    def pass_on(serial: int, reserved: int, *values: float) -> bytes:
+        came = request(serial, "slvMove", values=values, reserved=reserved)
+        raw = machine.apply(Frame(came), FLOW)
+        assert raw[:9] == came[:9]
+        return raw[9:]
+
+    pass_on(1, 0, 0.0, 0.0)
+    first = pass_on(2, 0, 9.0, 9.0)
+    assert first == request(2, "slvMove", values=(0.5, 0.5))[9:]
+    assert pass_on(3, 2, 9.0, 9.0) == first
+    assert pass_on(4, 3, 9.0, 9.0) == first
+    assert pass_on(4, 3, 9.0, 9.0) == first  # a copy that the network made
+    assert pass_on(5, 0, 9.0, 9.0) == request(5, "slvMove", values=(1.0, 1.0))[9:]
+
+
+def test_nothing_is_another_try_on_tcp() -> None:
+    machine, up = rewriter("step arg[2]=0.5"), talk(Transport.TCP).up
+    values = [Frame(machine.apply(Frame(request(0, values=(value,))), up)) for value in (0.0, 9.0, 9.0)]
+    assert [frame.arguments[2].variant.value for frame in values] == [(0.0,), (0.5,), (1.0,)]
 
 
 def test_numbers_of_the_header_are_changed_in_place() -> None:
