@@ -230,6 +230,7 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
 def test_the_way_out_of_an_error(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
+        assert "needs RobSlave running" in await executed(pilot, "slvChangeMode", "2")
         await pilot.press("ctrl+b")
         assert (await executed(pilot, "slvChangeMode", "2")).startswith("(EMPTY)")
         await executed(pilot, "slvMove", "12.42, 60.36, 17.63, 35.81, 20.43, 23.95")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import select
 import signal
 import socket
@@ -34,6 +35,7 @@ from bcapscope.tui.desk.halt import HaltState
 from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.screens.tester import Tester as Window
 from bcapscope.tui.tester.connection import ConnectionPanel
+from bcapscope.tui.tester.packets import PacketPane
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (
@@ -98,6 +100,8 @@ def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, told: str) ->
             assert here.desk.status.is_connected is not tcp  # over UDP, it may come back
             assert told in sight(pilot)
             if not tcp:
+                here.query_one(PacketPane).turn_to("history")
+                await until(pilot, lambda: re.search(r"5 serial \d+, reserved \d+, sent at", sight(pilot)))
                 await pilot.press("f5")
                 await until(pilot, lambda: not here.desk.status.is_connected)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
@@ -106,7 +110,7 @@ def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, told: str) ->
             await until(pilot, lambda: refused in sight(pilot))
             await finish(pilot)
 
-    drive(make_tester(tmp_path, "127.0.0.1", 9), act, (120, 40), LIMIT)
+    drive(make_tester(tmp_path, "127.0.0.1", 9), act, (160, 48), LIMIT)
 
 
 def test_gone_in_the_middle_of_a_connect_over_udp(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from textual.binding import Binding, BindingType
 from bcapscope.protocol.commands import command_name
 from bcapscope.protocol.enumerations import stands_for
 from bcapscope.protocol.functions import FUNCTIONS
-from bcapscope.protocol.hresult import S_OK, hresult_name
+from bcapscope.protocol.hresult import E_FAIL, S_OK, describe, hresult_name
 from bcapscope.render.advice import advice
 from bcapscope.render.escape import printable
 from bcapscope.render.result import reply_result
@@ -106,8 +106,21 @@ def _record_text(record: Record, full: bool) -> str:
         return f"{INK.number}{reply_result(record.reply, full)}{INK.reset}{words}{name}{took}"
     if record.ending is Ending.REFUSED and record.reply is not None:
         first, *rest = advice(record.reply.code, INK, told)
+        if _may_lack_robslave(record):
+            rest.append(say("tester.robslave.needed"))
         return "\n".join([first + took, *rest])
     return f"{INK.bad}{why(record)}{INK.reset}{took}"
+
+
+def _may_lack_robslave(record: Record) -> bool:
+    """Tell whether slave mode is refused without a reason, as on an RC7 that does not run RobSlave.
+
+    It needs that program (DENSO Wave 2009, How to use the Slave mode); what it answers without it is not
+    documented.
+    """
+    code = record.reply.code if record.reply is not None else S_OK
+    asked = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
+    return asked and (code == E_FAIL or not describe(code).known)
 
 
 def _meaning(record: Record) -> str:

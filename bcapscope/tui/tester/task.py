@@ -40,10 +40,12 @@ class TaskPanel(VerticalScroll, can_focus=False):
                 yield Caption("tester.mode")
                 yield _modes(TASK_START_MODES, "start-mode")
                 yield Button(say("tester.start"), compact=True, variant="primary", id="start")
+                yield Button(say("tester.robslave"), compact=True, id="robslave")
+            with Horizontal(classes="row"):
+                yield Caption("tester.mode")
                 yield _modes(TASK_STOP_MODES, "stop-mode")
                 yield Button(say("tester.stop"), compact=True, id="stop")
                 yield Button(say("tester.state"), compact=True, id="state")
-                yield Button(say("tester.robslave"), compact=True, id="robslave")
             yield result
         with Vertical(classes="box", id="task-execute"):
             yield CommandForm(_EXECUTE)

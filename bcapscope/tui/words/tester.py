@@ -88,6 +88,10 @@ WORDS: dict[str, tuple[str, str]] = {
         "Start RobSlave.pac, which RC7 needs for slave mode",
         "スレーブモードに必要な RobSlave.pac を起動します (RC7)",
     ),
+    "tester.robslave.needed": (
+        "an RC7 needs RobSlave running for this: Ctrl-B starts it",
+        "RC7 では RobSlave の実行中である必要があります。Ctrl-B で起動します",
+    ),
     "tester.variable.missing": ("Add the variable first", "先に変数を追加してください"),
     "tester.task.missing": ("Add the task first", "先にタスクを追加してください"),
     "tester.missing": ("No {kind} is open: add one first", "{kind} が開かれていません。先に追加してください"),
@@ -110,7 +114,7 @@ WORDS: dict[str, tuple[str, str]] = {
     ),
     "tester.raw.size": ("1 to {most} bytes are expected", "1 から {most} バイトを入力してください"),
     "tester.raw.frame": (
-        "{name}, serial {serial}, {count} arguments",
+        "{name}, serial {serial}, argument count {count}",
         "{name}、シリアル {serial}、引数 {count} 個",
     ),
     "tester.waiting": ("waiting for the answer …", "応答待ち …"),
@@ -136,7 +140,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.overwrite": ("Overwrite", "上書き"),
     "tester.clear": ("Clear", "クリア"),
     "tester.size": ("{count} bytes", "{count} バイト"),
-    "tester.late": ("{count} late replies discarded", "遅れて届いた応答 {count} 件を破棄"),
+    "tester.late": ("late replies discarded: {count}", "遅れて届いた応答 {count} 件を破棄"),
     "tester.packet.before": ("Packet before", "前のパケット"),
     "tester.packet.after": ("Packet after", "次のパケット"),
     # history and saved requests
