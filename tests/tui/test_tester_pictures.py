@@ -12,6 +12,7 @@ from textual.widgets import Button, Input
 from bcapscope.tui.app import Scope
 from bcapscope.tui.desk import recorder
 from bcapscope.tui.desk.halt import HaltState
+from bcapscope.tui.desk.pulse import Pulse
 from bcapscope.tui.desk.record import Record
 from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.tester.choice import Choice
@@ -41,12 +42,17 @@ POINT = "12.42261, 60.36108, 17.63232, 35.81433, 20.42798, 23.94879"
 
 @pytest.fixture
 def _same_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let each call take as long as all others, and begin a second after the one before."""
+    """Let each call take as long as all others, and begin a second after the one before.
+
+    The controller was heard just now, however long a picture takes.
+    """
 
     def tamed(**told: Any) -> Record:
         return Record(**{**told, "took": 1_234_000, "began": NEW_YEAR + told["number"] * SECOND})
 
     monkeypatch.setattr(recorder, "Record", tamed)
+    monkeypatch.setattr(Pulse, "age", lambda self, now: 0)
+    monkeypatch.setattr(Pulse, "is_silent", lambda self, now: False)
 
 
 class Album:
@@ -162,6 +168,8 @@ async def task(pilot: Pilot[None], album: Album) -> None:
     await focus(pilot, "#task #state")
     await pilot.press("enter")
     await answered(pilot, "#task-result", "3")
+    buttons = screen(pilot).query("#task-box Button")
+    assert all(button.region.right <= SIZE[0] and button.region.width for button in buttons)
     await album.take(pilot, "tester-task")
 
 
