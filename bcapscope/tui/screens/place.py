@@ -15,12 +15,13 @@ from textual.screen import Screen
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.screens.help import HelpScreen
 from bcapscope.tui.screens.palette import Commands, all_commands
+from bcapscope.tui.widgets.ground import Ground
 from bcapscope.tui.widgets.keybar import KeyBar
 from bcapscope.tui.widgets.topbar import TopBar
 from bcapscope.tui.words import say
 
 
-class Place(Screen[None]):
+class Place(Screen[None], Ground):
     """A screen that one can go to; its content is what `content` yields.
 
     Attributes:

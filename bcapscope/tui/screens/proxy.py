@@ -10,9 +10,8 @@ from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
 from textual.events import Resize
-from textual.widgets import ContentSwitcher, Static
+from textual.widgets import Static
 
 from bcapscope.errors import BcapError
 from bcapscope.faults.notation import read_fault
@@ -34,6 +33,7 @@ from bcapscope.tui.screens.views import Views, view_keys
 from bcapscope.tui.traffic.feed import Feed
 from bcapscope.tui.widgets.checkedline import CheckedLine
 from bcapscope.tui.widgets.fieldtree import FieldTree
+from bcapscope.tui.widgets.ground import Deck, Stack
 from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet import PacketView
@@ -106,13 +106,13 @@ class ProxyScreen(Views):
         yield InkedText(id="summary")
         yield self.bar()
         yield Static(id="head")
-        with ContentSwitcher(initial="clients", id="lists"):
+        with Deck(initial="clients", id="lists"):
             yield ClientList(id="clients")
             yield RuleList(id="rules")
             yield HeldList(id="held")
             yield Told(id="told")
         yield CheckedLine("fault", read_fault, say("proxy.add.hint"))
-        with Vertical(id="message"):
+        with Stack(id="message"):
             yield InkedText(id="intercepts")
             yield PacketView(id="packet")
             yield CheckedLine("change", self._changed, say("proxy.edit.hint"))

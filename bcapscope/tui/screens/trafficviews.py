@@ -11,10 +11,9 @@ from typing import ClassVar
 from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
-from textual.containers import Vertical
 from textual.events import Resize
 from textual.message import Message
-from textual.widgets import ContentSwitcher, Static
+from textual.widgets import Static
 
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import Clock
@@ -32,6 +31,7 @@ from bcapscope.tui.widgets.calllist import CallList
 from bcapscope.tui.widgets.checkedline import CheckedLine
 from bcapscope.tui.widgets.findingpage import FindingPage
 from bcapscope.tui.widgets.framelist import FrameList
+from bcapscope.tui.widgets.ground import Deck, Stack
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet import PacketView
 from bcapscope.tui.widgets.page import Page
@@ -99,13 +99,13 @@ class TrafficViews(Views):
         yield self.bar()
         yield CheckedLine("filter", self._check, say("traffic.filter.hint"), say("traffic.filter"))
         yield Static(id="head")
-        with ContentSwitcher(initial="frames", id="lists"):
+        with Deck(initial="frames", id="lists"):
             yield FrameList(id="frames")
             yield CallList(id="calls")
             yield FindingPage(id="findings")
             yield Page([say("traffic.empty.slave")], id="slave")
             yield Page([say("traffic.empty.statistics")], id="statistics")
-        with Vertical(id="detail"):
+        with Stack(id="detail"):
             yield Static(id="about")
             yield PacketView(id="packet")
 

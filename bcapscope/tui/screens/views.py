@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from textual import on
 from textual.binding import Binding
-from textual.widgets import ContentSwitcher
 
 from bcapscope.tui.screens.place import Place
+from bcapscope.tui.widgets.ground import Deck
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.viewbar import ViewBar
 
@@ -23,7 +23,7 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class Views(Place):
     """Shows one of its lists; number keys and the bar lead from one to another.
 
-    The content of a subclass has the bar that `bar` makes, and a `ContentSwitcher` with a `Lines` for each of
+    The content of a subclass has the bar that `bar` makes, and a `Deck` with a `Lines` for each of
     `VIEWS`, whose id is the view.
 
     Attributes:
@@ -56,7 +56,7 @@ class Views(Place):
     def action_view(self, view: str) -> None:
         """Show another view."""
         self.view = view
-        self.query_one(ContentSwitcher).current = view
+        self.query_one(Deck).current = view
         self.show_view()
         self.set_focus(self.seen)
         self.refresh_bindings()

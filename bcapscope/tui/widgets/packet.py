@@ -11,6 +11,7 @@ from bcapscope.render.outline import sections
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.question import Question
 from bcapscope.tui.widgets.fieldtree import FieldTree
+from bcapscope.tui.widgets.ground import Ground
 from bcapscope.tui.widgets.hexview import HexView, width_for
 from bcapscope.tui.widgets.lines import Lines
 
@@ -18,7 +19,7 @@ _TREE_AT_LEAST = 48
 """Columns of the tree below which the bytes take half the width: eight of them a line."""
 
 
-class PacketView(Horizontal):
+class PacketView(Horizontal, Ground):
     """Shows one frame, or the bytes that are none; its two halves are linked."""
 
     def compose(self) -> ComposeResult:
