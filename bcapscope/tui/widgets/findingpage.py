@@ -41,9 +41,10 @@ class FindingPage(Lines):
             self._write()
 
     def finding(self) -> int | None:
-        """Tell on which finding the cursor is, from 1."""
-        number = self._lines[self.cursor][1] if self._lines else 0
-        return number or None
+        """Tell on which finding the cursor is, from 1; the first one where it is above them all."""
+        if not self._lines or not self._verdict.findings:
+            return None
+        return self._lines[self.cursor][1] or 1
 
     def go_to(self, number: int) -> None:
         """Go to a finding by its number from 1."""
@@ -65,13 +66,18 @@ class FindingPage(Lines):
         """Wrap to the new width."""
         self._write()
 
+    @property
+    def _columns(self) -> int:
+        """Columns for text: as many as there will be, while it is not seen yet."""
+        return self.size.width or self.app.size.width - self.scrollbar_size_vertical
+
     def _write(self) -> None:
         here = self.finding()
         found, self._lines = self._verdict.findings, []
         if self._verdict is not NOTHING:
             severities = [cause.severity for cause in found]
             summary = summed_up(severities, self._verdict.seen, INK, told)
-            self._lines = [(f" {line}", 0) for line in wrapped(summary, max(_NARROWEST, self.size.width - 2))]
+            self._lines = [(f" {line}", 0) for line in wrapped(summary, max(_NARROWEST, self._columns - 2))]
             self._lines.append(("", 0))
         depths: list[int] = []
         for number, cause in enumerate(found, 1):
@@ -88,7 +94,7 @@ class FindingPage(Lines):
             self.go_to(here)
 
     def _finding(self, number: int, cause: Cause, indent: int) -> Iterator[str]:
-        width = max(_NARROWEST, min(self.size.width - indent - 4, _WIDEST))
+        width = max(_NARROWEST, min(self._columns - indent - 4, _WIDEST))
         shade = INK.bad if cause.severity == Severity.ERROR else INK.name
         follows = (
             f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
