@@ -14,7 +14,7 @@ from tests.tui.widgets.stage import on_stage
 
 
 def drawn(strip: Strip) -> list[tuple[str, object]]:
-    """Tell what is seen of a blank line: its colours behind and above letters, which there are not, do not count."""
+    """Tell what is seen of a blank line: the colour of letters, of which there are none, does not count."""
     simple = strip.simplify()
     return [(text, style and style.bgcolor) for text, style, _ in simple]
 
@@ -25,7 +25,9 @@ def test_the_ground_is_as_textual_draws_it(colours: bool, monkeypatch: pytest.Mo
         monkeypatch.setenv("NO_COLOR", "1")
 
     async def act(pilot: Pilot[None]) -> None:
-        grounds = [each for each in pilot.app.screen.walk_children(with_self=True) if isinstance(each, Ground)]
+        grounds = [
+            each for each in pilot.app.screen.walk_children(with_self=True) if isinstance(each, Ground)
+        ]
         assert len(grounds) == 2
         for ground in grounds:
             crop = Region(3, 2, ground.size.width - 5, ground.size.height - 4)
