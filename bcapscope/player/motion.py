@@ -37,7 +37,7 @@ class Motion:
     @property
     def accelerations(self) -> Array:
         """A row for each pair of steps: units a second squared, as controllers and the simulator count it."""
-        return np.diff(self.rows, n=2, axis=0) / self.period**2
+        return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # a power may raise
 
 
 def motions(kind: PoseType, points: Array, period: float, limits: Limits) -> Iterator[Motion]:

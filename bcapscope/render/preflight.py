@@ -22,6 +22,7 @@ NARROWEST, WIDEST = 40, 120
 """Columns that text is wrapped to at least and at most."""
 
 _LONGEST_TITLE = 40
+_ABSURD = 1e12
 _HEAD = ("axis", "unit", "from", "to", "step", "speed/s", "acceleration/s²", "fastest at")
 
 
@@ -70,9 +71,9 @@ class PreflightRenderer:
         return (
             figures.axis.name,
             figures.axis.unit,
-            f"{round(figures.low, 3) + 0.0:.3f}",
-            f"{round(figures.high, 3) + 0.0:.3f}",
-            f"{figures.step:.4f}",
+            _fixed(round(figures.low, 3) + 0.0, 3),
+            _fixed(round(figures.high, 3) + 0.0, 3),
+            _fixed(figures.step, 4),
             self._tongue(_of(figures.speed, figures.limit.speed)),
             self._tongue(_of(figures.acceleration, figures.limit.acceleration)),
             str(figures.fastest),
@@ -81,7 +82,7 @@ class PreflightRenderer:
     def _verdict(self, preflight: Preflight) -> str:
         color, tongue = self._palette, self._tongue
         count = tongue(counted(len(preflight.trajectory), "set point"))
-        size = f"{count}, {preflight.seconds:.3f} s, {tongue(f'limits of {preflight.whose}')}"
+        size = f"{count}, {_fixed(preflight.seconds, 3)} s, {tongue(f'limits of {preflight.whose}')}"
         if not preflight.is_fit:
             return f"{color.bad}{tongue('not fit to play')}{color.reset}: {size}"
         move = f", {tongue('after a slow Move to the first point')}" if preflight.needs_move else ""
@@ -149,7 +150,12 @@ def _unit(column: Column) -> str:
 
 
 def _of(value: float, limit: float) -> str:
-    return f"{value:.1f} of {limit:.0f}" if isfinite(limit) else f"{value:.1f}"
+    return f"{_fixed(value, 1)} of {_fixed(limit, 0)}" if isfinite(limit) else _fixed(value, 1)
+
+
+def _fixed(value: float, digits: int) -> str:
+    """Write a number with so many digits behind the point, and what is absurd in no more columns."""
+    return f"{value:.{digits}f}" if abs(value) < _ABSURD else f"{value:.3g}"
 
 
 def _points(finding: Finding) -> str:

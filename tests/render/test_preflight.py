@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from bcapscope.player.limits import SIMULATED, UNKNOWN
 from bcapscope.player.preflight import check
@@ -122,3 +123,14 @@ def test_hostile_strings_are_shown_as_what_they_are() -> None:
     record = preflight_record(check(trajectory, PERIOD)).decode()
     assert record.isprintable()
     assert json.loads(record)["notes"] == ["\\x1b[31m[/foo]\\n\\u202e\\ud800"]
+
+
+@pytest.mark.parametrize("period", [1e300, 1e-300, 1e15])
+def test_absurd_intervals_take_no_more_columns(period: float) -> None:
+    trajectory = way([[0], [1], [3]], period=period)
+    with np.errstate(all="raise"):
+        preflight = check(trajectory, PERIOD)
+    shown = [*PreflightRenderer(width=80).lines(preflight), *source_lines(trajectory)]
+    assert max(map(display_width, shown)) <= 90
+    assert not preflight.is_fit
+    assert json.loads(preflight_record(preflight))["fit"] is False
