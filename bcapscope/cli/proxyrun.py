@@ -177,7 +177,16 @@ class Proxy:
             if self.relay.policy is not None:
                 self.relay.policy.close()
                 for line in self.relay.policy.report():
-                    self.relay.tell(line)
+                    (self.relay.tell if self._watched else narrate)(line)
+            if not self._watched:
+                self._sum_up()
+
+    def _sum_up(self) -> None:
+        """Tell what the relay itself knows, as who watched it tells nothing any more."""
+        from bcapscope.cli.proxystatus import losses, totals  # the watcher's, and NumPy with it
+
+        for line in (totals(self._ring.counts), *losses(self._ring.counts)):
+            narrate(line)
 
     def close(self) -> None:
         """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""

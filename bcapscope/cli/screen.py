@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import select
 import shutil
 import sys
@@ -32,9 +33,9 @@ ERASE = "\r\x1b[K"
 class Screen:
     """Data for stdout, sentences for stderr, and a line at the bottom of a terminal that is always anew.
 
-    Each has its thread: what cannot be shown as data is told in a sentence. When stdout is closed, that is
-    told, and everything else goes on. Both are written without a buffer: its lock, held by a thread that
-    waits for a terminal, would hold up the end of the program.
+    Each has its thread: what cannot be shown as data is told in a sentence. When stdout is closed, or a file
+    on a full disk, that is told, and everything else goes on. Both are written without a buffer: its lock,
+    held by a thread that waits for a terminal, would hold up the end of the program.
     """
 
     def __init__(self) -> None:
@@ -125,11 +126,13 @@ class Screen:
                     self._erase()
                 for written in _written(sys.stdout, data):
                     self._unwritten -= written.count(b"\n")
-        except (OSError, ValueError):
+        except (OSError, ValueError) as error:
             self._heard = False
             self._unwritten = 0
             forget_stdout()
-            self.tell("standard output is closed: nothing is shown there any more, all else goes on")
+            is_full = isinstance(error, OSError) and error.errno == errno.ENOSPC
+            why = "has no room" if is_full else "is closed"
+            self.tell(f"standard output {why}: nothing is shown there any more, all else goes on")
 
     # sentences, and the line at the bottom
 

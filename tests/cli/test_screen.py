@@ -42,6 +42,13 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
     assert err == f"{sentence}\nstill here\n"
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no such file")
+def test_a_full_disk_is_told_as_that() -> None:
+    with open("/dev/full", "wb") as full:
+        _, err = ran('it.show(["one"])', stdout=full.fileno())
+    assert err == "standard output has no room: nothing is shown there any more, all else goes on\n"
+
+
 def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
     reading, writing = os.pipe()
     try:
