@@ -16,7 +16,8 @@ def parse(text: str) -> Variant:
 
     Types are those of b-CAP in any case (`i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty
     null`), with ``[]`` for arrays, whose elements stand between commas. ``variant[]:`` takes elements between
-    semicolons, each with a type of its own. Nothing at all is EMPTY.
+    semicolons, each with a type of its own. Hexadecimal integers may be bits, as in ``i4:0x84201482``.
+    Nothing at all is EMPTY.
 
     Raises:
         ValueError: the value does not go with the type.
@@ -111,6 +112,8 @@ def _integer(vt: VT, text: str) -> int:
     except ValueError:
         value = int(text)  # zeros in front, which Python's notation forbids
     low, high = _RANGES[vt]
+    if low < 0 and high < value <= high - low and text.strip().lower().startswith("0x"):
+        value -= high - low + 1  # bits, as result codes are written
     if not low <= value <= high:
         raise ValueError
     return value

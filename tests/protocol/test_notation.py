@@ -17,6 +17,9 @@ _MIXED = (Variant(VT.I4, 1), Variant.array(VT.R8, (1.0, 2.5)), Variant(VT.BSTR, 
     [
         ("i2:2", Variant(VT.I2, 2)),
         ("I4:-0x10", Variant(VT.I4, -16)),
+        ("i4:0x84201482", Variant(VT.I4, 0x84201482 - 2**32)),
+        ("0xFFFFFFFF", Variant(VT.I4, -1)),
+        ("i2[]:0x7fff,0x8000", Variant.array(VT.I2, (32767, -32768))),
         ("r4[]:10, 20,30", Variant.array(VT.R4, (10.0, 20.0, 30.0))),
         ("r8[]:", Variant.array(VT.R8, ())),
         ("ui1[]:1,255", Variant.array(VT.UI1, b"\x01\xff")),
@@ -52,6 +55,8 @@ def test_values(text: str, variant: Variant) -> None:
     [
         ("i2:70000", "'70000' is no VT_I2"),
         ("ui1:-1", "'-1' is no VT_UI1"),
+        ("ui1:0x100", "'0x100' is no VT_UI1"),
+        ("i2:0x10000", "'0x10000' is no VT_I2"),
         ("r4[]:1,,2", "'' is no VT_R4"),
         ("bool:2", "'2' is no VT_BOOL"),
         ("empty:1", "VT_EMPTY has no value"),
