@@ -149,8 +149,17 @@ def _actions(
 ) -> dict[str, Callable[[], None]]:
     machine = simulator.machine
 
+    def reset() -> None:
+        server.reset()
+        tell("all clients are forgotten")
+
+    def press() -> None:
+        machine.press_emergency_stop(server.now())
+        tell("the emergency stop is pressed")
+
     def let_go() -> None:
         machine.emergency = False
+        tell("the emergency stop is let go")
 
     def switch_detector() -> None:
         machine.slave.async_detector = not machine.slave.async_detector
@@ -158,8 +167,8 @@ def _actions(
         tell(f"a late set point is {word} in the Async modes of RC7")
 
     return {
-        "reset": server.reset,
-        "stop": lambda: machine.press_emergency_stop(server.now()),
+        "reset": reset,
+        "stop": press,
         "go": let_go,
         "detector": switch_detector,
         "quit": _quit,

@@ -115,7 +115,13 @@ def test_commands_are_taken_while_it_runs() -> None:
             assert sock.recv(4096) == b""
         out, err = process.communicate("nonsense\nq\n", timeout=30)
         assert (process.returncode, out) == (0, "")
-        assert err.startswith("reset (forget all clients)")
+        assert err.startswith("all clients are forgotten\nreset (forget all clients)")
+
+
+def test_what_was_pressed_is_told() -> None:
+    done = run("sim", "--port", "0", stdin=b"s\ngo\nquit\n")
+    told = [line for line in done.err.splitlines() if line.startswith("the emergency stop is ")]
+    assert told == ["the emergency stop is pressed", "the emergency stop is let go"]
 
 
 def test_what_passes_is_recorded(tmp_path: Path) -> None:
