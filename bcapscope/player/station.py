@@ -21,7 +21,7 @@ from bcapscope.player.curve import has_posture, unwound
 from bcapscope.player.messages import TYPE_NAME, Debt, Point
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import ObjectClass
-from bcapscope.protocol.hresult import E_ROBOTISBUSY
+from bcapscope.protocol.hresult import E_ROBOTISBUSY, describe, hresult_name, is_failure
 from bcapscope.protocol.poses import AXES, numbers
 from bcapscope.protocol.slavemode import Generation, PoseType
 from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
@@ -211,10 +211,11 @@ class Station:
         reached and the controller goes on telling another Fig, its own word is not doubted for long.
 
         Raises:
-            RemoteProtocolError: it stands still elsewhere.
+            ControllerError: it stands still elsewhere, after an error.
+            RemoteProtocolError: it stands still elsewhere, and the controller shows no error.
             BcapError: as `Session.call`.
         """
-        pose = f"@E {kind}({', '.join(f'{value:.6g}' for value in goal)})"
+        pose = f"@E {kind}({', '.join(map(_plain, goal))})"
         while True:
             try:
                 await self.robot.move(_PTP, pose, f"SPEED={percent:g},NEXT")
@@ -236,9 +237,12 @@ class Station:
                 return
             still += 1
         if far > NEAR:
-            raise RemoteProtocolError(
-                f"the robot stands {far:.3g} from the first set point and does not move", b""
-            )
+            stands = f"the robot stands {far:.3g} from the first set point"
+            for code, _ in await self.errors():
+                if is_failure(code):
+                    meaning = f"{describe(code).text}; {stands}"
+                    raise ControllerError("Robot_Move", code, hresult_name(code), meaning)
+            raise RemoteProtocolError(f"{stands} and does not move", b"")
 
     async def set_formats(self, kind: PoseType) -> None:
         """Let slvMove carry a pose there and back, whatever an earlier client has set.
@@ -341,6 +345,11 @@ def _error(info: Value) -> tuple[int, str]:
     """Read code and text out of GetCurErrorInfo's values."""
     code, text, *_ = (*info, 0, "") if isinstance(info, tuple) else (0, str(info))
     return (code & 0xFFFFFFFF if isinstance(code, int) else 0), _text(text)
+
+
+def _plain(value: float) -> str:
+    """Write a number without an exponent, which no source shows in the text of a pose."""
+    return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
 
 
 def _text(value: Value) -> str:

@@ -216,6 +216,14 @@ def test_a_halt_comes_before_everything_else() -> None:
     assert halted - set_points(stage)[-1][0] <= 8 * MS
 
 
+def test_the_motion_to_the_first_point_is_written_without_exponents() -> None:
+    stage = Stage(start=Start(joints=(20.0, *HOME[1:])))
+    points = [(6.1e-17, -3.2e-5, 90.0, -1e-7, 90.0, 1234.5e-3)] * 3
+    stage.play(plan(0x202, points=points, may_approach=True))
+    (move,) = [frame for _, frame in stage.channel.sent if named(frame) == "Robot_Move"]
+    assert move.arguments[2].variant.value == "@E J(0, -0.000032, 90, 0, 90, 1.2345, 0, 0)"
+
+
 def test_an_order_during_the_motion_to_the_first_point_halts_it() -> None:
     stage = Stage(start=Start(joints=(60.0, *HOME[1:])))
     stage.desk.at_poll = lambda count: Order.STOP if "Robot_Move" in stage.said else None
@@ -288,6 +296,25 @@ def test_an_error_is_read_before_it_is_cleared() -> None:
     assert commands == ["GetCurErrorCount", "GetCurErrorInfo", "ClearError"]
     assert not stage.simulator.machine.alarms.active
     assert stage.said[-1] == "Service_Stop"
+
+
+def test_an_error_on_the_way_to_the_first_point_is_read_and_clearing_offered() -> None:
+    stage = Stage(start=Start(joints=(60.0, *HOME[1:])))
+    machine = stage.simulator.machine
+
+    def press(_: int) -> None:
+        if "Robot_Move" in stage.said and not machine.emergency:
+            machine.press_emergency_stop(stage.channel.now())
+
+    stage.desk.at_poll = press
+    ended = stage.play(plan(0x202, may_approach=True))
+    assert ended.outcome is Outcome.REFUSED
+    assert ended.reason.startswith(
+        "Robot_Move was refused: 0x8150101A, emergency stop is on; the robot stands"
+    )
+    (trouble,) = [message for message in stage.desk.told if isinstance(message, Trouble)]
+    assert [code for code, _ in trouble.errors] == [0x8150101A]
+    assert stage.desk.asked == [Topic.BEGIN, Topic.CLEAR]
 
 
 def test_an_error_is_left_where_nobody_wants_it_cleared() -> None:

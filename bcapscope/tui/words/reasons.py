@@ -176,6 +176,7 @@ PHRASES: dict[str, str] = {
     "signal {n}": "シグナル {n}",
     "no plan came": "計画が届きませんでした",
     "the controller does not tell a pose of type {word}": "コントローラが {word} 型の位置を返しません",
+    "{text}; the robot stands {n} from the first set point": "{text}。ロボットは最初の指令値から {n} 離れています",
     "the robot stands {n} from the first set point and does not move": "ロボットは最初の指令値から {n} 離れて止まっています",
     # the player at work
     "{n} of {n2}": "{n} / {n2}",
