@@ -392,6 +392,8 @@ def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
         await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
         here = pilot.app.screen
         start = here.query_one("#start", Button)
+        await pilot.press("f9")
+        assert "nothing to start yet" in sight(pilot)
         here.query_one("#file", Input).value = str(trajectory(tmp_path))
         await until(pilot, lambda: not start.disabled)
         assert "limits of an unknown arm" in sight(pilot)

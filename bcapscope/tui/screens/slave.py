@@ -218,8 +218,10 @@ class SlaveScreen(Place):
 
     @on(Button.Pressed, "#start")
     def action_start(self) -> None:
-        """Play."""
-        if self._ready is not None and self._ready.preflight.is_fit and not self._stage.is_taken:
+        """Play; where nothing was read yet, say so."""
+        if self._ready is None and not self._stage.is_taken:
+            self._state(f"{INK.bad}{say('tester.start.none')}")
+        elif self._ready is not None and self._ready.preflight.is_fit and not self._stage.is_taken:
             self.run_worker(self._play(self._ready), group="play")
 
     async def _play(self, ready: Performance) -> None:

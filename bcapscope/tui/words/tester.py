@@ -203,6 +203,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.limits": ("limits", "リミット"),
     "tester.resample": ("resample", "再標本化"),
     "tester.reading": ("reading …", "読み込み中 …"),
+    "tester.start.none": ("nothing to start yet: see below", "まだ開始できません: 下をご覧ください"),
     "tester.play.numbers": (
         "expected: interval 0.5 to 1000 ms, speed 0.01 to 10, rounds and no. whole, rounds 0 until stopped",
         "入力: 間隔 0.5–1000 ms、速度 0.01–10、回数と番号は整数 (回数 0 は停止まで)",
