@@ -59,7 +59,11 @@ def _text(variant: Variant) -> str:
     shown = value[:LONGEST_VALUE]
     if base == VT.R8:
         return repr([*shown])  # as one by one, but at once: every slvMove has two such rows
-    texts = [
-        _text(each) if isinstance(each, Variant) else value_text(each, base, LONGEST_VALUE) for each in shown
-    ]
+    texts: list[str] = []
+    room = LONGEST_VALUE
+    for each in shown:
+        if room < 0:
+            break  # the rest would be cut off, and arrays in arrays can be many
+        texts.append(_text(each) if isinstance(each, Variant) else value_text(each, base, LONGEST_VALUE))
+        room -= len(texts[-1])
     return f"[{', '.join(texts)}]"

@@ -19,6 +19,8 @@ if TYPE_CHECKING:  # what the player's messages are made of reaches sockets
 _TALLEST = 16
 """Rows of one chart at most: a taller one tells no more."""
 
+_ABSURD = 1e9
+
 Course = Sequence[tuple[float, Sequence[float], Sequence[float]]]
 """Elapsed seconds, what was commanded, what came back."""
 
@@ -62,13 +64,18 @@ def _title(
 ) -> str:
     text = f"{palette.name}{name}{palette.reset}"
     if commanded:
-        text += f"  {palette.number}{tongue('commanded')} {commanded[-1][1]:.3f}{palette.reset}"
+        text += f"  {palette.number}{tongue('commanded')} {_fixed(commanded[-1][1])}{palette.reset}"
     if actual:
-        text += f"  {palette.good}{tongue('actual')} {actual[-1][1]:.3f}{palette.reset}"
+        text += f"  {palette.good}{tongue('actual')} {_fixed(actual[-1][1])}{palette.reset}"
     if commanded and actual:
         behind = commanded[-1][1] - actual[-1][1]
-        text += f"  {palette.dim}{tongue('behind')} {behind:.3f}{palette.reset}"
+        text += f"  {palette.dim}{tongue('behind')} {_fixed(behind)}{palette.reset}"
     return text
+
+
+def _fixed(value: float) -> str:
+    """Write a position; what no axis has, in no more columns."""
+    return f"{value:.3f}" if abs(value) < _ABSURD else f"{value:.3g}"
 
 
 def cycle_lines(progress: Progress, palette: Palette = PLAIN) -> Iterator[str]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
+from bcapscope.render import service
+from bcapscope.render.meaning import value_text
 from bcapscope.render.service import report_line
 from bcapscope.simulator.conversation import Report
 from bcapscope.simulator.outcome import Answer
@@ -49,3 +51,18 @@ def test_hostile_values_are_cut_and_escaped() -> None:
     line = report_line(PEER, Report(1, 64, hostile, Answer(), 0, 0))
     assert line.isprintable()
     assert len(line) < 300
+
+
+def test_only_what_is_shown_of_arrays_in_arrays_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[object] = []
+
+    def counted(value: Value, vt: int, longest: int | None) -> str:
+        written.append(value)
+        return value_text(value, vt, longest)
+
+    monkeypatch.setattr(service, "value_text", counted)
+    inner = Variant.array(VT.VARIANT, (i4(7),) * 50)
+    outer = Variant.array(VT.VARIANT, (Variant.array(VT.VARIANT, (inner,) * 50),) * 50)
+    line = report_line(PEER, Report(1, 72, (outer,), Answer(), 0, 0))
+    assert line.endswith(" [[[7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7,… -> S_OK")
+    assert len(written) < 100

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from bcapscope.player.lateness import Spread
 from bcapscope.player.messages import Counts, Progress, State
 from bcapscope.protocol.slavemode import PoseType
@@ -49,3 +51,9 @@ def test_axes_have_a_chart_each() -> None:
     assert lines[6].startswith("J2  commanded 2.000")
     assert lines[1].startswith("       3°│")
     assert len(list(axis_charts(PoseType.J, [], [5], width=40, height=12))) == 12
+
+
+def test_a_position_that_no_axis_has_takes_no_more_columns() -> None:
+    course = [(0.0, (1e300,), (-1e300,)), (1.0, (1e300,), (math.nan,))]
+    title, *_ = axis_charts(PoseType.J, course, [0], width=40, height=6)
+    assert title == "J1  commanded 1e+300  actual nan  behind nan"
