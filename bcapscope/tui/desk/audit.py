@@ -50,13 +50,13 @@ class Audit:
         self._path: Path | None = None
         self._broken = self._is_ended = False
         self._lock = threading.Lock()
-        self._asked: dict[tuple[int, int], None] = {}
+        self._asked: dict[tuple[int, int], Who] = {}
 
     def take(self, seen: Observation, who: Who) -> None:
         """Write down a packet; from any thread."""
         with self._lock:
             if not self._broken and self._is_wanted(seen, who):
-                self._write(seen, who)
+                self._write(seen, self._asked.get(_key(seen), who))
                 if self._is_ended:
                     self._shut()
 
@@ -65,14 +65,14 @@ class Audit:
         item = seen.item
         if not isinstance(item, Frame):
             return True
-        key = id(seen.flow.conversation), item.serial
+        key = _key(seen)
         if seen.flow.direction is Direction.RESPONSE:
             return key in self._asked
         arguments = tuple(each.variant for each in item.arguments)
         if who is not Who.USER and request_effect(item.code, arguments) is Effect.READS:
             self._asked.pop(key, None)
             return False
-        self._asked[key] = None
+        self._asked[key] = who
         if len(self._asked) > MOST_ASKED:
             del self._asked[next(iter(self._asked))]
         return True
@@ -108,6 +108,11 @@ class Audit:
             self._path = path
             self._file = path.open("ab", buffering=0)
         return self._file
+
+
+def _key(seen: Observation) -> tuple[int, int]:
+    """Return what a request and its answer have in common; bytes that are no frame have it with none."""
+    return id(seen.flow.conversation), seen.item.serial if isinstance(seen.item, Frame) else -1
 
 
 def _line(seen: Observation, who: Who) -> bytes:

@@ -21,7 +21,7 @@ from bcapscope.client.session import Session, command_of, open_target
 from bcapscope.client.target import Target
 from bcapscope.errors import BcapError
 from bcapscope.protocol.frame import Frame, parse_datagram
-from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
+from bcapscope.protocol.functions import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, describe
 from bcapscope.protocol.requester import Event, Pace
 from bcapscope.protocol.slavemode import mode_value
@@ -323,9 +323,7 @@ class Desk:
     async def _halt_on_session(self, robot: Opened) -> None:
         """Say it on the connection of the other calls, too, as soon as that is free, and leave slave mode."""
         with suppress(BcapError, OSError):
-            record = await self.invoke(
-                "Robot_Halt", handle_variant(robot), Variant(VT.BSTR, ""), who=Who.SCREEN
-            )
+            record = await self.invoke("Robot_Halt", handle_variant(robot), Variant(VT.BSTR, ""))
             if self._line is None:
                 done = record.ending is Ending.ANSWERED
                 state = HaltState.HALTED if done else HaltState.FAILED
@@ -344,7 +342,8 @@ class Desk:
         self._recorder.observe(seen)
 
     def _observe_halt(self, seen: Observation) -> None:
-        self._note(seen, Who.SCREEN)
+        is_halt = isinstance(seen.item, Frame) and seen.item.code == ID["Robot_Halt"]
+        self._note(seen, Who.USER if is_halt else Who.SCREEN)
 
     def _note(self, seen: Observation, who: Who) -> None:
         is_request = seen.flow.direction is Direction.REQUEST

@@ -29,3 +29,14 @@ def test_what_comes_behind_the_end_is_written_and_leaves_no_file_open(tmp_path: 
     lines = [orjson.loads(line) for line in audit.path(TIME).read_bytes().splitlines()]
     assert len(lines) == 3
     assert troubles == []
+
+
+def test_an_answer_is_theirs_who_asked(tmp_path: Path) -> None:
+    audit = Audit(tmp_path, lambda text: None)
+    ends = Conversation(Endpoint("127.0.0.1", 50001), Endpoint("127.0.0.1", 5007), Transport.UDP, "port")
+    for direction, code, who in ((Direction.REQUEST, HALT, Who.USER), (Direction.RESPONSE, 0, Who.SCREEN)):
+        (item,) = parse_datagram(encode(1, 0, code, []))
+        audit.take(Observation(1, TIME, TIME, Flow(ends, direction), item, 0), who)
+    audit.close()
+    lines = [orjson.loads(line) for line in audit.path(TIME).read_bytes().splitlines()]
+    assert [(line["who"], "received" in line) for line in lines] == [("user", False), ("user", True)]
