@@ -227,6 +227,8 @@ def _in_words(reason: str, place: _Place, data: object) -> str:
         wrong = _value_at(place.path, data)
         name = next((step for step in reversed(place.path) if isinstance(step, str)), "")
         return f"{wrong!r} is none of {', '.join(_choices(place.kinds, name))}"
+    if reason.startswith("Expected `str` matching regex"):
+        return "a name has at most 60 letters, digits and _ . + -"
     return reason.replace("`", "")
 
 

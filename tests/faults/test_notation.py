@@ -114,7 +114,7 @@ def test_words_that_mean_something_else_are_quoted() -> None:
         ("drop time 3ms", 5, "'time' means nothing here, did you mean 'times'?"),
         ("drop times", 10, "a value for times is missing"),
         ("drop times 0", 11, "Expected int >= 1"),
-        ("drop name a=b", 10, "Expected str matching regex"),
+        ("drop name a=b", 10, "a name has at most 60 letters, digits and _ . + -"),
         ("drop try x", 9, "Expected int | null, got str"),
         ("close=rst", 6, "'rst' is none of reset, fin"),
         ("answer=E_FAL", 7, "'E_FAL' is no HRESULT, did you mean 'E_FAIL'?"),

@@ -12,12 +12,16 @@ from bcapscope.tui.words import say
 
 
 def summary(figures: Figures) -> list[str]:
-    """Write three lines, and a fourth where the proxy is too slow; with marks of `INK`."""
+    """Write at most five lines; with marks of `INK`."""
     held = figures.held_up_ns
+    passed, wrong = list(_passed(figures)), list(_wrong(figures))
+    counts = (
+        [passed, wrong] if len(passed) > 1 else [passed + wrong]
+    )  # narrow terminals have room for it then
     lines = [
         _way("proxy.held.up", (held.p50_up, held.p99_up, held.p999_up, held.most_up)),
         _way("proxy.held.down", (held.p50_down, held.p99_down, held.p999_down, held.most_down)),
-        " " + " · ".join(_counts(figures)),
+        *(f" {' · '.join(each)}" for each in counts),
     ]
     return lines + ([_warning(held)] if held.slow else [])
 
@@ -27,13 +31,16 @@ def _way(key: str, times: tuple[int, int, int, int]) -> str:
     return f" {say(key)}  p50 {p50}  p99 {p99}  p99.9 {p999}  {say('proxy.most')} {most} µs"
 
 
-def _counts(figures: Figures) -> Iterator[str]:
+def _passed(figures: Figures) -> Iterator[str]:
     is_tcp = figures.bytes_up or figures.bytes_down
     if figures.came_up or figures.came_down or not is_tcp:  # there is no room for what is not used
         up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
         yield say("proxy.datagrams", up=up, down=down)
     if is_tcp:
         yield say("proxy.tcp", up=f"{figures.bytes_up:,}", down=f"{figures.bytes_down:,}")
+
+
+def _wrong(figures: Figures) -> Iterator[str]:
     yield say("proxy.faults", count=f"{sum(figures.struck.values()):,}")
     if figures.guard:
         yield say("proxy.refused", count=f"{figures.refused:,}")

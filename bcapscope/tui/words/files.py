@@ -142,6 +142,7 @@ PHRASES: dict[str, str] = {
     "lists inside lists without end": "一覧の入れ子に終わりがありません",
     "longer than {n} characters, the most that is read": "読める上限の {n} 文字を超えています",
     "Expected {word}, got {word2}": "{word} が必要ですが {word2} です",
+    "a name has at most {n} letters, digits and _ . + -": "名前に使えるのは文字、数字、_ . + - で、{n} 文字までです",
     "no YAML": "YAML ではありません",
     "{word} codec can't decode byte {code} in position {n}: {text}": "{word} として読めません (位置 {n} のバイト {code}): {text}",
     "invalid start byte": "先頭バイトが不正です",
