@@ -9,6 +9,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.meaning import value_text
 from bcapscope.simulator.conversation import Report
 from bcapscope.simulator.simulator import Peer
+from bcapscope.traffic.observation import Endpoint
 
 LONGEST_VALUE = 60
 """Characters of each argument."""
@@ -34,7 +35,7 @@ def _end(peer: Peer) -> str:
     if not isinstance(peer, tuple):
         return str(peer)
     transport, (host, port, *_) = peer
-    return f"{transport} {host}:{port}"
+    return f"{transport} {Endpoint(host, port)}"
 
 
 def _result(code: int) -> str:

@@ -46,6 +46,11 @@ def test_lines(report: Report, words: str) -> None:
     assert report_line(PEER, report).replace('"', "") == f"udp 10.0.0.2:50001 {words}"
 
 
+def test_an_address_of_ipv6_is_told_from_its_port() -> None:
+    line = report_line(("tcp", ("::1", 50001, 0, 0)), Report(1, 2, (), Answer(), 5, 5))
+    assert line == "tcp [::1]:50001 Service_Stop -> S_OK"
+
+
 def test_hostile_values_are_cut_and_escaped() -> None:
     hostile = (bstr("\x1b[31m\n\u202e" + "x" * 500), row(VT.R8, range(300)), Variant(VT.BSTR, "\ud800"))
     line = report_line(PEER, Report(1, 64, hostile, Answer(), 0, 0))
