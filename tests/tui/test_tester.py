@@ -21,7 +21,7 @@ from bcapscope.tui.tester.ask import ArmDialog
 from bcapscope.tui.tester.choice import Choice
 from bcapscope.tui.tester.connection import ConnectionPanel
 from bcapscope.tui.tester.history import HistoryLines
-from bcapscope.tui.tester.tabs import TABS
+from bcapscope.tui.tester.tabs import TABS, FormTabs
 from bcapscope.tui.tester.watchlist import WatchList
 from tests.client.peer import Answer
 from tests.client.server import udp_server
@@ -101,6 +101,12 @@ def test_nothing_that_moves_goes_out_before_one_has_armed(tmp_path: Path) -> Non
             assert "ARMED 2:5" in sight(pilot)
             await pilot.press("f8")
             assert not here.desk.arming.is_armed(here.desk.now())
+            here.query_one(FormTabs).turn_to("task")  # what is out of sight gets no keys when it is connected
+            await pilot.press("f5")
+            await until(pilot, lambda: not here.desk.status.is_connected)
+            await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
+            await pilot.press("f5")
+            await until(pilot, lambda: here.query_one("#task").has_focus_within)
             await finish(pilot)
 
         drive(make_tester(tmp_path, "127.0.0.1", server.port), act)

@@ -269,7 +269,7 @@ class Tester(Parted):
         self._busy(panel, True)
         try:
             if await self.desk.do(connect(self.desk, target, providers, opener.object_name, "")):
-                self.query_one("#robot-forms .command").focus()
+                self._go_to(self.query_one("#robot-forms")) or self._go_to(self.query_one("#panels"))
             if self.desk.status.is_connected and self._builtin is None:
                 settings = scope_of(self).settings
                 settings.hosts = remembered(wish.host, settings.hosts)
