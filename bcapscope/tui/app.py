@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast
 
 from rich.style import Style
-from rich.text import Text
 from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.dom import DOMNode
@@ -70,7 +69,7 @@ class Scope(KeyOrder):
 
     Attributes:
         settings: what the user chose; `keep` writes it.
-        status: what stands at the right of the bar at all times.
+        status: what stands at the right of the bar at all times: texts, each with the name of its ink or "".
         inks: the styles of rendered lines under the theme.
     """
 
@@ -86,7 +85,7 @@ class Scope(KeyOrder):
             "ctrl+t", "next_theme", "shell.next_theme", id="theme", show=False, tooltip="shell.theme.tip"
         ),
     ]
-    status: reactive[Text] = reactive(Text, init=False)
+    status: reactive[tuple[tuple[str, str], ...]] = reactive((), init=False)
 
     def __init__(
         self, spots: Sequence[Spot], settings_path: Path | None = None, language: Language | None = None

@@ -7,6 +7,7 @@ blue and orange in it, and nothing is told by a colour alone in any of them.
 from __future__ import annotations
 
 from rich.style import Style
+from textual.color import Color
 from textual.theme import Theme
 
 from bcapscope.tui.ink import Styles
@@ -34,7 +35,7 @@ THEMES = (
         panel="#242b34",
         dark=True,
         variables={
-            **_inks("#87d7ff", "#ffffff", "#9fb4cc", "#ff8f6f", "#87d787", "#ff6f6f", "#7c8896"),
+            **_inks("#87d7ff", "#ffffff", "#9fb4cc", "#ff8f6f", "#87d787", "#ff6f6f", "#8794a3"),
             "ink-lit": "#ffe9a8 on #5a4a12",
             "ink-cursor": "#14181d on #ffd75f",
             "border": "#3b4654",
@@ -49,9 +50,9 @@ THEMES = (
         name="light",
         primary="#005f87",
         secondary="#48696f",
-        accent="#af5f00",
-        success="#1f7a1f",
-        warning="#8a6100",
+        accent="#955000",
+        success="#1a6e1a",
+        warning="#7a5600",
         error="#b00020",
         foreground="#1c2127",
         background="#fbfbf9",
@@ -59,7 +60,7 @@ THEMES = (
         panel="#e6e7e2",
         dark=False,
         variables={
-            **_inks("#00507a", "#000000", "#3d4f66", "#a03800", "#1f7a1f", "#b00020", "#6a7178"),
+            **_inks("#00507a", "#000000", "#3d4f66", "#a03800", "#1a6e1a", "#b00020", "#5f666d"),
             "ink-lit": "#000000 on #ffe9a6",
             "ink-cursor": "#000000 on #ffb000",
             "border": "#b9bdb5",
@@ -73,7 +74,7 @@ THEMES = (
     Theme(
         name="safe",
         primary="#56b4e9",
-        secondary="#009e73",
+        secondary="#00a478",
         accent="#f0e442",
         success="#56b4e9",
         warning="#f0e442",
@@ -84,11 +85,11 @@ THEMES = (
         panel="#262626",
         dark=True,
         variables={
-            **_inks("#a8d8f0", "#ffffff", "#b8b8b8", "#f0e442", "#56b4e9", "#e69f00", "#8c8c8c"),
+            **_inks("#a8d8f0", "#ffffff", "#b8b8b8", "#f0e442", "#56b4e9", "#e69f00", "#8e8e8e"),
             "ink-lit": "#f7f2a8 on #5c5714",
             "ink-cursor": "#000000 on #f0e442",
             "border": "#484848",
-            "block-cursor-background": "#0072b2",
+            "block-cursor-background": "#005a8c",
             "block-cursor-foreground": "#ffffff",
             "block-cursor-text-style": "none",
             "block-cursor-blurred-background": "#303030",
@@ -96,6 +97,11 @@ THEMES = (
         },
     ),
 )
+
+_LEGIBLE = 4.5
+"""Contrast of letters that are read, WCAG 2.2."""
+
+_STEPS = 20
 
 _BOLD = frozenset({"name", "problem", "bad"})
 
@@ -109,3 +115,26 @@ def styles_of(theme: Theme) -> Styles:
         if key.startswith(prefix)
     }
     return {key: style + Style(bold=True) if key in _BOLD else style for key, style in found.items()}
+
+
+def on_ground(ink: Style, ground: Style) -> Style:
+    """Return an ink on another ground: as near to the ground's own letters as it must be to be read."""
+    both = ground + ink
+    if ink.color is None or ink.bgcolor is not None or ground.color is None or ground.bgcolor is None:
+        return both
+    color, own, behind = map(Color.from_rich_color, (ink.color, ground.color, ground.bgcolor))
+    mixed = (color.blend(own, step / _STEPS) for step in range(_STEPS + 1))
+    found = next((each for each in mixed if contrast(each, behind) >= _LEGIBLE), own)
+    return both + Style.from_color(found.rich_color)
+
+
+def contrast(one: Color, other: Color) -> float:
+    """Return the contrast ratio of two colours, 1 to 21 (WCAG 2.2)."""
+    light, dark = sorted((_luminance(one), _luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def _luminance(color: Color) -> float:
+    parts = (part / 255 for part in color.rgb)
+    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

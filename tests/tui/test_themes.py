@@ -3,32 +3,41 @@
 from __future__ import annotations
 
 import pytest
+from rich.style import Style
 from textual.color import Color
 from textual.theme import Theme
 
-from bcapscope.tui.themes import THEMES
+from bcapscope.tui.themes import THEMES, contrast, on_ground, styles_of
 
 INKS = ("number", "name", "hex", "problem", "good", "bad", "dim")
 
 
-def contrast(one: Color, other: Color) -> float:
-    """Return the contrast ratio of two colours, 1 to 21 (WCAG 2.2)."""
-
-    def luminance(color: Color) -> float:
-        parts = (part / 255 for part in color.rgb)
-        linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
-    return (light + 0.05) / (dark + 0.05)
+@pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
+def test_every_ink_and_colour_can_be_read_on_the_ground_and_on_bars(theme: Theme) -> None:
+    inks = {ink: theme.variables[f"ink-{ink}"] for ink in INKS}
+    colours = {name: str(getattr(theme, name)) for name in ("foreground", "primary", "secondary", "accent")}
+    for ground in (theme.background, theme.surface, theme.panel):
+        for name, colour in (inks | colours).items():
+            assert contrast(Color.parse(colour), Color.parse(ground or "")) >= 4.5, (name, ground)
 
 
 @pytest.mark.parametrize("theme", THEMES, ids=lambda theme: theme.name)
-@pytest.mark.parametrize("ink", INKS)
-def test_every_ink_can_be_read_on_the_ground(theme: Theme, ink: str) -> None:
-    ground = Color.parse(theme.background or "")
-    wanted = 4.5 if ink != "dim" else 4.0
-    assert contrast(Color.parse(theme.variables[f"ink-{ink}"]), ground) >= wanted
+@pytest.mark.parametrize("ground", ["cursor", "cursor-blurred"])
+def test_every_ink_can_be_read_on_the_line_of_the_cursor(theme: Theme, ground: str) -> None:
+    letters, behind = (
+        Color.parse(theme.variables[f"block-{ground}-{which}"]) for which in ("foreground", "background")
+    )
+    own = Style(color=letters.rich_color, bgcolor=behind.rich_color)
+    for ink, style in styles_of(theme).items():
+        drawn = on_ground(style, own)
+        assert drawn.color is not None
+        assert drawn.bgcolor is not None
+        assert contrast(*map(Color.from_rich_color, (drawn.color, drawn.bgcolor))) >= 4.5, ink
+
+
+def test_the_contrast_of_black_and_white_is_the_largest() -> None:
+    assert contrast(Color.parse("#000000"), Color.parse("#ffffff")) == pytest.approx(21)
+    assert contrast(Color.parse("#777777"), Color.parse("#ffffff")) == pytest.approx(4.48, abs=0.01)
 
 
 def test_good_and_bad_differ_for_those_who_see_no_red_or_green() -> None:

@@ -243,7 +243,7 @@ class ProxyScreen(Views):
             if standing is None or not standing.held
             else f" · {say('proxy.waiting', count=len(standing.held))}"
         )
-        app.status = Text(f"{say(key, way=printable(self.way))}{waiting} ", style=app.inks[ink])
+        app.status = ((f"{say(key, way=printable(self.way))}{waiting} ", ink),)
         counts = {"told": f"{self.query_one(Told).lines or ''}"}
         lines = [] if standing is None else summary(standing.figures)
         if self._trouble:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from rich.text import Text
 from textual.message import Message
 
 from bcapscope.render.escape import printable
@@ -41,8 +40,7 @@ class Simulated(TrafficScreen):
         self.post_message(Ended(text))
 
     def _tell_place(self, ink: str, sign: str) -> None:
-        app = scope_of(self)
-        app.status = Text(f"{sign} {printable(self._address)} ", style=app.inks[ink])
+        scope_of(self).status = ((f"{sign} {printable(self._address)} ", ink),)
 
     def on_ended(self, message: Ended) -> None:
         """Tell that it is gone; what was seen stays."""

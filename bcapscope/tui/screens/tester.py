@@ -11,7 +11,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -238,8 +237,7 @@ class Tester(Parted):
     def _show_status(self) -> None:
         desk = self.desk
         line = status_text(desk.status, desk.arming, desk.now(), self._halt_news, desk.pulse)
-        inks = scope_of(self).inks
-        scope_of(self).status = Text.assemble(*[(text, inks.get(ink, "")) for text, ink in line])
+        scope_of(self).status = tuple(line)
 
     # What the widgets want.
 

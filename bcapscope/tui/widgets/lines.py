@@ -21,6 +21,7 @@ from textual.strip import Strip
 
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.ink import Styles, segments
+from bcapscope.tui.themes import on_ground
 
 _KEPT = 500
 """Strips that are kept: several screens full."""
@@ -230,8 +231,8 @@ class Lines(ScrollView, can_focus=True):
             ground: "cursor" or "blurred" for the line of the cursor, "" for others.
         """
         if ground not in self._styles:
-            own = self._ground(ground)
-            self._styles[ground] = {"": own} | {name: own + ink for name, ink in scope_of(self).inks.items()}
+            own, inks = self._ground(ground), scope_of(self).inks
+            self._styles[ground] = {"": own} | {name: on_ground(ink, own) for name, ink in inks.items()}
         return self._styles[ground]
 
     def _ground(self, ground: str) -> Style:

@@ -29,7 +29,8 @@ class TopBar(Widget):
 
     def render(self) -> RenderResult:
         """Write the bar; what must be seen stays where there is no room for both."""
-        status = scope_of(self).status
+        scope = scope_of(self)
+        status = Text.assemble(*((text, scope.inks.get(ink, "")) for text, ink in scope.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
         for mode, text in self._places():
             left.append(text, style=self._style(mode))
