@@ -95,7 +95,7 @@ class Course:
         entered: when, by the reply to that.
         batch: set points that wait to be looked at.
         setting: fixed when the first set points are looked at.
-        after_end: set points refused as a consequence.
+        after_end: set points refused as a consequence, or not answered.
         last_accepted: when the latest of the set points looked at that were accepted was sent; None as long
             as there is none.
     """

@@ -144,7 +144,7 @@ class Counts:
         open: still waiting for a reply when the capture ended.
         not_followed: still waiting for a reply when they were let go, since more was open than is kept.
         buffer_full: answered with S_BUF_FULL; accepted as well.
-        after_end: refused after the end, as a consequence; in none of the other numbers.
+        after_end: refused or not answered after the end, as a consequence; in none of the other numbers.
         retries: requests beyond the first of each.
         by_retries: how many set points were sent again so often; 0 among the keys.
         retries_forbidden: retries in a mode in which the newest point wins, over UDP: wasted bandwidth (DENSO

@@ -157,7 +157,7 @@ def _set_points(stay: Stay, palette: Palette, tongue: Tongue) -> Iterator[str]:
     told += [f"{counts.open} open when the capture ended"] if counts.open else []
     told += [f"{counts.not_followed} not followed to the end"] if counts.not_followed else []
     told += [f"{counts.buffer_full} with S_BUF_FULL"] if counts.buffer_full else []
-    told += [f"{counts.after_end} more refused after the end"] if counts.after_end else []
+    told += [f"{counts.after_end} more refused or unanswered after the end"] if counts.after_end else []
     yield captioned("set points", ", ".join(told), palette, tongue)
     for code, count in sorted(counts.refused.items(), key=lambda item: -item[1]):
         frames = [fact.request for fact in stay.refused_list if fact.hresult == code]

@@ -20,6 +20,7 @@ from tests.analysis.driving import (
     NOT_IN_SLAVE_MODE,
     OFF,
     OVERFLOW,
+    UNDERFLOW,
     Plan,
     Step,
     joints,
@@ -166,3 +167,13 @@ def _leaves(value: object) -> int:
     if isinstance(value, dict):
         return sum(map(_leaves, value.values()))
     return sum(map(_leaves, value)) if isinstance(value, list) else 1
+
+
+def test_what_was_not_answered_after_the_end_was_not_refused() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    driver.move(8)
+    driver.move(16, code=UNDERFLOW)
+    driver.move(24, takes=None)
+    assert "1 refused, 1 more refused or unanswered after the end" in " ".join(told(plan).split())

@@ -81,7 +81,7 @@ PHRASES: dict[str, str] = {
     "{n} not followed to the end": "最後まで追跡せず {n}",
     "{n} open when the capture ended": "キャプチャ終了時に応答待ち {n}",
     "{n} with S_BUF_FULL": "S_BUF_FULL {n}",
-    "{n} more refused after the end": "終了後の拒否 {n}",
+    "{n} more refused or unanswered after the end": "終了後の拒否または応答なし {n}",
     "{n} × {code}: {clause}": "{n} × {code}: {clause}",
     "{n} (retries × set points: {levels})": "{n} (再送回数 × 指令値: {levels})",
     "{n} lost replies": "失われた応答 {n}",
