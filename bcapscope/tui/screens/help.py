@@ -55,7 +55,7 @@ class HelpScreen(ModalScreen[None]):
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
-        table.add_column()
+        table.add_column(overflow="fold")  # Japanese has no blanks to break a line at
         for key, what, tip in self._keys:
             table.add_row(Text(key, style=inks["number"]), Text(what, style=inks["name"]), Text(tip))
         yield table
