@@ -10,6 +10,7 @@ from bcapscope.player.lateness import Spread
 from bcapscope.player.messages import Counts, Ended, Outcome, Peer, Progress, Trouble
 from bcapscope.protocol.hresult import hresult_name
 from bcapscope.protocol.slavemode import Generation, slave_mode
+from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.tongue import Tongue, english
 
@@ -27,19 +28,20 @@ _HEADLINES = {
     Outcome.FAILED: "failed",
 }
 _STOPPED_BEFORE = "stopped before the first set point"
-_LABELS = (
-    ("retries", "retries"),
-    ("late", "late replies"),
-    ("unanswered", "unanswered"),
-    ("repeated", "sent again since the buffer was full"),
-    ("shifted", "put off since we were late"),
-    ("held", "held back since the controller set no pace"),
-)
+_LABELS = {
+    "retries": ("retry", "retries"),
+    "late": ("late reply", "late replies"),
+    "unanswered": ("unanswered",) * 2,
+    "repeated": ("sent again since the buffer was full",) * 2,
+    "shifted": ("put off since we were late",) * 2,
+    "held": ("held back since the controller set no pace",) * 2,
+}
+"""How one of each and how several are told."""
 
 
 def peer_line(peer: Peer, tongue: Tongue = english) -> str:
     """Tell who is there and which mode it will be."""
-    kind = "bcapscope's simulator, no robot moves" if peer.simulator else "a controller with a robot"
+    kind = "bcapscope's simulator, no robot moves" if peer.simulator else "a controller whose robot may move"
     facts = [tongue(f"{name} {printable(value)}") for name, value in peer.facts.items()]
     mode = slave_mode(peer.mode, Generation(peer.generation))
     meaning = f": {tongue(mode.text)}" if mode else ""
@@ -75,10 +77,9 @@ def ended_lines(ended: Ended) -> Iterator[str]:
     yield f"{_STOPPED_BEFORE if unbegun else _HEADLINES[ended.outcome]}{reason}"
     yield from (f"  {printable(line.strip())}" for line in ended.reason.splitlines()[1:])
     if ended.counts.sent:
-        told = [
-            f"{getattr(ended.counts, name)} {label}" for name, label in _LABELS if getattr(ended.counts, name)
-        ]
-        yield f"set points: {ended.counts.sent} sent, {', '.join(told) or 'each answered at once'}"
+        counts = [(getattr(ended.counts, name), labels) for name, labels in _LABELS.items()]
+        told = [counted(count, *labels) for count, labels in counts if count]
+        yield f"set points: {ended.counts.sent} sent, {', '.join(told) or 'each answered at its first try'}"
         priority = "with" if ended.realtime else "without"
         yield f"lateness, ms: {_spread(ended.lateness)}, {priority} real-time priority"
         yield f"from one set point to the next, ms: {_spread(ended.cycle)}"

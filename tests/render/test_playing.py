@@ -15,7 +15,7 @@ HOSTILE = "a\x1b[31m\n\u202eb"
 def test_who_is_there() -> None:
     peer = Peer(False, "RC7", {"type name": HOSTILE}, 2, (0.0,), 0.0)
     assert peer_line(peer) == (
-        "a controller with a robot, RC7, type name a\\x1b[31m\\n\\u202eb; slave mode 0x002: J type, "
+        "a controller whose robot may move, RC7, type name a\\x1b[31m\\n\\u202eb; slave mode 0x002: J type, "
         "Sync: each slvMove is answered when taken; a late one is an error"
     )
     assert peer_line(Peer(True, "RC8", {}, 0x999, (), 0.0)) == (
@@ -47,7 +47,7 @@ def test_the_summary() -> None:
     ended = Ended(Outcome.STOPPED, "stop was asked for", LATE, LATE, counts, 100, True, False, 12)
     assert list(ended_lines(ended)) == [
         "stopped on the way, at rest: stop was asked for",
-        "set points: 108 sent, 3 retries, 1 late replies, 2 put off since we were late",
+        "set points: 108 sent, 3 retries, 1 late reply, 2 put off since we were late",
         "lateness, ms: p50 0.001, p99 0.020, p99.9 0.300, max 2.500, with real-time priority",
         "from one set point to the next, ms: p50 0.001, p99 0.020, p99.9 0.300, max 2.500",
         "12 records of the controller's log saved",
