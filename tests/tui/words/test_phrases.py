@@ -188,8 +188,8 @@ def test_the_player_at_work() -> None:
 def test_who_is_there_before_anything_moves() -> None:
     facts = {"type name": "VS-068, no answer", "type": "10", "version": "3.0.0"}
     assert peer_line(Peer(False, "RC7", facts, 0x002, (0.0,), 0.0), told) == (
-        "ロボットが動く可能性のあるコントローラ, RC7, 型式名 VS-068, no answer, 型式番号 10, バージョン 3.0.0; "
-        "スレーブモード 0x002: J 型、Sync: slvMove は取り込まれたとき応答、遅れるとエラー"
+        "ロボットが動く可能性のあるコントローラ, RC7, 型式名 VS-068, no answer, 型式番号 10, "
+        "バージョン 3.0.0; スレーブモード 0x002: J 型、Sync: slvMove は取り込まれたとき応答、遅れるとエラー"
     )
 
 
