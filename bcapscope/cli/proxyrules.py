@@ -63,12 +63,13 @@ class RuleWishes:
         from bcapscope.proxy.addons import Addons, ScriptError, load_addons
         from bcapscope.proxy.intercept import Intercept
         from bcapscope.proxy.rules import Rules
+        from bcapscope.render.escape import printable
 
         now, since_1970 = time.monotonic_ns(), time.time_ns()
         try:
             addons = [addon for path in self.scripts for addon in load_addons(path)]
         except ScriptError as error:
-            narrate(str(error))
+            narrate(printable(str(error)))
             sys.exit(Exit.UNREADABLE)
         epoch = since_1970 - now
         return Rules(

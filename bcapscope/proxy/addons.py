@@ -16,6 +16,7 @@ They run on the way of the bytes: what takes long there delays the robot.
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import sys
 import time
 import traceback
@@ -235,6 +236,10 @@ def load_addons(path: str) -> list[object]:
     kinds = [kind for kind in kinds if any(callable(getattr(kind, hook, None)) for hook in HOOKS)]
     if not kinds:
         raise ScriptError(f"{path} has no class with a method {', '.join(HOOKS[:-1])} or {HOOKS[-1]}")
+    for kind in kinds:
+        for hook in HOOKS:
+            if inspect.iscoroutinefunction(getattr(kind, hook, None)):
+                raise ScriptError(f"{path}: {kind.__name__}.{hook} is async; nobody would wait for it")
     try:
         return [kind() for kind in kinds]
     except KeyboardInterrupt:

@@ -57,6 +57,7 @@ def test_each_class_with_a_hook_is_made(script: Callable[[str], str]) -> None:
         ("1 / 0", r"division by zero \(mine.py line 1\)"),
         ("import sys; sys.exit(5)", "SystemExit: 5"),
         ("open('settings.none')", r"^\S+: FileNotFoundError.*'settings.none' \(mine.py line 1\)"),
+        ("class A:\n  async def done(self): pass", r"A.done is async; nobody would wait for it"),
         ("import asyncio; raise asyncio.CancelledError", r"CancelledError \(mine.py line 1\)"),
         ("raise ValueError('one\\ntwo')", r"ValueError: one \(mine.py line 1\)"),
         ("class A:\n  def __init__(self, x): pass\n  def done(self): pass", "missing 1 required positional"),
