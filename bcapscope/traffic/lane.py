@@ -31,8 +31,11 @@ RETRY_WITHIN_NS = 5_000_000_000
 in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""How long a reply is waited for after the client has gone on. One that comes later is a stray that names its
-call."""
+"""How long a reply is waited for after the client has gone on, where the server answers what was asked later.
+One that comes later is a stray that names its call."""
+
+BUSY_WITHIN_NS = 30_000_000_000
+"""The same where it has answered nothing since: servers answer in order, so it may be at that call still."""
 
 EXECUTION_NS = 180_000_000_000
 """How long a call may stay silent with nothing after it: the server's InvokeTimeout, after which it never
@@ -74,6 +77,7 @@ class Lane:
         "_mark",
         "_newest",
         "_overfull",
+        "_overtaking",
         "_past",
         "_past_before",
         "_session",
@@ -102,6 +106,7 @@ class Lane:
         self._overfull = 0  # the latest call at which they became too many
         self._session = 0  # the call that started the service session
         self._answered = 0  # the latest call that was answered
+        self._overtaking: deque[tuple[int, int]] = deque()  # calls answered while older ones wait, and when
         self._handle = 0  # the last handle of this service session that came back
         self._shadowed: dict[int, list[Exchange | int]] = {}
         self._past: dict[int, int] = {}
@@ -168,7 +173,7 @@ class Lane:
         """Give out the `count` oldest calls, whatever may come."""
         for _ in range(min(count, len(self.waiting))):
             exchange = self.waiting.popleft()
-            exchange.let_go = exchange.reply is None
+            exchange.let_go = exchange.reply is None and not self._is_late(exchange)
             self._let_go = max(self._let_go, exchange.call)
             yield self._finish(exchange)
 
@@ -323,6 +328,8 @@ class Lane:
             self._heard[exchange].add(Role.REPLY, seen)
         if exchange.call > self._answered and frame.code != E_BUSY:
             self._answered = exchange.call
+            if self.waiting[0] is not exchange:
+                self._overtaking.append((exchange.call, seen.time))
 
     def _reply_in_trouble(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
         if frame.code == S_EXECUTING:
@@ -359,10 +366,21 @@ class Lane:
                 return quiet
             return quiet + (RETRY_WITHIN_NS if exchange is self._newest else COPIES_WITHIN_NS)
         if exchange.gone_on:
-            return max(quiet, exchange.gone_on) + LATE_WITHIN_NS
+            since = max(quiet, exchange.gone_on)
+            if exchange.call >= self._answered:
+                return since + BUSY_WITHIN_NS
+            return max(since + LATE_WITHIN_NS, self._overtaking[0][1] + COPIES_WITHIN_NS)
         return quiet + (LATE_WITHIN_NS if exchange.call < self._answered else EXECUTION_NS)
 
+    def _is_late(self, exchange: Exchange) -> bool:
+        """Tell whether a reply would come late now, by the newest call."""
+        newest = self._newest
+        return newest is not None and 0 < exchange.gone_on <= newest.request.time - LATE_WITHIN_NS
+
     def _finish(self, exchange: Exchange) -> Exchange:
+        overtaking = self._overtaking
+        while overtaking and overtaking[0][0] <= exchange.call:
+            overtaking.popleft()
         exchange.habits = self._habits
         if exchange.question.function_id in _OPENERS:
             self._follow_handles(exchange)

@@ -268,7 +268,7 @@ def test_a_serial_used_again_on_tcp_is_answered_in_turn() -> None:
     ]
 
 
-def test_a_serial_used_again_on_tcp_long_after_the_first_settled() -> None:
+def test_a_serial_used_again_on_tcp_while_the_server_is_at_the_first() -> None:
     script = Script()
     client = script.client(transport=Transport.TCP)
     client.ask(0, 7, 0, MOVE)
@@ -277,8 +277,7 @@ def test_a_serial_used_again_on_tcp_long_after_the_first_settled() -> None:
     client.reply(9000, 7, 0, 0, POSE)
     client.reply(9001, 7, 0, 0, r8s(3.0, 4.0))
     assert summaries(script.track()) == [
-        "1: >1 ...3 unanswered, unanswered",
-        "stray 4 of 1",
+        "1: >1 ...3 late<4 unanswered, reply late",
         "2: >2 <5 answered, answered",
     ]
 
@@ -374,13 +373,51 @@ def test_a_late_reply_on_tcp() -> None:
     ]
 
 
+def test_a_server_that_answers_nothing_else_is_waited_for() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 0, MOVE)
+    client.ask(600, 2, 0, OTHER)
+    client.reply(601, 2, 0, BUSY)
+    client.ask(1200, 3, 0, OTHER)
+    client.reply(29_000, 1, 0, 0, POSE)
+    client.reply(29_000, 3)
+    assert summaries(script.track()) == [
+        "1: >1 late<5 unanswered, reply late",
+        "2: >2 <3 refused, refused",
+        "3: >4 <6 answered, answered",
+    ]
+
+
+def test_a_server_that_answers_what_was_asked_later_is_waited_for_no_longer_than_packets_are() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 0, MOVE)
+    client.ask(600, 2, 0, OTHER)
+    client.reply(10_000, 2)
+    client.reply(10_090, 1, 0, 0, POSE)
+    client.ask(20_000, 3, 0, MOVE)
+    client.ask(20_600, 4, 0, OTHER)
+    client.reply(30_000, 4)
+    client.ask(30_090, 5, 0, OTHER)
+    client.reply(30_200, 3, 0, 0, POSE)
+    assert summaries(script.track()) == [
+        "1: >1 late<4 unanswered, reply late",
+        "2: >2 <3 answered, answered",
+        "3: >5 unanswered, unanswered",
+        "4: >6 <7 answered, answered",
+        "stray 9 of 3",
+        "5: >8 capture_ended, capture ended",
+    ]
+
+
 def test_a_reply_that_comes_long_after_its_call_settled_names_it() -> None:
     script = Script()
     client = script.client()
     client.ask(0, 1, 0, MOVE)
     client.ask(16, 2, 0, OTHER)
     client.reply(17, 2, 0, BUSY)
-    client.reply(10_000, 1, 0, 0, POSE)
+    client.reply(40_000, 1, 0, 0, POSE)
     settled = script.track()
     assert summaries(settled) == [
         "1: >1 unanswered, unanswered",

@@ -8,6 +8,7 @@ from bcapscope.protocol.frame import Malformed, Problem
 from bcapscope.traffic import tracker as tracker_module
 from bcapscope.traffic.exchange import Settled, Stray
 from bcapscope.traffic.lane import (
+    BUSY_WITHIN_NS,
     COPIES_WITHIN_NS,
     EXECUTION_NS,
     LATE_WITHIN_NS,
@@ -55,7 +56,7 @@ def test_calls_settle_by_time_alone() -> None:
     assert summaries(tracker.expire(silent.time + EXECUTION_NS)) == ["2: >3 unanswered, unanswered"]
 
 
-def test_a_call_settles_soon_once_the_client_goes_on() -> None:
+def test_a_call_settles_soon_once_client_and_server_go_on() -> None:
     script = Script()
     client = script.client()
     tracker = Tracker()
@@ -66,8 +67,20 @@ def test_a_call_settles_soon_once_the_client_goes_on() -> None:
     assert summaries(tracker.expire(reply.time + COPIES_WITHIN_NS)) == ["1: >1 <2 answered, answered"]
     gone_on = client.ask(200, 3, 3, MOVE)
     tracker.observe(gone_on)
+    tracker.observe(client.reply(201, 3))
     assert list(tracker.expire(gone_on.time + LATE_WITHIN_NS - 1)) == []
     assert summaries(tracker.expire(gone_on.time + LATE_WITHIN_NS)) == ["2: >3 unanswered, unanswered"]
+
+
+def test_a_call_that_the_server_may_be_at_settles_later() -> None:
+    script = Script()
+    client = script.client()
+    tracker = Tracker()
+    tracker.observe(client.ask(0, 1, 1, MOVE))
+    gone_on = client.ask(200, 2, 2, MOVE)
+    tracker.observe(gone_on)
+    assert list(tracker.expire(gone_on.time + BUSY_WITHIN_NS - 1)) == []
+    assert summaries(tracker.expire(gone_on.time + BUSY_WITHIN_NS)) == ["1: >1 unanswered, unanswered"]
 
 
 def test_calls_of_a_conversation_come_in_order_and_others_do_not_wait() -> None:

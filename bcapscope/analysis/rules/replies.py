@@ -175,7 +175,7 @@ class Replies(Watcher):
         if stray.call is not None:
             rule, text = (
                 VERY_LATE,
-                f"another reply to call {stray.call} (serial {serial}) came when the call was over",
+                f"a reply to call {stray.call} (serial {serial}) came when the call was over",
             )
         elif conversation not in self._asking:
             return  # the capture began after the request

@@ -235,15 +235,16 @@ class Session(Watcher):
             return
 
         def say(speech: Speech) -> str:
-            what = (
-                f"sent {called(call)} {times(len(call.requests))} meanwhile"
-                if call.retries
-                else f"gave {called(call)} up"
-            )
+            when, who = speech.at(call.request.time), speech.client(call.conversation)
+            if not call.retries:
+                return (
+                    f"at {when} {name_of(call)} was answered after {span(took)}, when {who} had given "
+                    f"{called(call)} up, and Service_Start asked for no WDT"
+                )
             return (
-                f"at {speech.at(call.request.time)} {name_of(call)} was answered after {span(took)}, "
-                f"{span(waited)} after the try that was answered, {speech.client(call.conversation)} {what}, "
-                "and Service_Start asked for no WDT"
+                f"at {when} {name_of(call)} was answered after {span(took)}, {span(waited)} after the try "
+                f"that was answered, {who} sent {called(call)} {times(len(call.requests))} meanwhile, and "
+                "Service_Start asked for no WDT"
             )
 
         self.tell(NO_WDT, call, say, before=service, began=call.request.time, time=call.request.time)

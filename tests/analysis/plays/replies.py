@@ -248,6 +248,6 @@ SCENES = (
         ("was sent 7 times before it was answered, 14 ms after the first try",),
         _waits_in_slave_mode(7.9),
     ),
-    Scene("very-late-reply", _very_late, (90,), ("Another reply to call 5 (serial 5)",), _late),
+    Scene("very-late-reply", _very_late, (90,), ("A reply to call 5 (serial 5)",), _late),
     Scene("reply-to-nothing", _to_nothing, (9,), ("serial 700",), _begins_with_reply),
 )
