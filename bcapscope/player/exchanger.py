@@ -53,6 +53,7 @@ class BlockingExchanger:
         link: the channel.
         late: replies that came when their try no longer counted; whoever reads them clears the list.
         look: called now and then while `exchange` waits; what it raises ends the call.
+        overslept: ns by which waits of the call took longer than they were to: this machine's own lateness.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class BlockingExchanger:
         self.link = channel
         self.late: list[Late] = []
         self.look: Callable[[], None] = _nothing
+        self.overslept = 0
         self._requester = Requester(convention, first_serial)
         self._splitter = Splitter()
         self._watch = watcher
@@ -90,6 +92,7 @@ class BlockingExchanger:
             LocalProtocolError: it cannot be sent; see `Requester.call`.
         """
         self._requester.call(function_id, arguments, pace, at)
+        self.overslept = 0
 
     def send(self) -> int:
         """Send what is due; return the time at which that began.
@@ -165,6 +168,7 @@ class BlockingExchanger:
     def _received(self, until: int) -> bytes | None:
         """Return what comes; on UDP word of a closed port is noted, and tries go on."""
         link = self.link
+        end = max(until, link.now())
         try:
             return link.receive(until)
         except ConnectionRefusedError as error:
@@ -172,6 +176,8 @@ class BlockingExchanger:
                 raise
             self._requester.trouble((error.strerror or str(error)).lower(), link.now())
             return None
+        finally:
+            self.overslept += max(0, link.now() - end)
 
     def _take(self, data: bytes, now: int) -> None:
         if self.link.datagrams:

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import ControllerError, ExchangeTimeout
@@ -174,7 +173,7 @@ class Pacer:
                 settled = self._await(due)
             finally:
                 self._under_way = 0
-            self._overslept = _overslept(settled, self._move.pace)
+            self._overslept = self._exchanger.overslept
             self._reply_took = self._exchanger.link.now() - sent - self._overslept
             code = self._code(settled)
             if code != E_SLAVE_OVERFLOW or not self._move.mode.overflow_is_error:
@@ -306,12 +305,6 @@ class Pacer:
         ready, free = self._exchanger.link.now() + _PREPARING, self._throttle.free
         self._held += free > ready
         return max(ready, free)
-
-
-def _overslept(settled: Settled, pace: Pace) -> int:
-    """Return by how many ns tries came too late."""
-    times = [each.sent for each in settled.attempts]
-    return sum(max(0, after - before - pace.timeout) for before, after in pairwise(times))
 
 
 class _Throttle:

@@ -34,6 +34,7 @@ class Controller:
         takes: ns until each is answered; None for those that are not.
         oversleeps: ns that the wait for each takes too long.
         naps: ns that the first wait for a reply to each takes, whatever was wanted.
+        stops: likewise, and what came meanwhile is there then.
     """
 
     datagrams = True
@@ -47,6 +48,7 @@ class Controller:
         self.takes: dict[int, int | None] = {}
         self.oversleeps: dict[int, int] = {}
         self.naps: dict[int, int] = {}
+        self.stops: dict[int, int] = {}
         self._now = 0
         self._replies: list[tuple[int, bytes]] = []
 
@@ -73,6 +75,7 @@ class Controller:
         if nap:
             self._now += nap
             return None
+        self._now += self.stops.pop(len(self.sent) - 1, 0)
         due = self._replies[0][0] if self._replies else until + 1
         self._now = max(self._now, min(due, until))
         return self._replies.pop(0)[1] if due <= self._now else None
@@ -306,4 +309,12 @@ def test_tries_that_come_too_late_are_our_lateness() -> None:
     controller.codes = {13: E_SLAVE_UNDERFLOW}
     controller.naps = {10: 15 * MS}
     with pytest.raises(ControllerError, match=r"this machine was late by 13\.0 ms"):
+        play(controller, mode(0x202))
+
+
+def test_a_reply_that_waited_for_us_did_not_take_long() -> None:
+    controller = Controller()
+    controller.stops = {10: 900 * MS}
+    controller.codes = {11: E_SLAVE_UNDERFLOW}
+    with pytest.raises(ControllerError, match=r"this machine was late by 898\.0 ms, the reply took 2\.0 ms"):
         play(controller, mode(0x202))
