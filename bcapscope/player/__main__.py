@@ -7,7 +7,9 @@ output; standard error is for Python's own last words.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import BinaryIO
 
 from msgspec import structs
@@ -23,6 +25,7 @@ from bcapscope.player.messages import Ended, Outcome, Plan, Readiness
 from bcapscope.player.newfile import new_file
 from bcapscope.player.realtime import undisturbed
 from bcapscope.player.visit import Visit
+from bcapscope.protocol.variant import Value
 
 
 def main() -> None:
@@ -66,11 +69,18 @@ def play(plan: Plan, desk: Desk, record: BinaryIO | None, log: BinaryIO | None) 
         visit = Visit(plan, channel, desk, journal)
         ended = structs.replace(run(visit.perform()), realtime=grade.realtime)
     # Nothing is urgent any more: files are written as anybody writes files.
-    return _written(ended, plan, journal, channel, log if visit.logged else None)
+    read = partial(read_log, target, plan.robot, until_ordered(desk))
+    return written(ended, journal, channel, log if visit.logged else None, read)
 
 
-def _written(ended: Ended, plan: Plan, journal: Journal, channel: Channel, log: BinaryIO | None) -> Ended:
-    """Write the capture and the log; return how all ended."""
+def written(
+    ended: Ended,
+    journal: Journal,
+    channel: Channel,
+    log: BinaryIO | None,
+    read: Callable[[], Sequence[Value]],
+) -> Ended:
+    """Write the capture and the log, which `read` gives; return how all ended."""
     reasons: list[str] = []
     try:
         journal.save(channel)
@@ -78,7 +88,7 @@ def _written(ended: Ended, plan: Plan, journal: Journal, channel: Channel, log: 
         reasons.append(f"the capture could not be written: {reason_of(error)}")
     try:
         if log is not None:
-            records = read_log(plan.target, plan.robot)
+            records = read()
             write_log(log, records)
             ended = structs.replace(ended, logged=len(records))
     except (OSError, BcapError) as error:
@@ -88,6 +98,18 @@ def _written(ended: Ended, plan: Plan, journal: Journal, channel: Channel, log: 
         return ended
     told = "; ".join((*reasons, *filter(None, (ended.reason,))))
     return structs.replace(ended, outcome=Outcome.UNWRITABLE, reason=told)
+
+
+def until_ordered(desk: Desk) -> Callable[[], None]:
+    """Return what looks for orders that come from now on, and raises BcapError when there is one."""
+    before = desk.orders
+
+    def look() -> None:
+        desk.poll()
+        if desk.orders > before:
+            raise BcapError("nobody waited for it")
+
+    return look
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import BinaryIO
 
 from bcapscope.client.objects import Robot
@@ -39,19 +39,29 @@ TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) 
 """The 39 columns: set point, encoder, current and load of each axis, then what the program adds."""
 
 
-async def _read(session: Session, target: Target, robot_name: str) -> list[Value]:
+async def read_records(
+    session: Session, target: Target, robot_name: str, look: Callable[[], None]
+) -> list[Value]:
+    """Read them by a session in which nothing is open yet; what `look` raises ends it between two records.
+
+    Raises:
+        BcapError: as `Session.call`.
+    """
+    records: list[Value] = []
     try:
         reach = Reach(session, target.service, target.connect, {ObjectClass.ROBOT: robot_name})
         robot = Robot(session, await reach.handle(ObjectClass.ROBOT))
         count = await robot.execute("GetLogCount")
-        total = count if isinstance(count, int) else 0
-        return [await robot.execute("GetLogRecord", index) for index in range(total)]
+        for index in range(count if isinstance(count, int) else 0):
+            look()
+            records.append(await robot.execute("GetLogRecord", index))
+        return records
     finally:
         await session.close()
 
 
-def read_log(target: Target, robot: str) -> list[Value]:
-    """Read the records that the controller holds, the oldest first.
+def read_log(target: Target, robot: str, look: Callable[[], None]) -> list[Value]:
+    """Read the records that the controller holds, the oldest first; what `look` raises ends that.
 
     By a connection of its own, over TCP: a record has 39 values, too many for the 503 bytes of a datagram.
 
@@ -63,7 +73,7 @@ def read_log(target: Target, robot: str) -> list[Value]:
     tcp = (Convention.TCP0, Convention.TCP1)
     convention = target.convention if target.convention in tcp else Convention.TCP0
     session = Session(BlockingExchanger(channel, convention), PACES)
-    return run(_read(session, target, robot))
+    return run(read_records(session, target, robot, look))
 
 
 def write_log(file: BinaryIO, records: Sequence[Value]) -> None:

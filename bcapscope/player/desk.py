@@ -41,12 +41,14 @@ class Desk:
     Attributes:
         order: the gravest so far; None while there is none.
         reason: why, in words.
+        orders: how many there were.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
         """Use these file descriptors, both pipes."""
         self.order: Order | None = None
         self.reason = ""
+        self.orders = 0
         self._commands = commands
         self._messages = messages
         self._read = b""
@@ -133,6 +135,7 @@ class Desk:
 
     def note(self, order: Order, reason: str) -> None:
         """Take an order; a halt outweighs a stop."""
+        self.orders += 1
         if self.order is not Order.HALT:
             self.reason = self.reason if self.order is order else reason
             self.order = order

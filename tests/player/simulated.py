@@ -123,6 +123,7 @@ class ScriptedDesk(Desk):
     def __init__(self, answers: Mapping[Topic, str] | None = None) -> None:
         self.order: Order | None = None
         self.reason = ""
+        self.orders = 0
         self.told: list[Message] = []
         self.asked: list[Topic] = []
         self.at_poll: Callable[[int], Order | None] = lambda _: None
