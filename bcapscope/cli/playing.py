@@ -244,8 +244,8 @@ class Playing:
 
 
 def _signals() -> list[signal.Signals]:
-    # With Ctrl-Z a robot would move on, and nobody would hear a key.
-    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGTSTP]
+    # With Ctrl-Z a robot would move on, and nobody would hear a key, nor with Ctrl-\ be told how it ended.
+    numbers = [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGTSTP]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
         numbers.append(signal.SIGHUP)
     return numbers
