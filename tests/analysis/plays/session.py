@@ -165,6 +165,21 @@ def _long_call(option: str, is_lost: bool = False) -> Play:
     return play
 
 
+def _given_up(lasts: int) -> Play:
+    """A Robot_Move that is asked for once, and a client that asks something else after 600 ms."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open(option="")
+        moving = client.ask(50, "Robot_Move", ROBOT, i4(1), text("P1"), text(""))
+        other = client.ask(650, "Robot_Execute", ROBOT, text("CurJnt"), EMPTY)
+        client.answer(50 + lasts, moving)
+        client.answer(51 + lasts, other, EMPTY)
+        client.close(100 + lasts)
+
+    return play
+
+
 def _option(option: str, code: int) -> Play:
     return lambda story: story.client().call(0, "Service_Start", text(option), code=code)
 
@@ -291,6 +306,13 @@ SCENES = (
         (1, 2, 9, 10, 11, 12),
         ("Motor was answered after 3 s",),
         _long_call("", is_lost=True),
+    ),
+    Scene(
+        "long-call-without-wdt",
+        _given_up(lasts=7500),
+        (1, 2, 9, 11),
+        ("Robot_Move was answered after 7.5 s, when your client had given Robot_Move 5 up", "no WDT"),
+        _given_up(lasts=500),
     ),
     Scene(
         "wdt-too-small",
