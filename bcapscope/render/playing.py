@@ -90,7 +90,7 @@ def ended_lines(ended: Ended) -> Iterator[str]:
 
 
 def ended_record(ended: Ended) -> bytes:
-    """Write the summary as a JSON object; times are ms."""
+    """Write the summary as a JSON object; times are ms, the reason is escaped as on a terminal."""
     counts = {name: getattr(ended.counts, name) for name in Counts.__struct_fields__}
     return orjson.dumps(
         {
