@@ -15,6 +15,7 @@ BOTH = (Transport.UDP, Transport.TCP)
 Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 _TRANSPORTS = {"udp": (Transport.UDP,), "tcp": (Transport.TCP,), "both": BOTH}
+_IPV6 = frozenset("0123456789abcdefABCDEF:.")
 
 
 class SpecError(BcapError):
@@ -104,11 +105,14 @@ def _endpoint(text: str, option: str) -> Endpoint:
     """Read ``HOST:PORT``."""
     host, colon, number = text.rpartition(":")
     if not colon:
-        raise SpecError(f"{option} {text}: the port is missing, as in {text or '192.168.0.1'}:5007")
+        example = f"127.0.0.1:{text}" if text.isdecimal() else f"{text or '192.168.0.1'}:5007"
+        raise SpecError(f"{option} {text}: the port is missing, as in {example}")
     if host.startswith("[") and host.endswith("]"):
         host = host[1:-1]
     elif ":" in host:
-        raise SpecError(f"{option} {text}: an IPv6 address stands in brackets, as in [::1]:5007")
+        bare = _IPV6.issuperset(host.partition("%")[0])
+        why = "an IPv6 address stands in brackets, as in [::1]:5007" if bare else f"{host!r} is no host"
+        raise SpecError(f"{option} {text}: {why}")
     if not host or not host.isprintable() or any(char in " []/" for char in host):
         raise SpecError(f"{option} {text}: {host!r} is no host")
     if not (number.isascii() and number.isdigit()) or int(number) > 0xFFFF:
