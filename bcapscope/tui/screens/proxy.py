@@ -240,7 +240,7 @@ class ProxyScreen(Views):
         key, ink = ("proxy.not_here", "bad") if self._trouble else ("proxy.here", "good")
         waiting = (
             ""
-            if standing is None or not standing.held
+            if standing is None or not standing.held or self._is_over
             else f" · {say('proxy.waiting', count=len(standing.held))}"
         )
         app.status = ((f"{say(key, way=printable(self.way))}{waiting} ", ink),)
