@@ -95,6 +95,7 @@ PHRASES: dict[str, str] = {
     "there is no fault {name}: {text}": "障害 {name} はありません: {text}",
     "there are none": "一つもありません",
     "there is no message {name}": "メッセージ {name} はありません",
+    "that changes nothing: no such argument, a value that does not fit its type, or the one that it has": "何も変わりません: その引数がないか、型に合わない値か、今と同じ値です",
     "message {n} does not wait any more": "メッセージ {n} はもう保留されていません",
     "there is a fault {name} already": "障害 {name} はすでにあります",
     # faults in one line
