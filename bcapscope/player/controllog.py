@@ -21,6 +21,7 @@ from bcapscope.player.exchanger import BlockingExchanger, run
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.variant import Value
+from bcapscope.protocol.wording import is_computed
 
 _AXES = ("指令値", "エンコーダ値", "電流値", "負荷率")
 _REST = (
@@ -76,6 +77,11 @@ def read_log(target: Target, robot: str, look: Callable[[], None]) -> list[Value
     return run(read_records(session, target, robot, look))
 
 
+def _cell(value: object) -> object:
+    """Keep a spreadsheet from computing a text, with an apostrophe before it; numbers stay as they are."""
+    return f"'{value}" if isinstance(value, str) and is_computed(value) else value
+
+
 def write_log(file: BinaryIO, records: Sequence[Value]) -> None:
     """Write a line a record, in UTF-8.
 
@@ -85,6 +91,6 @@ def write_log(file: BinaryIO, records: Sequence[Value]) -> None:
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(TITLES)
-    rows.writerows(record if isinstance(record, tuple) else (record,) for record in records)
+    rows.writerows(map(_cell, record if isinstance(record, tuple) else (record,)) for record in records)
     file.write(text.getvalue().encode(errors="backslashreplace"))
     file.flush()

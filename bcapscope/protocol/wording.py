@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import unicodedata
 
+_FORMULA = tuple("=+-@\t\r＝＋－＠")
+
+
+def is_computed(text: str) -> bool:
+    """Tell whether spreadsheets take a text for a formula; those in Japan take the wide signs as well."""
+    return text.lstrip(" \u3000").startswith(_FORMULA)
+
 
 def counted(count: int, noun: str, plural: str = "") -> str:
     """Write a number with its noun, whose plural takes an s unless told."""

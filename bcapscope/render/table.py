@@ -10,6 +10,7 @@ from bcapscope.protocol.arguments import Problem
 from bcapscope.protocol.frame import Malformed
 from bcapscope.protocol.functions import function_name
 from bcapscope.protocol.hresult import hresult_name
+from bcapscope.protocol.wording import is_computed
 from bcapscope.render.escape import printable
 from bcapscope.render.moment import epoch_text
 from bcapscope.render.record import RecordRenderer
@@ -37,9 +38,6 @@ COLUMNS = (
 )
 """Names as in the JSON; `args` is the very text that stands there, `raw` is empty without problems."""
 
-_FORMULA = tuple("=+-@\t\r＝＋－＠")
-"""What spreadsheets take for the beginning of a formula, the wide forms in Japanese ones."""
-
 _ARGS, _PROBLEMS = b'"args":', b',"problems":'
 
 
@@ -49,7 +47,7 @@ def cell(text: str) -> str:
     Control characters are escaped, and an apostrophe is put before what a spreadsheet would compute.
     """
     shown = printable(text)
-    return f"'{shown}" if text.lstrip(" \u3000").startswith(_FORMULA) else shown
+    return f"'{shown}" if is_computed(text) else shown
 
 
 class _Line:

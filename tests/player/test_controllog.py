@@ -25,6 +25,12 @@ def test_a_log_is_written_so_that_it_can_be_played(tmp_path: Path) -> None:
     assert trajectory.period == 0.008
 
 
+def test_no_text_of_the_controller_is_computed_by_a_spreadsheet() -> None:
+    file = io.BytesIO()
+    write_log(file, [(-1.5, "=1+1", " @SUM(1)", "-", "pick.pcs")])
+    assert file.getvalue().decode().splitlines()[1] == "-1.5,'=1+1,' @SUM(1),'-,pick.pcs"
+
+
 def test_a_record_that_is_none_is_written_as_it_is() -> None:
     file = io.BytesIO()
     write_log(file, ["odd", None, "\ud800"])

@@ -4,7 +4,23 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.wording import counted, display_width
+from bcapscope.protocol.wording import counted, display_width, is_computed
+
+
+@pytest.mark.parametrize(
+    ("text", "computed"),
+    [
+        ("=1", True),
+        ("\u3000＝1", True),
+        (" +1", True),
+        ("\tx", True),
+        ("", False),
+        ("a=1", False),
+        ("'=1", False),
+    ],
+)
+def test_what_a_spreadsheet_computes(text: str, computed: bool) -> None:
+    assert is_computed(text) is computed
 
 
 def test_numbers_with_nouns() -> None:
