@@ -72,5 +72,10 @@ def save(settings: Settings, path: Path) -> None:
 
 
 def remembered(item: str, among: list[str]) -> list[str]:
-    """Return the list with `item` at its head, and what was used longest ago dropped."""
+    """Return the list with `item` at its head, and what was used longest ago dropped.
+
+    A name of a file that is no text, with a lone surrogate in it, is not remembered: YAML does not hold it.
+    """
+    if any("\ud800" <= letter <= "\udfff" for letter in item):
+        return among
     return [item, *(each for each in among if each != item)][:MOST_RECENT]

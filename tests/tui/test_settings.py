@@ -65,3 +65,13 @@ def test_the_latest_comes_first_and_only_once() -> None:
     assert items[:3] == ["7", str(MOST_RECENT + 4), str(MOST_RECENT + 3)]
     assert len(items) == MOST_RECENT
     assert len(set(items)) == MOST_RECENT
+
+
+def test_names_of_files_may_be_anything(tmp_path: Path) -> None:
+    items: list[str] = []
+    for name in ("\x1b[31m\n[b]\u202e", "\udcff\udcfe.csv"):
+        items = remembered(name, items)
+    settings = Settings(trajectories=items)
+    save(settings, tmp_path / "screen.yaml")
+    assert load(tmp_path / "screen.yaml") == (settings, "")
+    assert items == ["\x1b[31m\n[b]\u202e"]

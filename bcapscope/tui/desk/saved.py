@@ -149,7 +149,10 @@ def save(folder: Path, name: str, function_id: int, arguments: Sequence[Variant]
     stem = _UNSAFE.sub("_", name).strip(" .")[:80]
     if not stem:
         raise SavedError(say("desk.saved.name"))
-    content = msgspec.yaml.encode(_File(function.name, [text or "" for text in texts], note))
+    try:
+        content = msgspec.yaml.encode(_File(function.name, [text or "" for text in texts], note))
+    except UnicodeEncodeError:  # a lone surrogate
+        raise SavedError(say("desk.saved.half")) from None
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return _replace(folder / f"{stem}{_SUFFIX}", content)

@@ -80,6 +80,10 @@ WORDS: dict[str, tuple[str, str]] = {
         "only calls of known functions with all their arguments can be saved",
         "保存できるのは、引数がそろった既知の関数の呼び出しだけです",
     ),
+    "desk.saved.half": (
+        "half a character (a lone surrogate) cannot be written down: copy it as Python",
+        "片方だけのサロゲートは書き表せません。Python としてコピーしてください",
+    ),
     "desk.saved.nested": (
         "a VARIANT array in a VARIANT array cannot be written down: copy it as Python",
         "VARIANT 配列の中の VARIANT 配列は書き表せません。Python としてコピーしてください",

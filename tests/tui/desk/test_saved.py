@@ -73,6 +73,8 @@ def test_what_cannot_be_written_down(tmp_path: Path) -> None:
     nested = Variant.array(VT.VARIANT, (Variant.array(VT.VARIANT, (EMPTY, EMPTY)),))
     with pytest.raises(SavedError, match="VARIANT array"):
         save(tmp_path, "x", 64, (*MODE[:2], nested))
+    with pytest.raises(SavedError, match="half a character"):
+        save(tmp_path, "x", 64, (MODE[0], Variant(VT.BSTR, "\ud800"), EMPTY))
     with pytest.raises(SavedError, match="known functions"):
         save(tmp_path, "x", 200, ())
     with pytest.raises(SavedError, match="name is expected"):
