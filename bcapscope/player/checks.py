@@ -11,7 +11,7 @@ from bcapscope.player.curve import FIG, Array
 from bcapscope.player.finding import Case, Finding, numbered, span_text
 from bcapscope.player.timing import gaps
 from bcapscope.protocol.poses import AXES
-from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.slavemode import PERIOD_MS, PoseType
 from bcapscope.protocol.wording import counted
 
 SAME_INTERVAL = 0.01
@@ -101,6 +101,21 @@ def directions(case: Case) -> Iterator[Finding]:
             f"orientation and approach are no unit vectors at a right angle in {counted(count, 'set point')}"
         )
         yield Finding("directions", Severity.ERROR, sentence, "check the columns", points, count)
+
+
+def cycle(case: Case) -> Iterator[Finding]:
+    """Compare slvMove with the cycle in which a controller takes set points, where that sets the pace."""
+    mode_, taken = case.mode, PERIOD_MS / 1000
+    if mode_ is None or not mode_.pose_type or abs(case.period - taken) <= SAME_INTERVAL * taken:
+        return
+    whose = f"in slave mode 0x{mode_.value:03X} a set point is taken each {span_text(taken)}"
+    advice = f"choose an interval of {span_text(taken)}"
+    if case.period > taken and mode_.underflow_is_error:
+        sentence = f"{whose}, and slvMove goes only each {span_text(case.period)}, which would end it"
+        yield Finding("cycle", Severity.ERROR, sentence, advice)
+    elif case.period < taken and not mode_.overwrites:
+        sentence = f"{whose}, so that this takes {taken / case.period:.3g} times as long"
+        yield Finding("cycle", Severity.WARNING, sentence, advice)
 
 
 def interval(case: Case) -> Iterator[Finding]:

@@ -18,7 +18,7 @@ from bcapscope.protocol.slavemode import SlaveMode
 
 Check: TypeAlias = Callable[[Case], Iterator[Finding]]
 
-_OF_FORM: tuple[Check, ...] = (checks.mode, checks.axes, checks.interval)
+_OF_FORM: tuple[Check, ...] = (checks.mode, checks.axes, checks.cycle, checks.interval)
 _OF_NUMBERS: tuple[Check, ...] = (
     checks_motion.bounds,
     checks_motion.rest,

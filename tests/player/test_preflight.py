@@ -155,6 +155,23 @@ FAULTS = [
         check(way(changed(TURNED, 7, 3, 2.0), PoseType.T), PERIOD),
     ),
     Fault(
+        "cycle",
+        ERROR,
+        "in slave mode 0x202 a set point is taken each 8 ms, and slvMove goes only each 16 ms, "
+        "which would end it",
+        (),
+        0,
+        check(way(JOINTS, period=0.016), 0.016, mode=slave_mode(0x202)),
+    ),
+    Fault(
+        "cycle",
+        WARNING,
+        "in slave mode 0x002 a set point is taken each 8 ms, so that this takes 2 times as long",
+        (),
+        0,
+        check(way(JOINTS, period=0.004), 0.004, mode=slave_mode(0x002, Generation.RC7)),
+    ),
+    Fault(
         "interval",
         ERROR,
         "the set points are 10 ms apart and slvMove goes each 8 ms, which would move the robot at 1.25 times "
@@ -372,6 +389,11 @@ def test_the_first_point_is_near_the_short_way_round() -> None:
 def test_a_posture_that_is_left_to_the_controller_is_no_other(first: float, present: float) -> None:
     here = (400.0, 0.0, 500.0, 0.0, 90.0, 0.0)
     assert not check(way([[*here, first]], PoseType.P), PERIOD, present=(*here, present)).needs_move
+
+
+@pytest.mark.parametrize(("mode", "period"), [(0x102, 0.001), (0x102, 0.016), (0x202, 0.008)])
+def test_where_we_set_the_pace_the_cycle_is_ours(mode: int, period: float) -> None:
+    assert "cycle" not in found(check(way(JOINTS, period=period), period, mode=slave_mode(mode)))
 
 
 def test_a_loop_that_is_closed_the_short_way_round() -> None:

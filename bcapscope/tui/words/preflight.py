@@ -56,6 +56,9 @@ PHRASES: dict[str, str] = {
     "check the columns": "列を確認する",
     # times
     "the file does not tell the interval, {text} is assumed": "ファイルに間隔の情報がないため {text} とみなします",
+    "in slave mode 0x{text} a set point is taken each {text2}, and slvMove goes only each {text3}, which would end it": "スレーブモード 0x{text} では指令値が {text2} ごとに取り込まれます。slvMove が {text3} ごとではモードが終了します",
+    "in slave mode 0x{text} a set point is taken each {text2}, so that this takes {n} times as long": "スレーブモード 0x{text} では指令値が {text2} ごとに取り込まれるため、所要時間が {n} 倍になります",
+    "choose an interval of {text}": "間隔に {text} を選ぶ",
     "give the interval if it is another": "異なる場合は間隔を指定する",
     "the set points are {text} apart and slvMove goes each {text2}, which would move the robot at {text3} times the speed": "指令値の間隔は {text}、slvMove は {text2} ごとのため、速度が {text3} 倍になります",
     "resample it, which also gives it a smooth start and stop": "再標本化する (始動と停止も滑らかになります)",
