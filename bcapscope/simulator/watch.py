@@ -11,7 +11,9 @@ Ready: TypeAlias = tuple[list[int], list[int]]
 
 
 class Watch:
-    """Looks at file descriptors, or waits for them.
+    """Looks at file descriptors, or waits for them; files, which stdin may be, are always ready.
+
+    `epoll`, which the relay of the proxy has, refuses files, and waits to the microsecond in two steps only.
 
     Attributes:
         readers: those that are to be read.
