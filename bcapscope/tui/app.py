@@ -252,6 +252,10 @@ class Scope(KeyOrder):
             text = say("shell.settings.unwritable", path=self._settings_path, reason=reason)
             self.tell(text, "warning")
 
+    def copy_to_clipboard(self, text: str) -> None:
+        """Copy to the clipboard; half a character (a lone surrogate), which none takes, is written out."""
+        super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
+
     def tell(self, text: str, severity: str = "information") -> None:
         """Show a message for a while; `text` is never taken for markup."""
         kind = severity if severity in ("warning", "error") else "information"

@@ -68,6 +68,10 @@ def test_hostile_strings_are_shown_and_never_interpreted(tmp_path: Path) -> None
                 await pilot.pause()
                 assert "[/foo]" in sight(pilot)
                 assert "\x1b" not in sight(pilot)
+            await focus(pilot, COMMAND)
+            here.query_one(COMMAND, Input).value = "a\ud800"
+            await pilot.press("home", "shift+end", "ctrl+c")
+            assert pilot.app.clipboard == "a\\ud800"
             await execute(pilot, "[/foo]\\x")
             await until(pilot, lambda: isinstance(pilot.app.screen, ArmDialog))
             assert "[/foo]" in sight(pilot)  # the type of the robot
