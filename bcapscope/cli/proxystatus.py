@@ -105,7 +105,7 @@ def losses(counts: Sequence[int]) -> Iterator[str]:
     if counts[Count.FULL]:
         yield f"{counts[Count.FULL]} that the system would not send"
     if counts[Count.DENIED]:
-        yield f"{counts[Count.DENIED]} of clients that are not allowed"
+        yield f"{counts[Count.DENIED]} of clients that are not allowed, or too many"
     if counts[Count.RULED]:
         yield f"{counts[Count.RULED]} touched by rules"
     if counts[Count.UNWATCHED]:

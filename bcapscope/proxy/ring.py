@@ -68,7 +68,7 @@ class Count(IntEnum):
     LOST = 7
     """Datagrams that found no room in a socket's buffer."""
     DENIED = 8
-    """Datagrams and connections of clients that are not allowed."""
+    """Datagrams and connections of clients that are not allowed, or too many."""
     CLIENTS = 9
     """Clients, all in all."""
     UNWATCHED = 10

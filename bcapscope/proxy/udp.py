@@ -69,7 +69,7 @@ class UdpPort:
         self._forget_after = forget_after
         self._sessions: dict[SocketAddress, UdpSession] = {}
         self._strangers: set[str] = set()
-        self._dropped = self._wayless = 0
+        self._dropped = self._wayless = self._surplus = 0
 
     def open(self) -> None:
         """Begin to take clients; what came before is as if nobody had listened, since it may be old."""
@@ -154,12 +154,15 @@ class UdpPort:
             return None
         if not relay.has_room():
             relay.counts[Count.DENIED] += 1
+            self._surplus += 1
+            if _is_told(self._surplus):
+                relay.tell(f"{endpoint_of(address)} is one client too many; its datagrams are dropped")
             return None
         try:
             upstream = connect_datagrams(*self.controller)
         except OSError as error:
             self._wayless += 1
-            if self._wayless & (self._wayless - 1) == 0:  # the 1st, 2nd, 4th, 8th …, as each datagram asks
+            if _is_told(self._wayless):
                 relay.tell(
                     f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {reason(error)}"
                 )
@@ -344,7 +347,7 @@ class UdpSession:
         """Count what cannot be sent."""
         relay = self._relay
         relay.counts[Count.FULL] += 1
-        if relay.counts[Count.FULL] & (relay.counts[Count.FULL] - 1) == 0:  # the 1st, 2nd, 4th, 8th …
+        if _is_told(relay.counts[Count.FULL]):
             relay.tell(f"{self.conversation.client}: {len(data)} bytes could not be sent: {reason(error)}")
         return 0
 
@@ -352,3 +355,8 @@ class UdpSession:
         dropped = drops(self._upstream)
         self._relay.counts[Count.LOST] += dropped - self._dropped
         self._dropped = dropped
+
+
+def _is_told(count: int) -> bool:
+    """Tell whether the user hears of what may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
+    return count & (count - 1) == 0

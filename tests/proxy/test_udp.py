@@ -152,6 +152,7 @@ def test_one_client_too_many_waits_until_one_is_silent() -> None:
         with datagrams(to=proxy.address) as late:
             late.send(b"too many")
             eventually(lambda: proxy.relay.counts[Count.DENIED] == 1)
+            eventually(lambda: "is one client too many; its datagrams are dropped" in proxy.told())
             silent = next(iter(proxy.relay.sessions.values()))
             silent.heard -= GIVE_WAY_AFTER
             late.send(b"room now")
