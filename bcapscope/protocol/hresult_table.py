@@ -156,7 +156,7 @@ SYMBOLS: tuple[Entry, ...] = (
     Entry(
         0x809100AA,
         None,
-        "busy: an earlier call of this connection is still running (system error 170)",
+        "busy: an earlier call, of the same connection or over UDP of any, still runs (system error 170)",
         "wait for its answer; after InvokeTimeout none comes",
     ),
 )

@@ -105,7 +105,7 @@ PHRASES: dict[str, str] = {
     "use TCP or shorten the options; some drivers also report a failed connect so": "TCP を使うかオプションを短くする。接続失敗をこのコードで返すドライバもある",
     "list of clients is full": "クライアント数の上限",
     "close unused connections": "使っていない接続を閉じる",
-    "busy: an earlier call of this connection is still running (system error 170)": "ビジー: この接続の先の呼び出しが実行中 (システムエラー 170)",
+    "busy: an earlier call, of the same connection or over UDP of any, still runs (system error 170)": "ビジー: 先の呼び出し (同じ接続、UDP では全クライアント) が実行中 (システムエラー 170)",
     "wait for its answer; after InvokeTimeout none comes": "その応答を待つ。InvokeTimeout 後は応答が来ない",
     # slave mode
     "slvMove while slave mode is off": "スレーブモードでないときの slvMove",
