@@ -113,13 +113,18 @@ class Casebook:
         Called again when all is known: what was found last may have come before, and fits better.
         """
         known, incident.cause = incident.cause, None
-        named = [each for number in incident.because for each in self._by_call.get(number, ())]
+        likely = incident.rule.follows
+        named = [
+            each
+            for number in incident.because
+            for each in self._by_call.get(number, ())
+            if each.rule.severity is not Severity.NOTE or each.rule.id in likely
+        ]
         causes = [each for each in named if _precedes(each, incident)]
         if not causes:
             found = list(self._candidates(incident)) + ([] if known is None else [known])
             causes = [each for each in found if _precedes(each, incident)]
         if causes:
-            likely = incident.rule.follows
             incident.cause = max(causes, key=lambda each: (each.began, -_place(each.rule.id, likely)))
             self._case_of(incident.cause).hold(incident.cause)
 

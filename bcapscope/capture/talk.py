@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bcapscope.capture.sides import evidence
 from bcapscope.protocol.frame import Frame, Malformed
-from bcapscope.traffic.observation import Closing, Conversation, Direction, Endpoint, Flow, Transport
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
 HELD_LIMIT = 64
 """Items kept back until the server is known; at that number it is guessed. A single reply of S_OK, or a
@@ -63,7 +63,7 @@ class Talk:
         self._transport = transport
         self.tentative = tentative
         self._held: list[tuple[int, Sighting]] = []
-        self._closed: tuple[int, bool, int] | None = None
+        self._closed: dict[tuple[int, bool], int] = {}  # when, by sender and whether it was by RST
         self.flows: tuple[Flow, Flow] | None = None
 
     def decide(self, server: int, why: str) -> None:
@@ -71,8 +71,8 @@ class Talk:
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, why)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
-        if self._closed is not None:
-            self.close(*self._closed)
+        for (sender, reset), time in self._closed.items():
+            self.close(sender, reset, time)
 
     def guess(self) -> None:
         """Settle it for want of proof, if it is not settled: who speaks first mostly asks."""
@@ -81,11 +81,12 @@ class Talk:
             self.decide(1 - client, "a guess: the other end spoke first, and nothing said was proof")
 
     def close(self, sender: int, reset: bool, time: int) -> None:
-        """Note that an end closed the connection, or broke it off; the first time counts."""
-        self._closed = self._closed or (sender, reset, time)
-        if self.flows is not None:
-            by, reset, time = self._closed
-            self.flows[by].conversation.closing = Closing(self.flows[by].direction, reset, time)
+        """Note that an end closed the connection, or broke it off."""
+        if self.flows is None:
+            self._closed.setdefault((sender, reset), time)
+        else:
+            flow = self.flows[sender]
+            flow.conversation.close(flow.direction, reset, time)
 
     def hear(self, sender: int, sighting: Sighting) -> bool:
         """Take in what an end said; `release` gives it out.

@@ -15,7 +15,6 @@ from bcapscope.protocol.frame import parse_datagram
 from bcapscope.protocol.stream import Piece, Splitter
 from bcapscope.proxy.ring import Kind, Record
 from bcapscope.traffic.observation import (
-    Closing,
     Conversation,
     Direction,
     Endpoint,
@@ -72,9 +71,8 @@ class _Client:
         self.ways = (_Way(conversation, Direction.RESPONSE), _Way(conversation, Direction.REQUEST))
 
     def ended(self, up: bool, reset: bool, time: int) -> None:
-        """Note that an end closed the connection, if it is the first."""
-        if self.conversation.closing is None:
-            self.conversation.closing = Closing(self.ways[up].flow.direction, reset, time)
+        """Note that an end closed the connection."""
+        self.conversation.close(self.ways[up].flow.direction, reset, time)
 
 
 class Witness:

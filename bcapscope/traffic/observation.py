@@ -43,16 +43,18 @@ class Closing(NamedTuple):
         by: which end did it: that of the requests is the client.
         reset: broken off by RST; otherwise closed in order by FIN, after which the other end may say more.
         time: when, nanoseconds since 1970-01-01 UTC.
+        over: the other end has closed it since, too, or one has broken it off.
     """
 
     by: Direction
     reset: bool
     time: int
+    over: bool = False
 
     @property
     def mutes(self) -> bool:
-        """Whether no reply can come after it: of a client that closed in order the other end may go on."""
-        return self.reset or self.by is Direction.RESPONSE
+        """Whether no reply can come any more: of a client that closed in order the other end may go on."""
+        return self.reset or self.over or self.by is Direction.RESPONSE
 
 
 class Conversation:
@@ -77,6 +79,13 @@ class Conversation:
         self.transport = transport
         self.side_known_by = side_known_by
         self.closing: Closing | None = None
+
+    def close(self, by: Direction, reset: bool, time: int) -> None:
+        """Note that an end closed the connection, or broke it off; who did it first is kept."""
+        if self.closing is None:
+            self.closing = Closing(by, reset, time)
+        elif reset or by is not self.closing.by:
+            self.closing = self.closing._replace(over=True)
 
     def __repr__(self) -> str:
         return f"Conversation({self.client} > {self.server} {self.transport})"

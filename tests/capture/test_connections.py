@@ -58,8 +58,10 @@ def test_an_end_that_talks_to_itself_breaks_nothing() -> None:
 @pytest.mark.parametrize(
     ("flags", "closing"),
     [
-        ((FIN | ACK, RST), Closing(Direction.REQUEST, False, 2)),
-        ((RST, FIN | ACK), Closing(Direction.REQUEST, True, 2)),
+        ((FIN | ACK, RST), Closing(Direction.REQUEST, False, 2, over=True)),
+        ((FIN | ACK, FIN | ACK), Closing(Direction.REQUEST, False, 2, over=True)),
+        ((FIN | ACK, ACK), Closing(Direction.REQUEST, False, 2)),
+        ((RST, FIN | ACK), Closing(Direction.REQUEST, True, 2, over=True)),
         ((ACK, RST), Closing(Direction.RESPONSE, True, 3)),
         ((ACK, ACK), None),
     ],

@@ -78,7 +78,7 @@ def test_a_connection_is_ended_by_the_side_from_which_its_end_came(up: bool, res
         Record(other, not up, 1, 40, 0, b"", ""),
     )
     direction = Direction.REQUEST if up else Direction.RESPONSE
-    assert seen_.flow.conversation.closing == Closing(direction, reset, 20)
+    assert seen_.flow.conversation.closing == Closing(direction, reset, 20, over=True)
 
 
 def test_what_the_proxy_ends_is_ended_by_neither_side() -> None:

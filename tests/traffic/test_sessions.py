@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bcapscope.traffic.convention import Convention
 from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.lane import PATIENCE_NS
+from bcapscope.traffic.lane import COPIES_WITHIN_NS, PATIENCE_NS
 from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.traffic.verdict import Verdict
@@ -36,11 +38,14 @@ def told(records: dict[int, Record]) -> list[str]:
     """Tell each call of a client in one line, as `summary` does, from what is known about the session."""
     calls = sorted({record.call for record in records.values()})
     by_call = {call: {n: r for n, r in records.items() if r.call == call} for call in calls}
+    end = max((r.time for r in records.values()), default=0)
     lines: list[str] = []
+    passed = False  # a later call was answered, and longer ago than the network changes the order
     for call in reversed(calls):
         later = [r.time for r in records.values() if r.call > call and r.kind == "request"]
-        passed = any("answered, " in line and "unanswered, " not in line for line in lines)
         lines.append(_line(by_call[call], min(later, default=None), passed))
+        answered = [records[int(word[1:])].time for word in lines[-1].split() if re.fullmatch(r"<\d+", word)]
+        passed = passed or any(time < end - COPIES_WITHIN_NS for time in answered)
     return lines[::-1]
 
 

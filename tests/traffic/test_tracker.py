@@ -14,7 +14,7 @@ from bcapscope.traffic.lane import (
     LATE_WITHIN_NS,
     RETRY_WITHIN_NS,
 )
-from bcapscope.traffic.observation import Closing, Direction, Transport
+from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.traffic.question import MOST_CONVERSATIONS
 from bcapscope.traffic.tracker import MOST_OPEN, Tracker
 from bcapscope.traffic.verdict import Outcome, Verdict
@@ -198,17 +198,23 @@ def test_a_late_reply_to_a_call_that_was_not_let_go_is_late(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("by", "reset", "outcome"),
+    ("ends", "outcome"),
     [
-        (Direction.RESPONSE, False, Outcome.UNANSWERED),
-        (Direction.REQUEST, True, Outcome.UNANSWERED),
-        (Direction.REQUEST, False, Outcome.CAPTURE_ENDED),
+        ([(Direction.RESPONSE, False)], Outcome.UNANSWERED),
+        ([(Direction.REQUEST, True)], Outcome.UNANSWERED),
+        ([(Direction.REQUEST, False)], Outcome.CAPTURE_ENDED),
+        ([(Direction.REQUEST, False)] * 2, Outcome.CAPTURE_ENDED),
+        ([(Direction.REQUEST, False), (Direction.RESPONSE, False)], Outcome.UNANSWERED),
+        ([(Direction.REQUEST, False), (Direction.REQUEST, True)], Outcome.UNANSWERED),
     ],
 )
-def test_no_reply_comes_over_a_connection_that_is_gone(by: Direction, reset: bool, outcome: Outcome) -> None:
+def test_no_reply_comes_over_a_connection_that_is_gone(
+    ends: list[tuple[Direction, bool]], outcome: Outcome
+) -> None:
     script = Script()
     asked = script.client(transport=Transport.TCP).ask(0, 1, 1, MOVE)
-    asked.flow.conversation.closing = Closing(by, reset, asked.time + MS)
+    for by, reset in ends:
+        asked.flow.conversation.close(by, reset, asked.time + MS)
     (call,) = calls_of(script.track())
     assert call.outcome is outcome
 

@@ -9,6 +9,7 @@ from bcapscope.analysis.client import Client, Clients, command_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule import MS, SECOND, Incident, Report, Rule, Watcher
 from bcapscope.analysis.speech import Speech, called, name_of, span, times
+from bcapscope.protocol.functions import ID
 from bcapscope.protocol.slavemode import PERIOD_MS
 from bcapscope.protocol.wording import counted
 from bcapscope.traffic.exchange import Exchange, FrameObservation, Stray
@@ -18,6 +19,11 @@ from bcapscope.traffic.verdict import Verdict
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _C_CLIENT = "orin_bcap C/src/bCAPClient/bcap_client.c"
 _ROS_12 = "DENSORobot/denso_robot_ros issues 8 and 12"
+
+_WAIT = (
+    "Wait for longer than the call takes, a motion above all, or have the controller say S_EXECUTING (WDT in "
+    "the option of Service_Start); a client that closes the connection gets no reply."
+)
 
 LATE_REPLY = Rule(
     "late-reply",
@@ -233,18 +239,32 @@ class Replies(Watcher):
     def _unanswered(self, call: Exchange) -> None:
         tries, name = len(call.requests), called(call)
         gone_on = call.gone_on - call.request.time if call.gone_on else 0
+        closing = call.conversation.closing
+        by_client = closing is not None and closing.by is Direction.REQUEST and not gone_on
+        if by_client and call.question.function_id == ID["Service_Stop"]:
+            return  # nobody waits for that one
 
         def say(speech: Speech) -> str:
             text = f"at {speech.at(call.request.time)} {name} was sent {times(tries)} and never answered"
+            who = speech.client(call.conversation)
+            if by_client and closing is not None:
+                return f"{text}; {who} closed the connection after {span(closing.time - call.request.time)}"
             if gone_on:
-                text += f"; {speech.client(call.conversation)} went on after {span(gone_on)}"
+                text += f"; {who} went on after {span(gone_on)}"
             return f"{text}; whether requests or replies were lost cannot be told from here"
 
         def then(speech: Speech, after: int) -> str:
             return f"{name} was never answered"
 
-        closing = call.conversation.closing
-        self.tell(NO_REPLY, call, say, then, time=call.gone_on or (0 if closing is None else closing.time))
+        self.tell(
+            NO_REPLY,
+            call,
+            say,
+            then,
+            time=call.gone_on or (0 if closing is None else closing.time),
+            key="closed" if by_client else "",
+            advice=_WAIT if by_client else "",
+        )
 
     def _stopped(self, call: Exchange, quiet: int) -> None:
         first, last = call.requests[0].time, call.requests[-1].time

@@ -108,6 +108,7 @@ PHRASES: dict[str, str] = {
     "the reply to {name} {n} came {span} after it was sent, {client} had given up at {span2} and tried again ({text})": "{name} {n} への応答は送信の {span} 後に届きましたが、{client} は {span2} で待つのをやめて送り直していました ({text})",
     "the reply to {name} {n} came after {span}, when {client} had given up": "{name} {n} への応答は {span} 後、{client} が待つのをやめてから届きました",
     "at {time} {name} was sent {times} and never answered": "{time} に {name} が {times} 送られ、応答がありませんでした",
+    "{client} closed the connection after {span}": "{client} は {span} 後に接続を閉じました",
     "{client} went on after {span}": "{client} は {span} 後に次へ進みました",
     "whether requests or replies were lost cannot be told from here": "要求と応答のどちらが失われたかは、ここからは分かりません",
     "{client} sent {name} {times} in {span} without any reply and then said nothing more for the {span2} that the capture goes on": "{client} は {name} を {span} の間に {times} 送って応答がなく、その後キャプチャが続く {span2} の間、何も送っていません",

@@ -116,6 +116,25 @@ def _hung_up(by_controller: bool, closes: bool = False) -> Play:
     return play
 
 
+def _moves_and_is_gone(closes: bool) -> Play:
+    """A client that did not ask for the robot's type, which is not why it is gone."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.call(0, "Service_Start", text(",WDT=400"))
+        names = map(text, ("", "CaoProv.DENSO.VRC", "localhost", ""))
+        client.call(5, "Controller_Connect", *names, result=CONTROLLER)
+        client.call(10, "Controller_GetRobot", CONTROLLER, text("Arm"), text(""), result=ROBOT)
+        client.call(15, "Robot_Move", ROBOT, i4(1), text("P1"), text(""))
+        if closes:
+            client.close(40)
+        other = story.client(50002, host="192.168.0.11")
+        other.open(12000)
+        other.close(12100)
+
+    return play
+
+
 def _executing(answered: bool, option: str = ",WDT=400") -> Play:
     def play(story: Story) -> None:
         client = story.client(tcp=True)
@@ -201,8 +220,15 @@ SCENES = (
         _hung_up(by_controller=True),
         (9,),
         ("Motor 5 was sent once and never answered",),
-        _hung_up(by_controller=False),
+        _hung_up(by_controller=True, closes=True),
         "controller-hung-up",
+    ),
+    Scene(
+        "no-reply",
+        _hung_up(by_controller=False),
+        (9,),
+        ("Motor 5 was sent once and never answered; client 192.168.0.10:50001 (TCP) closed", "after 25 ms"),
+        _hung_up(by_controller=False, closes=True),
     ),
     Scene(
         "unclean-quit",
@@ -210,6 +236,14 @@ SCENES = (
         (9,),
         ("192.168.0.10:50001 (TCP) said nothing after 0.050 s",),
         _hung_up(by_controller=True),
+        "no-reply",
+    ),
+    Scene(
+        "unclean-quit",
+        _moves_and_is_gone(closes=False),
+        (7,),
+        ("192.168.0.10:50001 (UDP) said nothing after",),
+        _moves_and_is_gone(closes=True),
     ),
     Scene(
         "service-not-started",
