@@ -46,6 +46,9 @@ _ENDS_WITHIN = 60.0
 _GOODBYES_WITHIN = 3.0
 """Seconds for all sessions that are ended in their clients' place: a controller that is gone answers none."""
 
+_LAST_WORDS_WITHIN = 0.5
+"""Seconds that a terminal has for what is told at the end."""
+
 _STDIN = 0
 
 _SILENT = 30_000_000_000
@@ -177,16 +180,17 @@ class Proxy:
             if self.relay.policy is not None:
                 self.relay.policy.close()
                 for line in self.relay.policy.report():
-                    (self.relay.tell if self._watched else narrate)(line)
+                    self.relay.tell(line)
             if not self._watched:
                 self._sum_up()
 
     def _sum_up(self) -> None:
-        """Tell what the relay itself knows, as who watched it tells nothing any more."""
+        """Tell what is known here, as who watched it tells nothing any more."""
         from bcapscope.cli.proxystatus import losses, totals  # the watcher's, and NumPy with it
 
-        for line in (totals(self._ring.counts), *losses(self._ring.counts)):
-            narrate(line)
+        report = () if self.relay.policy is None else self.relay.policy.report()
+        counts = self._ring.counts
+        _aside("\n".join((*report, totals(counts), *losses(counts)))).join(_LAST_WORDS_WITHIN)
 
     def close(self) -> None:
         """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
@@ -316,17 +320,19 @@ def _can_last(descriptor: int) -> bool:
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
 
 
-def _aside(text: str) -> None:
-    """Tell something while bytes pass: in a thread of its own, as a terminal that is stopped takes nothing.
+def _aside(text: str) -> threading.Thread:
+    """Tell something in a thread of its own, as a terminal that is stopped takes nothing; return that.
 
     It writes past Python's buffer, whose lock the end of the program would wait for.
     """
 
     def write() -> None:
         with suppress(OSError):
-            os.write(2, f"{ERASE if os.isatty(2) else ''}{text}\n".encode())
+            os.write(2, f"{ERASE if os.isatty(2) else ''}{text}\n".encode("utf-8", "replace"))
 
-    threading.Thread(target=write, name="aside", daemon=True).start()
+    aside = threading.Thread(target=write, name="aside", daemon=True)
+    aside.start()
+    return aside
 
 
 def _share(size: int) -> SharedMemory:
