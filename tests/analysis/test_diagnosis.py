@@ -220,6 +220,18 @@ def test_memory_is_bounded_by_what_is_open_and_not_by_what_was_seen() -> None:
     assert held(9000) == held(12000)
 
 
+@pytest.mark.parametrize(
+    ("known_by", "rule"), [("port 5007", "capture-gap"), ("the proxy", "malformed-request")]
+)
+def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: str) -> None:
+    ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
+    flow = Flow(Conversation(*ends, Transport.TCP, known_by), Direction.REQUEST)
+    diagnosis = Diagnosis()
+    item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (Problem(0, "outside", "bytes outside of any frame"),))
+    diagnosis.take_observation(Observation(1, 0, 0, flow, item, 0))
+    assert [finding.rule for finding in diagnosis.finish()] == [rule]
+
+
 @pytest.mark.interop
 @pytest.mark.parametrize("name", ["tcp.pcapng", "udp_clean.pcap"])
 def test_recordings_without_loss_have_neither_errors_nor_warnings(name: str) -> None:

@@ -108,9 +108,11 @@ class Wire(Watcher):
 
     def fresh(self, seen: Observation) -> None:
         flow = seen.flow
-        if flow.conversation.transport is Transport.TCP and isinstance(seen.item, Malformed):
+        conversation = flow.conversation
+        begun_unseen = conversation.transport is Transport.TCP and conversation.side_known_by != "the proxy"
+        if begun_unseen and isinstance(seen.item, Malformed):
             self._doubt(flow, seen.time)  # the capture began in the middle of a frame
-        if flow.conversation.side_known_by.startswith("a guess") and flow.direction is Direction.REQUEST:
+        if conversation.side_known_by.startswith("a guess") and flow.direction is Direction.REQUEST:
             text = f"that {flow.dst_text} is the server and {flow.src_text} the client is only a guess"
             self._see(GUESSED, seen, text)
 
