@@ -174,10 +174,12 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
         )
         try:
             require_terminal()
-            Scope([tester, traffic]).run()
+            try:
+                Scope([tester, traffic]).show()
+            finally:
+                narrate(f"what was sent is written down in {start.audit}")
         finally:
             tap.close()
-    narrate(f"what was sent is written down in {start.audit}")
 
 
 def _show(path: str, interface: str, ports: tuple[int, ...]) -> None:
@@ -191,6 +193,6 @@ def _show(path: str, interface: str, ports: tuple[int, ...]) -> None:
 
         require_terminal()
         title = Path(path).name or interface
-        Scope([Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]).run()
+        Scope([Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]).show()
     finally:
         feed.close()

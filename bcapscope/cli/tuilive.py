@@ -120,7 +120,7 @@ def show_simulator(port: int, words: Sequence[str]) -> None:
             feed = Feed(path=str(record), follow=True, ports=(int(address.rpartition(":")[2]),))
             try:
                 require_terminal()
-                Scope([Spot("traffic", "f3", "traffic", lambda: Simulated(feed, address, child))]).run()
+                Scope([Spot("traffic", "f3", "traffic", lambda: Simulated(feed, address, child))]).show()
             finally:
                 feed.close()
 
@@ -141,7 +141,7 @@ def _run(feed: Feed | None, screen: ProxyScreen) -> None:
     if feed is not None:
         spots.append(Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, screen.way)))
     require_terminal()
-    Scope(spots).run()
+    Scope(spots).show()
 
 
 def _figures(address: str) -> Figures:

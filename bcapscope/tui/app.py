@@ -10,8 +10,9 @@ import signal
 import sys
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import AsyncExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 from rich.style import Style
 from textual.app import App
@@ -235,13 +236,34 @@ class Scope(KeyOrder):
             return
         self._is_ending = True
         try:
-            async with asyncio.timeout(CLOSING_LIMIT):
-                while self._closers:
-                    await self._closers.pop()()
-        except TimeoutError:
-            pass
+            await self._let_go()
         finally:
             self.exit()
+
+    async def _let_go(self) -> None:
+        """Do all that is to be done at the end; an error in one keeps nobody from the others."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(CLOSING_LIMIT), AsyncExitStack() as stack:
+                for closer in self._closers:
+                    stack.push_async_callback(closer)
+                self._closers.clear()
+
+    def show(self) -> None:
+        """Run the screen until it is closed.
+
+        Raises:
+            SystemExit: an error of ours ended it, which stands on the terminal.
+        """
+        self.run()
+        if self.return_code:
+            raise SystemExit(self.return_code)
+
+    async def run_async(self, **options: Any) -> None:
+        """Run, and let go of everything where an error of ours has ended it."""
+        try:
+            await super().run_async(**options)
+        finally:
+            await self._let_go()
 
     def keep(self) -> None:
         """Write the settings; tell if that is not possible."""

@@ -65,6 +65,34 @@ def test_keys_lead_from_screen_to_screen() -> None:
     drive(made := app(), act)
 
 
+def test_an_error_of_ours_ends_the_screen_and_lets_go_of_everything(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = []
+
+    class Faulty(_Here):
+        def on_mount(self) -> None:
+            raise RuntimeError("ours")
+
+    async def closed() -> None:
+        done.append("closed")
+
+    async def failing() -> None:
+        done.append("failing")
+        raise OSError("and this one")
+
+    made = make(Spot("here", "f2", "traffic", Faulty))
+    made.at_close(closed)
+    made.at_close(failing)
+    with pytest.raises(OSError, match="and this one"):
+        asyncio.run(made.run_async(headless=True))
+    assert done == ["failing", "closed"]
+    assert "ours" in capsys.readouterr().err
+    monkeypatch.setattr(made, "run", lambda: None)  # it has just been run
+    with pytest.raises(SystemExit, match="1"):
+        made.show()
+
+
 def test_a_screen_that_was_left_takes_the_theme_that_is_chosen_elsewhere() -> None:
     async def act(pilot: Pilot[None]) -> None:
         before = made.screen.styles.background

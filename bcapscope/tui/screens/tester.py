@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from contextlib import ExitStack
+from contextlib import AsyncExitStack, ExitStack
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -185,10 +185,13 @@ class Tester(Parted):
         panel.put(self._builtin.host, self._builtin.port)
 
     async def _close(self) -> None:
-        self.workers.cancel_group(self, "call")
-        await self.stage.end()
-        await asyncio.to_thread(self.desk.close)
-        await asyncio.to_thread(self._stack.close)
+        """Let go of everything; an error in one step keeps nobody from the others."""
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(asyncio.to_thread, self._stack.close)
+            stack.push_async_callback(asyncio.to_thread, self.desk.close)
+            stack.push_async_callback(self.stage.end)
+            if self.is_running:  # else an error of ours has ended the screen, and its workers
+                self.workers.cancel_group(self, "call")
 
     # What the desk tells.
 
