@@ -11,8 +11,9 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 from bcapscope.traffic.question import MOST_CONVERSATIONS
 
 MOST_OPEN = 8192
-"""Calls that are kept open in all, about 10 MB. Four clients that send a set point every millisecond and get
-no answer have 4,000 open; when there are more, the older half of the busiest conversation's is let go."""
+"""Calls that are kept open in all, about 10 MB; when there are more, the older half of the busiest
+conversation's is let go. Where four clients send a set point each 2 ms and get no answer, those are older
+than a second, after which a reply would be late, so that they count as unanswered."""
 
 SWEEP_NS = 50_000_000
 """Time of the traffic between two looks for calls that have settled: too short for people to notice."""

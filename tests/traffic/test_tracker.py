@@ -83,6 +83,18 @@ def test_a_call_that_the_server_may_be_at_settles_later() -> None:
     assert summaries(tracker.expire(gone_on.time + BUSY_WITHIN_NS)) == ["1: >1 unanswered, unanswered"]
 
 
+def test_four_clients_that_get_no_answer_are_followed() -> None:
+    script = Script()
+    clients = [script.client(50001 + number) for number in range(4)]
+    tracker = Tracker()
+    settled: list[Settled] = []
+    for number in range(1, 3001):
+        for client in clients:
+            settled += tracker.observe(client.ask(2 * number, number, number, MOVE))
+    assert {call.outcome for call in calls_of(settled)} == {Outcome.UNANSWERED}
+    assert len(settled) + len(tracker.open) == 12_000
+
+
 def test_calls_of_a_conversation_come_in_order_and_others_do_not_wait() -> None:
     script = Script()
     slow, quick = script.client(1), script.client(2)
