@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import select
 import sys
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -161,6 +162,8 @@ class Reading:
             try:
                 with self._open(path) as self._file:
                     yield from self._file
+            except _Interrupted:
+                return
             except CaptureError as error:
                 self._report(path, error)
 
@@ -174,15 +177,27 @@ class Reading:
         self.exit = max(self.exit, Exit.DAMAGED if error.offset else Exit.UNREADABLE)
 
 
+class _Interrupted(Exception):
+    """Ctrl-C: no more is read, be it in the middle of a packet; that is not where the capture breaks off."""
+
+
 class _StandardInput:
-    """Gives what there is without waiting for more; Ctrl-C ends the capture."""
+    """Gives what there is without waiting for more."""
 
     def __init__(self) -> None:
         self._stream = io.FileIO(sys.stdin.fileno(), closefd=False)
         self._interrupts = Interrupts()
 
     def read(self, size: int) -> bytes:
-        return self._interrupts.wait(partial(self._stream.read, size), b"") or b""
+        found = self._interrupts.wait(partial(self._next, size), None)
+        if found is None:
+            raise _Interrupted
+        return found
+
+    def _next(self, size: int) -> bytes:
+        while (found := self._stream.read(size)) is None:  # somebody made the pipe non-blocking
+            select.select([self._stream], [], [])
+        return found
 
     def fileno(self) -> int:
         return self._stream.fileno()

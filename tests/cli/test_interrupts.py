@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import array
 import fcntl
+import os
 import signal
 import subprocess
 import sys
 import termios
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -18,6 +20,9 @@ from bcapscope.cli.interrupts import Interrupts
 from tests.cli.run import CAPTURES, run_here
 
 LIMIT = 30.0
+SESSION = CAPTURES / "slave-session.pcapng"
+
+unix = pytest.mark.skipif(sys.platform == "win32", reason="pipes are looked into as Unix allows it")
 
 
 @pytest.fixture
@@ -62,30 +67,84 @@ def test_what_a_wait_raises_gets_through(interrupts: Interrupts) -> None:
     assert interrupts.wait(lambda: 1, 0) == 0
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="pipes are looked into as Unix allows it")
+@unix
 def test_ctrl_c_while_lines_are_written_loses_none_of_them() -> None:
     """The program hangs in the middle of its output, or is about to, since nobody reads it."""
+    with _decoding() as decoding:
+        decoding.give(SESSION.read_bytes())
+        assert decoding.process.stdout is not None
+        _await_bytes(decoding.process.stdout.fileno(), 60_000, 1 << 30)
+        decoding.process.send_signal(signal.SIGINT)
+        lines, told = decoding.end()
+    assert told == f"{len(lines)} frames in {len(lines)} packets\n"  # all, or up to where it hung
+    assert sum(len(line) + 1 for line in lines) > 60_000
+
+
+@unix
+@pytest.mark.parametrize("size", [3, 40, 20_001])
+def test_ctrl_c_in_the_middle_of_a_packet_is_not_where_the_capture_breaks_off(size: int) -> None:
+    with _decoding() as decoding:
+        decoding.give(SESSION.read_bytes()[:size])
+        _await_bytes(decoding.there, 0, 0)
+        decoding.process.send_signal(signal.SIGINT)
+        lines, told = decoding.end()
+    assert told == f"{len(lines)} frames in {len(lines)} packets\n"
+
+
+@unix
+def test_what_comes_slowly_through_a_pipe_that_does_not_block_is_waited_for() -> None:
+    data = SESSION.read_bytes()
+    with _decoding() as decoding:
+        os.set_blocking(decoding.there, False)
+        decoding.give(data[:50_000])
+        _await_bytes(decoding.there, 0, 0)
+        decoding.give(data[50_000:])
+        lines, _ = decoding.end()
+    assert lines == run_here("decode", SESSION).lines
+
+
+class _Decoding:
+    """A decoder and the pipe from which it reads, both of whose ends are open here."""
+
+    def __init__(self, process: subprocess.Popen[bytes], there: int, here: int) -> None:
+        self.process = process
+        self.there = there
+        self._here = here
+
+    def give(self, data: bytes) -> None:
+        """Write into the pipe; waits where there is no room."""
+        view = memoryview(data)
+        while view:
+            view = view[os.write(self._here, view) :]
+
+    def end(self) -> tuple[list[str], str]:
+        """End the stream; return the lines, the first of the session's or all of them, and what was told."""
+        os.close(self._here)
+        out, told = self.process.communicate(timeout=LIMIT)
+        os.close(self.there)
+        assert self.process.returncode == Exit.OK
+        lines = out.decode().splitlines()
+        assert lines == run_here("decode", SESSION).lines[: len(lines)]
+        return lines, told.decode()
+
+
+@contextmanager
+def _decoding() -> Iterator[_Decoding]:
+    there, here = os.pipe()
     argv = [sys.executable, "-m", "bcapscope", "decode", "-"]
     pipe = subprocess.PIPE
-    with subprocess.Popen(argv, stdin=pipe, stdout=pipe, stderr=pipe) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.stdin.write((CAPTURES / "slave-session.pcapng").read_bytes())
-        process.stdin.flush()
-        until = time.monotonic() + LIMIT
-        while _waiting_in(process.stdout.fileno()) < 60_000 and time.monotonic() < until:
-            time.sleep(0.01)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=LIMIT)
-    lines = out.decode().splitlines()
-    assert lines == run_here("decode", CAPTURES / "slave-session.pcapng").lines[: len(lines)]
-    assert err.decode().startswith(f"{len(lines)} frames in ")  # all, or up to where it hung
-    assert len(out) > 60_000
-    assert process.returncode == Exit.OK
+    with subprocess.Popen(argv, stdin=there, stdout=pipe, stderr=pipe) as process:
+        try:
+            yield _Decoding(process, there, here)
+        finally:
+            process.kill()
 
 
-def _waiting_in(pipe: int) -> int:
-    """Return how many bytes a pipe holds."""
-    count = array.array("i", [0])
-    fcntl.ioctl(pipe, termios.FIONREAD, count)
-    return count[0]
+def _await_bytes(pipe: int, least: int, most: int) -> None:
+    """Wait until a pipe holds so many bytes."""
+    count = array.array("i", [-1])
+    until = time.monotonic() + LIMIT
+    while not least <= count[0] <= most and time.monotonic() < until:
+        fcntl.ioctl(pipe, termios.FIONREAD, count)
+        time.sleep(0.01)  # nothing tells how full a pipe is but the pipe
+    assert least <= count[0] <= most
