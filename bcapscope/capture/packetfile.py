@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from io import RawIOBase
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple, TypeAlias
 
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.spool import append
@@ -19,8 +19,29 @@ _PADDING = b"", b"\0\0\0", b"\0\0", b"\0"
 
 _COMMENT, _NAME, _RESOLUTION = 1, 2, 9
 _END = struct.pack("<HH", 0, 0)
+_BEFORE, _SIZES = struct.Struct("<III"), struct.Struct("<II")
 _NANOSECONDS = b"\x09"
 _LONGEST_OPTION = 65535
+
+
+class Mould(NamedTuple):
+    """What the blocks of packets have in common that differ in their times and in their last bytes alone.
+
+    Attributes:
+        before: what stands before the time.
+        between: what stands between the time and those bytes.
+        behind: what stands behind them.
+        size: how many bytes they are.
+    """
+
+    before: bytes
+    between: bytes
+    behind: bytes
+    size: int
+
+
+Twins: TypeAlias = Callable[[int, int, bytes], bytes]
+"""Makes the blocks of two packets that end alike; takes their times, ns since 1970, and those bytes."""
 
 
 class PacketWriter:
@@ -48,6 +69,30 @@ class PacketWriter:
         head = _HEAD.pack(_PACKET_BLOCK, size, number, time >> 32 & _WORD, time & _WORD, captured, original)
         append(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
+    def put(self, blocks: bytes) -> None:
+        """Write packets whose blocks were made with moulds of this writer.
+
+        Raises:
+            OSError: there is no room.
+        """
+        append(self._file, blocks)
+
+    def mould(self, interface: Interface, head: bytes, size: int) -> Mould:
+        """Make the mould of packets without comments that begin with `head` and end with so many bytes.
+
+        Raises:
+            OSError: there is no room for the description of the interface.
+        """
+        number = self._interfaces.get(interface)
+        if number is None:
+            number = self._describe(interface)
+        captured = len(head) + size
+        whole = 32 + (captured + 3 & ~3)
+        before = _BEFORE.pack(_PACKET_BLOCK, whole, number)
+        return Mould(
+            before, _SIZES.pack(captured, captured) + head, _PADDING[captured & 3] + _SIZE.pack(whole), size
+        )
+
     def _describe(self, interface: Interface) -> int:
         name = _option(_NAME, interface.name) if interface.name else b""
         resolution = struct.pack("<HH", _RESOLUTION, 1) + _padded(_NANOSECONDS)
@@ -55,6 +100,35 @@ class PacketWriter:
         append(self._file, _block(_INTERFACE_BLOCK, body))
         number = self._interfaces[interface] = len(self._interfaces)
         return number
+
+
+def twins(first: Mould, second: Mould) -> Twins:
+    """Return what makes the blocks of a packet of each mould at once, which takes half as long.
+
+    Both moulds are for so many last bytes alike.
+    """
+    joint = first.behind + second.before
+    before, between, also, behind = first.before, first.between, second.between, second.behind
+    size = first.size
+    form = f"<{len(before)}sII{len(between)}s{size}s{len(joint)}sII{len(also)}s{size}s{len(behind)}s"
+    pack = struct.Struct(form).pack
+
+    def make(time: int, later: int, data: bytes) -> bytes:
+        return pack(
+            before,
+            time >> 32 & _WORD,
+            time & _WORD,
+            between,
+            data,
+            joint,
+            later >> 32 & _WORD,
+            later & _WORD,
+            also,
+            data,
+            behind,
+        )
+
+    return make
 
 
 def annotate(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:

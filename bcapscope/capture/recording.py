@@ -12,10 +12,13 @@ from io import RawIOBase
 from typing import BinaryIO
 
 from bcapscope.capture.packet import Interface
-from bcapscope.capture.packetfile import PacketWriter
+from bcapscope.capture.packetfile import PacketWriter, Twins, twins
 
 Address = tuple[str, int]
 """IP address as text, and port."""
+
+Hop = tuple[Address, Address, Interface]
+"""From where to where a datagram goes, and the interface on which it does."""
 
 RAW = 101
 """Link type of packets that begin with their IP header."""
@@ -74,6 +77,18 @@ class Recording:
         head = heads.get(len(data)) if heads is not None else None
         packet = (head or self._head(source, target, len(data))) + data
         self._packets.write((time, packet, len(packet), where, (comment,) if comment else ()))
+
+    def passing(self, came: Hop, left: Hop, size: int) -> Twins:
+        """Return what makes blocks for `put`, until `go_on`: a datagram of so many bytes."""
+        first, second = (
+            self._packets.mould(where, self._head(source, target, size), size)
+            for source, target, where in (came, left)
+        )
+        return twins(first, second)
+
+    def put(self, blocks: bytes) -> None:
+        """Write what `passing` made."""
+        self._packets.put(blocks)
 
     def segment(
         self,

@@ -124,15 +124,15 @@ class Series(io.RawIOBase):
             self._began = time.monotonic()
         self._size += len(data)
 
-    def turn(self) -> None:
-        """Go on with the next file where it is time to.
+    def turn(self) -> bool:
+        """Go on with the next file where it is time to; tell whether it was.
 
         Raises:
             OSError: it cannot be written.
         """
         bounds = self._bounds
         if bounds is None or not self._is_full(bounds):
-            return
+            return False
         self.flush()
         self._file.close()
         while len(self._files) >= bounds.files:
@@ -141,6 +141,7 @@ class Series(io.RawIOBase):
         self._open()
         self.recording.go_on(self)
         self._begin()
+        return True
 
     def close(self) -> None:
         """Close the file; what was not flushed is lost."""

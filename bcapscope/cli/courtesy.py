@@ -4,7 +4,7 @@ On two processors, beside a client and a server, the 99.9th percentile of round 
 watcher had a low priority (nice 10) and 0.5 ms while it had the idle one: whoever wakes goes before a program
 of idle priority soon, before any other only at the end of its slice of some 3 ms. Neither is sure, as Linux
 counts what each has had and looks again only at a tick, every 1 to 10 ms (sched(7), EEVDF): so between two
-pieces of work, some hundredths of a millisecond each, it also yields, which is such a look.
+pieces of work, a tenth of a millisecond or two each, it also yields, which is such a look.
 
 But beside programs that are always busy idle priority gives next to nothing, and who yields gives a whole
 slice away. So the relay, which has the processor when it needs it, looks how far the watcher has come.

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
+from itertools import accumulate
+from operator import itemgetter
 from pathlib import Path
 from typing import TypeAlias
 
 from bcapscope.capture.packet import Interface
-from bcapscope.capture.recording import RAW, Recording
+from bcapscope.capture.packetfile import Twins
+from bcapscope.capture.recording import RAW, Hop, Recording
 from bcapscope.capture.series import Bounds, Series
-from bcapscope.proxy.ring import Kind, Record
+from bcapscope.proxy.ring import Kind, Record, unseen
 from bcapscope.proxy.witness import met
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Transport
@@ -23,22 +26,35 @@ class _Leg:
 
     Attributes:
         where: the interface.
+        is_near: it is the client's.
         is_stream: it is a TCP connection.
         begun: that connection is in the recording.
         ends: who speaks to whom; what goes down at 0, up at 1.
     """
 
-    __slots__ = ("begun", "ends", "is_stream", "where")
+    __slots__ = ("begun", "ends", "is_near", "is_stream", "where")
 
-    def __init__(self, name: str, asking: tuple[str, int], asked: tuple[str, int], is_stream: bool) -> None:
+    def __init__(
+        self, name: str, asking: tuple[str, int], asked: tuple[str, int], *, is_near: bool, is_stream: bool
+    ) -> None:
         self.where = Interface(RAW, name)
+        self.is_near = is_near
         self.is_stream = is_stream
         self.begun = False
         self.ends: tuple[_Ends, _Ends] = (asked, asking), (asking, asked)
 
+    def hop(self, up: bool) -> Hop:
+        """Return where datagrams go."""
+        return (*self.ends[up], self.where)
+
 
 _Step: TypeAlias = tuple[int, _Leg, Record]
 """When what is to be written of a record, and where."""
+
+_time: Callable[[_Step], int] = itemgetter(0)
+
+_MOST_PASSAGES = 1024
+"""Of so many clients, directions and sizes is kept what makes blocks; when there are more, all of it goes."""
 
 
 class ProxyRecorder:
@@ -55,13 +71,18 @@ class ProxyRecorder:
         self._tell = tell
         self._legs: dict[int, tuple[_Leg, _Leg]] = {}
         self._steps: list[_Step] = []
+        self._is_ring = bounds is not None
+        self._passages: dict[tuple[int, bool, int], Twins] = {}  # by client, whether up, and bytes
 
-    def take(self, records: Iterable[Record]) -> None:
+    def take(self, records: Sequence[Record]) -> None:
         """Write what was told, in the order of its times; what may not be the next one waits for `flush`."""
         if self._series is None:
             return
+        rest = records[self._pass(records) :]
+        if self._series is None:
+            return
         steps, legs, came = self._steps, self._legs, 0
-        for record in records:
+        for record in rest:
             if record.kind is Kind.OPENED:
                 self._meet(record)
             known = legs.get(record.client)
@@ -79,6 +100,69 @@ class ProxyRecorder:
                 steps.append((record.left, second, record))
         steps.sort(key=_time)
         self._write(bisect_right(steps, came, key=_time))
+
+    def _pass(self, records: Sequence[Record]) -> int:
+        """Write datagrams that were passed on as they came, one after another, which most are.
+
+        What waits is written before, if all of `records` is later.
+
+        Returns:
+            How many records were written, from the first on; never the last, as something may overtake it.
+        """
+        first = [
+            came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
+        ]
+        soonest = [*accumulate(first, min)][::-1]  # when the first of each and of all that follow is written
+        if len(records) < 2 or (self._steps and soonest[0] < self._steps[-1][0]):
+            return 0
+        self._write(len(self._steps))
+        if self._series is None:
+            return 0
+        blocks: list[bytes] = []
+        written = 0
+        try:
+            for (kind, up, number, came, left, data, note), following in zip(
+                records, soonest[1:], strict=False
+            ):
+                if not 0 < came <= left <= following or note or kind is not Kind.DATA:
+                    break
+                if self._is_ring and self._sends_datagrams(number):
+                    written += self._put(blocks)
+                    self._recording()
+                make = self._passages.get((number, up, len(data))) or self._passage(number, up, len(data))
+                if make is None:
+                    break
+                blocks.append(make(came, left, data))
+            written += self._put(blocks)
+        except OSError as error:
+            self._give_up(error)
+        return written
+
+    def _put(self, blocks: list[bytes]) -> int:
+        """Write blocks and empty the list; return how many they were."""
+        assert self._series is not None
+        count = len(blocks)
+        if count:
+            self._series.recording.put(b"".join(blocks))
+            blocks.clear()
+        return count
+
+    def _passage(self, number: int, up: bool, size: int) -> Twins | None:
+        """Return what writes datagrams of so many bytes; None for a stream, and for an unknown client."""
+        if not self._sends_datagrams(number):
+            return None
+        if len(self._passages) >= _MOST_PASSAGES:
+            self._passages.clear()
+        near, far = self._legs[number]
+        first, second = (near, far) if up else (far, near)
+        made = self._recording().passing(first.hop(up), second.hop(up), size)
+        self._passages[number, up, size] = made
+        return made
+
+    def _sends_datagrams(self, number: int) -> bool:
+        """Tell whether a client is known and sends datagrams."""
+        legs = self._legs.get(number)
+        return legs is not None and not legs[0].is_stream
 
     def flush(self) -> None:
         """Put all that was taken into the file."""
@@ -104,8 +188,14 @@ class ProxyRecorder:
         who = met(record)
         is_stream = who.transport is Transport.TCP
         self._legs[record.client] = (
-            _Leg(f"clients of {who.listen}", who.client, who.listen, is_stream),
-            _Leg(f"controller {who.controller}", who.upstream, who.controller, is_stream),
+            _Leg(f"clients of {who.listen}", who.client, who.listen, is_near=True, is_stream=is_stream),
+            _Leg(
+                f"controller {who.controller}",
+                who.upstream,
+                who.controller,
+                is_near=False,
+                is_stream=is_stream,
+            ),
         )
 
     def _write(self, count: int) -> None:
@@ -123,6 +213,8 @@ class ProxyRecorder:
     def _open_or_end(self, time: int, leg: _Leg, record: Record) -> None:
         if record.kind is Kind.GONE:
             self._forget(record.client)
+        elif record.kind is Kind.HOLE:
+            self._skip(leg, record, time)
         elif record.kind is not Kind.OPENED:
             self._end(leg, record, time)
         elif leg.is_stream:
@@ -136,7 +228,8 @@ class ProxyRecorder:
     def _recording(self) -> Recording:
         """Return what packets are written with, to the next file where it is time to."""
         assert self._series is not None
-        self._series.turn()
+        if self._series.turn():
+            self._passages.clear()  # they name interfaces of the file before
         return self._series.recording
 
     def _begin(self, leg: _Leg, time: int) -> None:
@@ -153,6 +246,14 @@ class ProxyRecorder:
         else:
             self._recording().datagram(source, target, data, time, where=leg.where, comment=note)
 
+    def _skip(self, leg: _Leg, record: Record, time: int) -> None:
+        """Leave a gap in the sequence numbers."""
+        assert self._series is not None
+        came, left = unseen(record)
+        if not leg.begun:
+            self._begin(leg, time)
+        self._series.recording.skipped(*leg.ends[record.up], came if leg.is_near is record.up else left)
+
     def _end(self, leg: _Leg, record: Record, time: int) -> None:
         """Write the end of a direction, of a connection that is in the recording."""
         if leg.begun:
@@ -166,9 +267,7 @@ class ProxyRecorder:
 
     def _forget(self, client: int) -> None:
         assert self._series is not None
+        for key in [key for key in self._passages if key[0] == client]:
+            del self._passages[key]
         for leg in self._legs.pop(client):
             self._series.recording.ended(*leg.ends[1])
-
-
-def _time(step: _Step) -> int:
-    return step[0]

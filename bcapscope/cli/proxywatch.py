@@ -40,12 +40,15 @@ from bcapscope.traffic.tracker import Tracker
 TICK = 0.025
 """Seconds between looks at the ring."""
 
-_SPELL = 0.008
+_SPELL = 0.024
 """Seconds of decoding between two looks, in which what comes is not recorded."""
 
 _MAY_WAIT = 0.25
 """Share of the ring up to which others have most of the time for themselves though more comes than a spell is
-enough for: that is far more than robots send, and a processor that is taken costs each round trip."""
+enough for: a processor that is taken costs each round trip."""
+
+_LATEST = 2_000_000_000
+"""ns after which what passed is shown, whatever that costs; as long as there is a processor for it."""
 
 _REST, _LONGEST_REST = 1.5, 0.075
 """How long that time is, as a multiple of what a look took, and s at most."""
@@ -57,8 +60,10 @@ _MARGIN = round(3 * TICK * 1e9)
 _NICENESS = 10
 _AT_ONCE = 128
 """Records that are shown together."""
-_PIECE = 8
+_PIECE = 32
 """Records that are recorded before others have their turn."""
+_FEW = 4
+"""Frames that are decoded before they have: to ask whether they wait takes a quarter of the time of one."""
 
 _CATCHES_UP_WITHIN = 10.0
 """Seconds that what is left may take at the end to be decoded; all of it is recorded."""
@@ -143,7 +148,7 @@ class Watcher:
         self._screen = screen
         self._scribe = scribe
         self._pause = turns_for_others(reader)
-        self._written = 0
+        self._written = self._seen = 0
         self._colors = palette(wishes.color)
         self._view = View(wishes.look, self._colors)
         self._witness = Witness()
@@ -194,10 +199,12 @@ class Watcher:
         return min(max(TICK, took * _REST), _LONGEST_REST) if not is_busy or self._may_rest() else 0
 
     def _may_rest(self) -> bool:
-        """Tell whether what was not decoded can wait: more comes, there is room for it, and no haste."""
+        """Tell whether what was not decoded can wait: more comes, there is room and time, and no haste."""
         reader, before = self._reader, self._written
         self._written = reader.written
-        return self._written > before and reader.haste < Haste.ALL and reader.share < _MAY_WAIT
+        if self._written == before or reader.haste >= Haste.ALL or time.time_ns() - self._seen > _LATEST:
+            return False
+        return reader.share < _MAY_WAIT
 
     def _decode(self) -> bool:
         """Decode; tell whether the spell was too short."""
@@ -211,14 +218,16 @@ class Watcher:
 
     def _take(self, records: list[Record]) -> None:
         lines: list[str | bytes] = []
-        for seen, note in self._witness.observe(records):
+        for count, (seen, note) in enumerate(self._witness.observe(records)):
             lines += self._view.frame(seen, note)
             self._diagnosis.take_observation(seen)
             settled = self._tracker.observe(seen)
             if settled:
                 lines += self._settled(settled)
-            self._pause()
+            if count % _FEW == 0:
+                self._pause()
         self._screen.show(lines)
+        self._seen = records[-1].left or records[-1].came
         self._delays.add(records)
         self._tell(records)
         for conversation, why in self._witness.gone():

@@ -226,6 +226,8 @@ class Relay:
         """
         self.counts[Count.CLIENTS] += 1
         self.sessions[session.number] = session
+        if session.conversation.transport is Transport.TCP:
+            self.ring.streams.add(session.number)
         told = json.dumps([session.conversation.transport, *ends]).encode()
         self.ring.must(Kind.OPENED, session.number, told, time.time_ns())
         if self.policy is not None:
@@ -325,6 +327,7 @@ class Relay:
         parted, self._parted = self._parted, []
         for number, why, when in parted:
             self.ring.must(Kind.GONE, number, why, when)
+            self.ring.streams.discard(number)
 
     def _beat(self) -> None:
         """Write what is noted; from time to time do what does not come by itself."""

@@ -28,6 +28,7 @@ MOST_TOLD = 1024
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
+_HOLE = struct.Struct("=QQ")
 _WRITTEN, _READ, _AHEAD, _HASTE, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # places in the header, in 8 bytes
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
@@ -49,6 +50,8 @@ class Kind(IntEnum):
     """Something for the user, in words."""
     RESET = 6
     """As `END`, by RST, after which there is no other direction either."""
+    HOLE = 7
+    """Bytes of a stream that found no room, before what is told next of its client; how many: `unseen`."""
 
 
 class Count(IntEnum):
@@ -120,6 +123,36 @@ class Record(NamedTuple):
     note: str
 
 
+def unseen(record: Record) -> tuple[int, int]:
+    """Return how many bytes a record of the kind `HOLE` stands for: of those that came, and that left."""
+    came, left = _HOLE.unpack(record.data)
+    return came, left
+
+
+class _Hole:
+    """What found no room of one direction of a stream.
+
+    Attributes:
+        came: bytes of what was received.
+        left: bytes of what was sent.
+        came_at: when the last of them did, ns since 1970; 0 for none.
+        left_at: the same.
+    """
+
+    __slots__ = ("came", "came_at", "left", "left_at")
+
+    def __init__(self) -> None:
+        self.came = self.left = self.came_at = self.left_at = 0
+
+    def add(self, came: int, left: int, size: int) -> None:
+        if came:
+            self.came += size
+            self.came_at = came
+        if left:
+            self.left += size
+            self.left_at = left
+
+
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
         """Use memory that both ends share, zeros at first; its size is a multiple of 8 beyond `HEADER`."""
@@ -156,6 +189,9 @@ class _Ring:
         self._space.release()
 
 
+_Entry: TypeAlias = "tuple[Kind, bool, int, int, int, bytes | memoryview, bytes]"
+"""What is to be written: a `Record` with its note still in bytes."""
+
 Noted: TypeAlias = tuple[bool, int, Control, int, bytes]
 """A datagram: up, client, what the system said of it, when it had been sent (0 if it was not), bytes."""
 
@@ -167,14 +203,17 @@ class RingWriter(_Ring):
         counts: by `Count`; the relay's own, to be added to in place.
         figures: by `Figure`; the watcher's.
         notes: datagrams that are not written yet; whoever notes one looks whether they are `BATCH`.
+        streams: numbers of the clients whose bytes are streams, in which a hole has to be told.
     """
 
     def __init__(self, memory: memoryview) -> None:
         super().__init__(memory)
         self._written = 0
-        self._owed: deque[tuple[Kind, bool, int, int, int, bytes]] = deque()
+        self._owed: deque[_Entry] = deque()
         self._abandoned = False
+        self._holes: dict[tuple[int, bool], _Hole] = {}
         self.notes: list[Noted] = []
+        self.streams: set[int] = set()
 
     def flush(self) -> None:
         """Write and count what is noted."""
@@ -196,7 +235,7 @@ class RingWriter(_Ring):
         place = written % self._size
         if self._owed or place + size > self._size or written + size - self._marks[_READ] > self._size:
             for up, client, control, left, data in notes:
-                self._put(up, client, kernel_time(control, left), left, data, b"", Kind.DATA)
+                self._put((Kind.DATA, up, client, kernel_time(control, left), left, data, b""))
         else:
             self._space[place : place + size] = b"".join(parts)
             self._marks[_WRITTEN] = self._written = written + size
@@ -211,6 +250,7 @@ class RingWriter(_Ring):
         """Go on without a reader."""
         self._abandoned = True
         self._owed.clear()
+        self._holes.clear()
 
     def put(
         self,
@@ -225,21 +265,47 @@ class RingWriter(_Ring):
     ) -> bool:
         """Write a record, or count it as unwatched; tell whether there was room."""
         self.flush()
-        return self._put(up, client, came, left, data, note, kind)
+        return self._put((kind, up, client, came, left, data, note))
 
-    def _put(  # noqa: PLR0917 - the inner one of `put`
-        self,
-        up: bool,
-        client: int,
-        came: int,
-        left: int,
-        data: bytes | memoryview,
-        note: bytes,
-        kind: Kind,
-    ) -> bool:
-        if self._owed and not self._settle():
-            self.counts[Count.UNWATCHED] += 1
+    def _put(self, entry: _Entry) -> bool:
+        kind, _, client, _, _, data, note = entry
+        size = len(data) + len(note)
+        if (
+            (self._owed and not self._settle())
+            or (self._holes and kind is not Kind.OPENED and not self._tell_holes(client, size))
+            or not self._write(entry)
+        ):
+            self._lose(entry)
             return False
+        return True
+
+    def _lose(self, entry: _Entry) -> None:
+        """Count what found no room, and remember that a stream goes on behind it."""
+        kind, up, client, came, left, data, _ = entry
+        self.counts[Count.UNWATCHED] += 1
+        if kind is Kind.DATA and client in self.streams and not self._abandoned:
+            self._holes.setdefault((client, up), _Hole()).add(came, left, len(data))
+
+    def _tell_holes(self, client: int, size: int) -> bool:
+        """Tell what is missing of a client's streams; tell if there was room for that and for what follows.
+
+        Without room for both there would be many short holes instead of one.
+        """
+        holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
+        if not holes:
+            return True
+        needed = size + _HEAD.size + len(holes) * (_HEAD.size + _HOLE.size)
+        if self._written + 2 * needed - self._marks[_READ] > self._size:  # twice, for what is padded
+            return False
+        for up, hole in holes:
+            data = _HOLE.pack(hole.came, hole.left)
+            self._write((Kind.HOLE, up, client, hole.came_at, hole.left_at, data, b""))
+            del self._holes[client, up]
+        return True
+
+    def _write(self, entry: _Entry) -> bool:
+        """Write a record, if there is room for it."""
+        kind, up, client, came, left, data, note = entry
         length = len(data)
         need = 39 + length + len(note) & ~7
         size, written = self._size, self._written
@@ -247,7 +313,6 @@ class RingWriter(_Ring):
         rest = size - place
         pad = rest if need > rest else 0
         if written + pad + need - self._marks[_READ] > size:
-            self.counts[Count.UNWATCHED] += 1
             return False
         space = self._space
         if pad:
@@ -277,13 +342,15 @@ class RingWriter(_Ring):
         if kind is Kind.TOLD and len(self._owed) >= MOST_TOLD:
             self.counts[Count.UNWATCHED] += 1
             return
-        self._owed.append((kind, up, client, came, left, data))
+        self._owed.append((kind, up, client, came, left, data, b""))
         self._settle()
 
     def _unmeet(self, client: int) -> bool:
         """Take back all that waits of a client that the reader has not met; tell whether that is so."""
         if not any(kind is Kind.OPENED and number == client for kind, _, number, *_ in self._owed):
             return False
+        for up in (True, False):
+            self._holes.pop((client, up), None)
         kept = deque(each for each in self._owed if each[2] != client)
         self.counts[Count.UNWATCHED] += len(self._owed) - len(kept)
         self._owed = kept
@@ -293,8 +360,7 @@ class RingWriter(_Ring):
         owed, self._owed = self._owed, deque()
         unwatched = self.counts[Count.UNWATCHED]
         while owed:
-            kind, up, client, came, left, data = owed[0]
-            if not self._put(up, client, came, left, data, b"", kind):
+            if not self._put(owed[0]):
                 self.counts[Count.UNWATCHED] = unwatched  # it is not given up
                 break
             owed.popleft()
@@ -338,18 +404,19 @@ class RingReader(_Ring):
         space, size, read = self._space, self._size, self.place
         ready = self._ready if until is None else until
         whole = size - _HEAD.size
+        new, head = tuple.__new__, _HEAD.unpack_from
         while read < ready and len(records) < most:
             place = read % size
             if place > whole:  # a pad whose head is cut by the end of the memory
                 read += size - place
                 continue
-            need, kind, up, noted, client, length, came, left = _HEAD.unpack_from(space, place)
+            need, kind, up, noted, client, length, came, left = head(space, place)
             read += need
             if kind:
                 end = place + 32 + length
                 data = bytes(space[place + 32 : end])
                 note = str(space[end : end + noted], "utf-8", "replace") if noted else ""
-                records.append(Record(_KINDS[kind], up == 1, client, came, left, data, note))
+                records.append(new(Record, (_KINDS[kind], up == 1, client, came, left, data, note)))
         self.place = read
         self._marks[self._mark] = read
         if read >= self._ready:

@@ -229,9 +229,12 @@ class TcpSession:
 
     def _send_last(self, half: _Half) -> None:
         """Write what is pending, as far as it is taken at once."""
-        left = len(half.pending)
+        left, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
-            left -= half.sink.send(half.pending)
+            sent = half.sink.send(half.pending)
+        if sent:
+            self._relay.ring.put(half.up, self.number, 0, when, bytes(half.pending[:sent]))
+        left -= sent
         if left:
             whose = "the controller" if half.up else "the client"
             self._relay.tell(f"{self.conversation.client}: {left} bytes were not taken by {whose} any more")

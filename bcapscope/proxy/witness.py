@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from bcapscope.protocol.frame import parse_datagram
 from bcapscope.protocol.stream import Piece, Splitter
-from bcapscope.proxy.ring import Kind, Record
+from bcapscope.proxy.ring import Kind, Record, unseen
 from bcapscope.traffic.observation import (
     Conversation,
     Direction,
@@ -126,13 +126,23 @@ class Witness:
                 for item in parse_datagram(data):
                     self.count += 1
                     yield Observation(self.count, time, time, way.flow, item, 0), note
-            elif kind in (Kind.END, Kind.RESET):
-                yield from self._ended(client, record)
-            elif kind is Kind.GONE:
-                del clients[number]
-                self._gone.append((client.conversation, data.decode("utf-8", "replace")))
-                for way in client.ways:
-                    yield from self._end(way, came)
+            else:
+                yield from self._event(client, record)
+
+    def _event(self, client: _Client, record: Record) -> Iterator[tuple[Observation, str]]:
+        """Yield what anything but data brings to light."""
+        kind = record.kind
+        if kind is Kind.HOLE:
+            if record.up and record.came:
+                client.heard = record.came
+            yield from self._hole(client.ways[record.up], record)
+        elif kind in (Kind.END, Kind.RESET):
+            yield from self._ended(client, record)
+        elif kind is Kind.GONE:
+            del self._clients[record.client]
+            self._gone.append((client.conversation, record.data.decode("utf-8", "replace")))
+            for way in client.ways:
+                yield from self._end(way, record.came)
 
     def _stream(self, way: _Way, data: bytes, time: int, note: str) -> Iterator[tuple[Observation, str]]:
         way.marks.append((way.size, time))
@@ -140,6 +150,14 @@ class Witness:
         yield from self._pieces(way, way.splitter.feed(data), time, note)
         if len(way.marks) > _MOST_MARKS:
             del way.marks[1 : _MOST_MARKS // 2]
+
+    def _hole(self, way: _Way, record: Record) -> Iterator[tuple[Observation, str]]:
+        came, left = unseen(record)
+        size, when = (came, record.came) if record.up else (left, record.left)
+        if size:
+            way.marks.append((way.size, when))
+            way.size += size
+            yield from self._pieces(way, way.splitter.gap(size), when, "")
 
     def _ended(self, client: _Client, record: Record) -> Iterator[tuple[Observation, str]]:
         _, up, _, came, left, *_ = record

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bcapscope.capture.file import CaptureFile, open_capture
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.capture.packetfile import MARK, PacketWriter, annotate
+from bcapscope.capture.packetfile import MARK, PacketWriter, annotate, twins
 from bcapscope.errors import CaptureError
 from tests.cli.run import CAPTURES
 
@@ -48,6 +48,28 @@ def written(packets: list[Packet]) -> bytes:
 def test_what_is_written_is_read(packets: list[Packet]) -> None:
     packets = [(time, data, max(size, len(data)), *rest) for time, data, size, *rest in packets]  # type: ignore[misc]
     assert read(written(packets)) == packets
+
+
+@given(
+    st.integers(0, 2**64 - 1),
+    st.integers(0, 2**64 - 1),
+    st.tuples(st.binary(max_size=40), st.binary(max_size=40)),
+    st.binary(max_size=40),
+)
+def test_two_packets_made_at_once_are_those_made_one_by_one(
+    time: int, later: int, heads: tuple[bytes, bytes], data: bytes
+) -> None:
+    file = BytesIO()
+    writer = PacketWriter(file)
+    first, second = (
+        writer.mould(where, head, len(data)) for where, head in zip((LAN, RAW), heads, strict=True)
+    )
+    writer.put(twins(first, second)(time, later, data))
+    one_by_one: list[Packet] = []
+    for when, head, where in zip((time, later), heads, (LAN, RAW), strict=True):
+        whole = head + data
+        one_by_one.append((when, whole, len(whole), where, ()))
+    assert read(file.getvalue()) == read(written(one_by_one))
 
 
 def test_a_long_note_is_cut_between_characters() -> None:

@@ -5,7 +5,18 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.proxy.ring import BATCH, HEADER, MOST_TOLD, Count, Figure, Kind, Record, RingReader, RingWriter
+from bcapscope.proxy.ring import (
+    BATCH,
+    HEADER,
+    MOST_TOLD,
+    Count,
+    Figure,
+    Kind,
+    Record,
+    RingReader,
+    RingWriter,
+    unseen,
+)
 
 
 def ends(size: int) -> tuple[RingWriter, RingReader]:
@@ -59,6 +70,71 @@ def test_what_finds_no_room_is_counted_and_the_rest_is_whole() -> None:
     assert len(everything(reader)) == room
     assert writer.put(True, 1, 2, 3, b"again")
     assert everything(reader)[-1].data == b"again"
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 3), st.booleans(), st.booleans(), st.booleans(), st.integers(0, 90), st.booleans()
+        ),
+        max_size=80,
+    )
+)
+def test_of_a_stream_each_byte_is_there_or_its_place_is_told(
+    said: list[tuple[int, bool, bool, bool, int, bool]],
+) -> None:
+    writer, reader = ends(1 << 10)
+    writer.streams |= {1, 2}  # and 3 sends datagrams
+    records: list[Record] = []
+    sent: dict[tuple[int, bool, bool], int] = {}
+    for time, (client, up, came, left, size, looks) in enumerate(said, 1):
+        writer.put(up, client, time if came else 0, time if left else 0, bytes(size))
+        for leg, has in ((False, came), (True, left)):
+            sent[client, up, leg] = sent.get((client, up, leg), 0) + (size if has else 0)
+        if looks:
+            records += everything(reader)
+    records += everything(reader)
+    for client in (1, 2, 3):
+        for up in (True, False):
+            writer.put(up, client, 999, 999, b"")  # whatever follows tells what is missing before it
+            records += everything(reader)
+    found: dict[tuple[int, bool, bool], int] = {}
+    for record in records:
+        sizes = unseen(record) if record.kind is Kind.HOLE else (len(record.data),) * 2
+        for leg, time, size in zip((False, True), (record.came, record.left), sizes, strict=True):
+            way = record.client, record.up, leg
+            found[way] = found.get(way, 0) + (size if time else 0)
+    assert all(record.client != 3 for record in records if record.kind is Kind.HOLE)
+    assert all(found.get(way, 0) == size for way, size in sent.items() if way[0] != 3)
+
+
+def test_a_client_that_is_met_late_has_its_hole_behind_that() -> None:
+    writer, reader = ends(1 << 10)
+    while writer.put(True, 1, 2, 3, bytes(50)):
+        pass
+    writer.streams.add(7)
+    writer.must(Kind.OPENED, 7, b"who", 5)
+    writer.put(True, 7, 20, 21, bytes(200))
+    found = everything(reader)
+    writer.put(True, 7, 30, 31, b"x")
+    found += everything(reader)
+    assert [each.kind for each in found if each.client == 7] == [Kind.OPENED, Kind.HOLE, Kind.DATA]
+
+
+def test_a_hole_in_a_stream_stands_before_its_end() -> None:
+    writer, reader = ends(1 << 10)
+    writer.streams.add(7)
+    while writer.put(True, 7, 2, 3, bytes(50)):
+        pass
+    writer.must(Kind.END, 7, b"", 9, up=True)
+    writer.must(Kind.GONE, 7, b"", 9)
+    found = everything(reader)
+    writer.put(True, 1, 2, 3, b"")
+    found += everything(reader)
+    *_, last, hole, end, gone = (record for record in found if record.client == 7)
+    assert [each.kind for each in (last, hole, end, gone)] == [Kind.DATA, Kind.HOLE, Kind.END, Kind.GONE]
+    assert unseen(hole) == (50, 50)
+    assert (hole.came, hole.left) == (2, 3)
 
 
 def test_what_must_be_known_comes_before_what_follows() -> None:

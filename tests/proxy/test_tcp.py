@@ -46,6 +46,18 @@ def cut(sock: socket.socket) -> None:
     sock.close()
 
 
+@contextmanager
+def standing() -> Iterator[tuple[socket.socket, socket.socket, Running, TcpSession]]:
+    """The same with a relay that has stopped, whose session does what the test has it do."""
+    with connected() as (client, server, proxy):
+        client.sendall(b"x")
+        receive(server, 1)
+        proxy.stop()
+        (session,) = proxy.relay.sessions.values()
+        assert isinstance(session, TcpSession)
+        yield client, server, proxy, session
+
+
 def test_bytes_pass_as_they_come_frames_or_not() -> None:
     with connected() as (client, server, proxy):
         for data in (b"\x01", b"\x00\x00", bytes(range(256))):
@@ -164,22 +176,34 @@ def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there
         with kind(socket.AF_INET, socket.SOCK_STREAM) as client:
             monkeypatch.setattr("bcapscope.proxy.tcp.socket.socket", none_left)
             client.settimeout(PATIENCE)
-            client.connect(proxy.address)
-            with pytest.raises(ConnectionResetError):
+
+            def knock() -> None:
+                """Be cut off, which may be known before the connection is."""
+                client.connect(proxy.address)
                 client.recv(1)
+
+            with pytest.raises(ConnectionResetError):
+                knock()
             monkeypatch.undo()
         eventually(lambda: "too many open files" in proxy.told())
         with socket.create_connection(proxy.address, PATIENCE):
             door.accept()[0].close()
 
 
+def test_what_is_sent_last_is_told() -> None:
+    with standing() as (_, server, proxy, session):
+        session._up.pending += b"the last"
+        session.close(False, "the proxy ended")
+        assert receive(server, 99) == b"the last"
+        proxy.relay.close()
+        sent = [each for each in (*proxy.look(), *proxy.look()) if each.data == b"the last"]
+        assert [(each.kind, each.up, each.came, each.left > 0) for each in sent] == [
+            (Kind.DATA, True, 0, True)
+        ]
+
+
 def test_what_came_and_could_not_be_passed_on_any_more_is_told_before_its_client_is_forgotten() -> None:
-    with connected() as (client, server, proxy):
-        client.sendall(b"x")
-        receive(server, 1)
-        proxy.stop()
-        (session,) = proxy.relay.sessions.values()
-        assert isinstance(session, TcpSession)
+    with standing() as (client, server, proxy, session):
         client.sendall(b"the last")
         cut(server)
         for end, sign in ((session._server, select.POLLERR), (session._client, select.POLLIN)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 
 import pytest
 
@@ -64,6 +65,26 @@ def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
     assert [(each.began, each.time) for each, _ in found] == [(10, 20), (20, 30), (36, 50)]
     assert isinstance(found[2][0].item, Malformed)
     assert found[0][0].flow.conversation.closing == Closing(Direction.REQUEST, False, 40)
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_a_hole_in_a_stream_is_seen_where_it_is(up: bool) -> None:
+    raw = REQUEST if up else REPLY
+    hole = struct.pack("=QQ", *((5, 3) if up else (3, 5)))
+    found = seen(
+        opened("tcp"),
+        data(up, 10, 11, raw + raw[:4]),
+        Record(Kind.HOLE, up, 1, 20, 21, hole, ""),
+        data(up, 30, 31, raw),
+    )
+    witness = Witness()
+    list(witness.observe([opened("tcp"), Record(Kind.HOLE, up, 1, 20, 21, hole, "")]))
+    assert list(witness.heard.values()) == [20 if up else 1]
+    items = [each.item for each, _ in found]
+    gaps = [item.missing for item in items if isinstance(item, Malformed) and item.missing]
+    assert gaps == [5]
+    assert [each.time for each, _ in found][-2:] == ([20, 30] if up else [21, 31])
+    assert not isinstance(items[-1], Malformed)
 
 
 @pytest.mark.parametrize("reset", [True, False])
