@@ -63,8 +63,9 @@ def question_of(request: Frame) -> Question:
         return _read(request)
     # In nearly all requests a VT_I4 handle of 14 bytes stands first, then the command with its length in
     # bytes: everything that decides about the command, and no parameter. Where the string is longer than one
-    # byte of length can say, or where the handle is of another type, the slice is not kept.
-    beginning = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START]]
+    # byte of length can say, or where the handle is of another type, the slice is not kept. It takes in the
+    # byte behind the string, without which the frame breaks off in it.
+    beginning = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
     return _BY_BEGINNING.get(beginning) or _learn(request, beginning)
 
 
@@ -74,7 +75,7 @@ def _learn(request: Frame, beginning: bytes) -> Question:
     if (
         len(arguments) > 1
         and arguments[1].start == _BSTR_START
-        and arguments[1].stop == _FUNCTION_ID + len(beginning)
+        and arguments[1].stop + 1 == _FUNCTION_ID + len(beginning)
         and arguments[1].variant.vt == VT.BSTR
     ):
         if len(_BY_BEGINNING) >= MOST_KINDS:

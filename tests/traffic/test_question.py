@@ -87,6 +87,15 @@ def test_what_is_remembered_never_changes_an_answer(tail: bytes, changes: list[t
     assert question_of(frame) == before
 
 
+def test_a_frame_that_breaks_off_in_its_command_is_not_taken_for_a_whole_one() -> None:
+    whole = execute("CurPosѥ")
+    broken = Frame(whole.raw[: 33 + whole.raw[29]])  # its last byte, which ends each frame, is the command's
+    module._BY_BEGINNING.clear()
+    alone = question_of(broken)
+    assert question_of(whole) == Question(64, "CurPosѥ")
+    assert question_of(broken) == alone == Question(64, "CurPos")
+
+
 def test_kinds_are_forgotten_in_time() -> None:
     for handle in range(MOST_KINDS + 10):
         question_of(execute("slvMove", handle=handle))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bcapscope.traffic.convention import Convention
 from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.lane import COPIES_WITHIN_NS, PATIENCE_NS
+from bcapscope.traffic.lane import COPIES_WITHIN_NS, LATE_WITHIN_NS, PATIENCE_NS
 from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.traffic.verdict import Verdict
@@ -109,6 +109,13 @@ def calls_by_client(capture: Capture, settled: list[Settled]) -> list[list[Excha
     ]
 
 
+@example(
+    [
+        Profile("seed", 1, False, 20, 5, 0.5, 0.0, 39.0, 0.1, 0.0, False, False),
+        Profile("seed", 1, False, 2, 2, 0.5, 0.0, 4.0, 0.1, 0.0, True, False),
+    ],
+    131072,
+)
 @given(st.lists(PROFILES, min_size=1, max_size=3), SEEDS)
 def test_every_chain_is_found(profiles: list[Profile], seed: int) -> None:
     sessions = [Session(profile, 12, seed + index) for index, profile in enumerate(profiles)]
@@ -116,8 +123,14 @@ def test_every_chain_is_found(profiles: list[Profile], seed: int) -> None:
     settled = track(capture)
     assert strays_of(settled) == []
     assert sorted(call.call for call in calls_of(settled)) == list(range(1, len(calls_of(settled)) + 1))
+    end = max(seen.time for seen in capture.observations)
     for records, calls in zip(capture.records, calls_by_client(capture, settled), strict=True):
-        assert [summary(call) for call in calls] == told(records)
+        for call, line in zip(calls, told(records), strict=True):
+            # Where others go on for so long, the capture did not end before a reply could come.
+            over = end - max(event.seen.time for event in call.events) >= LATE_WITHIN_NS
+            later = line.replace("capture_ended, capture ended", "unanswered, unanswered")
+            later = later.replace("capture_ended", "unanswered")
+            assert summary(call) in ((line, later) if over else (line,))
 
 
 @given(PROFILES, SEEDS)
