@@ -128,6 +128,24 @@ def test_sessions_with_faults(controller: tuple[int, Path], tmp_path: Path) -> N
     assert comments
 
 
+def test_drops_retries_and_the_count_of_the_client_agree(
+    controller: tuple[int, Path], tmp_path: Path
+) -> None:
+    to, _ = controller
+    path = tmp_path / "loss.pcapng"
+    with proxy(to, "-q", "--fault", "loss=10%", "--seed", "7", *recording(path)) as process:
+        client = talk(process.port, Convention.SEED, POINTS, timeout=30)
+        port, told = process.port, process.end(signal.SIGTERM)
+    seen = observed(path, {port, to})
+    (asked, heard), (passed, answered) = said(seen, port), said(seen, to)
+    dropped = len(asked) - len(passed) + len(answered) - len(heard)
+    assert dropped > POINTS // 20
+    assert f"struck {dropped} times" in told
+    assert calls_of(path, port) == client.calls
+    assert len(client.sent) == len(asked) == sum(tries for tries, _ in client.calls)
+    assert len(client.sent) == dropped + len(heard)  # each that got through both ways was heard
+
+
 ON_TCP = (Convention.TCP0, Convention.TCP1)
 
 
