@@ -31,6 +31,7 @@ from tests.tui.pilot import drive, until
 from tests.tui.tester import (
     COMMAND,
     RESULT,
+    add_gundam,
     answered,
     connected,
     finish,
@@ -75,14 +76,6 @@ LIMIT = 280.0
 def without_serial_and_handle(raw: bytes) -> bytes:
     """Take out what differs from session to session; an RC7 repeats a retry's first serial in reserved."""
     return raw[:5] + raw[9:25] + raw[29:] if Frame(raw).code == 64 else raw[:5] + raw[9:]
-
-
-async def add_gundam(pilot: Pilot[None]) -> None:
-    await go(pilot, "#add-robot .name", "shift+tab")
-    await write(pilot, "Gundam")
-    await pilot.press("enter")
-    here = screen(pilot)
-    await until(pilot, lambda: here.desk.status.robot and here.desk.status.robot.label == "Gundam")
 
 
 async def change_mode(pilot: Pilot[None], vt: str, mode: int) -> None:

@@ -21,6 +21,7 @@ from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, picture, until
 from tests.tui.test_pictures import PICTURES
 from tests.tui.tester import (
+    add_gundam,
     answered,
     connected,
     executed,
@@ -97,10 +98,7 @@ async def begin(pilot: Pilot[None]) -> None:
     screen(pilot).query_one("#udp", Tick).value = False
     here = await connected(pilot)
     here.query_one("#port", Input).value = "5007"
-    await go(pilot, "#add-robot .name", "shift+tab")
-    await write(pilot, "Gundam")
-    await pilot.press("enter")
-    await until(pilot, lambda: here.desk.status.robot and here.desk.status.robot.label == "Gundam")
+    await add_gundam(pilot)
     await pilot.press("ctrl+b")
     await until(pilot, lambda: any(each.label == "RobSlave" for each in here.desk.status.open))
 

@@ -10,6 +10,7 @@ from textual.pilot import Pilot
 from textual.widgets import Button, Input
 
 from bcapscope.player.messages import Ended
+from bcapscope.protocol.functions import ObjectClass
 from bcapscope.tui.app import Scope, Spot
 from bcapscope.tui.desk.halt import HaltState
 from bcapscope.tui.ink import plain
@@ -81,6 +82,17 @@ async def connected(pilot: Pilot[None]) -> Tester:
     await until(pilot, lambda: here.halt_state is HaltState.READY)
     await until(pilot, lambda: pilot.app.focused is here.query_one(COMMAND))
     return here
+
+
+async def add_gundam(pilot: Pilot[None]) -> None:
+    """Add the robot of the pages; what the screen asks of it by itself has been answered then."""
+    here = screen(pilot)
+    await go(pilot, "#add-robot .name", "shift+tab")
+    await write(pilot, "Gundam")
+    await pilot.press("enter")
+    added = here.query_one("#add-robot ResultView", ResultView)
+    await until(pilot, lambda: added.record)
+    assert [each.label for each in here.desk.status.open if each.kind is ObjectClass.ROBOT][-1] == "Gundam"
 
 
 def sight(pilot: Pilot[None]) -> str:
