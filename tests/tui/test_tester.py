@@ -31,6 +31,7 @@ from tests.tui.tester import (
     RESULT,
     answered,
     connected,
+    errors_read,
     execute,
     executed,
     finish,
@@ -144,7 +145,7 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
         await pilot.press("f5")
         await until(pilot, lambda: "no answer to 2 tries" in sight(pilot))
         assert "✗ service" in sight(pilot)
-        assert not here.query_one("#connect", Button).disabled
+        await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
         assert here.query_one("#port", Input).value == "9"
         await finish(pilot)
 
@@ -248,7 +249,7 @@ def test_the_way_out_of_an_error(tmp_path: Path) -> None:
             await executed(pilot, "slvMove", "90, 60.36, 17.63, 35.81, 20.43, 23.95")
         await until(pilot, lambda: here.desk.status.slave_mode == 0)
         await pilot.press("f7")
-        await until(pilot, lambda: "0x8420405" in sight(pilot))
+        await errors_read(pilot)
         for step in list(Step)[1:]:
             button = pilot.app.screen.query_one(f"#do-{step}")
             await until(pilot, lambda button=button: pilot.app.focused is button)  # type: ignore[misc]  # bound now

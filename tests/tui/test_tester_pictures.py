@@ -24,13 +24,13 @@ from tests.tui.tester import (
     add_gundam,
     answered,
     connected,
+    errors_read,
     executed,
     finish,
     focus,
     go,
     make_tester,
     screen,
-    sight,
     write,
 )
 
@@ -196,7 +196,7 @@ async def recovery(pilot: Pilot[None], album: Album) -> None:
         await executed(pilot, "slvMove", f"90{POINT[8:]}")
     await until(pilot, lambda: here.desk.status.slave_mode == 0)
     await pilot.press("f7")
-    await until(pilot, lambda: "0x8420405" in sight(pilot))
+    await errors_read(pilot)
     here.query_one("#left").scroll_home(animate=False)
     await album.take(pilot, "tester-recovery")
     await pilot.press("escape")

@@ -18,6 +18,7 @@ from bcapscope.tui.screens.slave import SlaveScreen
 from bcapscope.tui.screens.tester import Start, Tester
 from bcapscope.tui.tester.ask import ChoiceDialog
 from bcapscope.tui.tester.result import ResultView
+from bcapscope.tui.widgets.inked import InkedText
 from bcapscope.tui.words import Language
 from tests.tui.pilot import make, shown, until
 
@@ -93,6 +94,15 @@ async def add_gundam(pilot: Pilot[None]) -> None:
     added = here.query_one("#add-robot ResultView", ResultView)
     await until(pilot, lambda: added.record)
     assert [each.label for each in here.desk.status.open if each.kind is ObjectClass.ROBOT][-1] == "Gundam"
+
+
+async def errors_read(pilot: Pilot[None]) -> None:
+    """Wait until what to do after an error tells which error it was."""
+
+    def told() -> list[str]:
+        return [str(each.content) for each in pilot.app.screen.query("#errors").results(InkedText)]
+
+    await until(pilot, lambda: any("0x8420405" in each for each in told()))
 
 
 def sight(pilot: Pilot[None]) -> str:

@@ -15,9 +15,11 @@ import pytest
 
 from bcapscope.client.target import Target
 from bcapscope.errors import LocalProtocolError
-from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.functions import ObjectClass, function_name
 from bcapscope.protocol.hresult import S_OK
 from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
+from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.desk.builtin import JOINTS, BuiltIn, builtin_simulator
 from bcapscope.tui.desk.connecting import add_robot, connect
 from bcapscope.tui.desk.desk import Desk, NotArmedError, NotConnectedError, handle_variant
@@ -33,10 +35,11 @@ N = TypeVar("N")
 
 
 class Heard:
-    """What a desk told."""
+    """What a desk told, and what it sent."""
 
     def __init__(self) -> None:
         self.news: list[News] = []
+        self.sent: list[str] = []
         self._more = threading.Condition()
 
     def take(self, news: News) -> None:
@@ -44,12 +47,21 @@ class Heard:
             self.news.append(news)
             self._more.notify_all()
 
+    def see(self, seen: Observation) -> None:
+        if seen.flow.direction is Direction.REQUEST and isinstance(seen.item, Frame):
+            with self._more:
+                self.sent.append(function_name(seen.item.code))
+                self._more.notify_all()
+
     def all(self, kind: type[N]) -> list[N]:
         return [each for each in self.news if isinstance(each, kind)]
 
     def wait_for(self, true: Callable[[], object]) -> None:
         with self._more:
             assert self._more.wait_for(lambda: bool(true()), LIMIT)
+
+    async def wait_for_request(self, function: str) -> None:
+        await asyncio.to_thread(self.wait_for, lambda: function in self.sent)
 
     @property
     def halt(self) -> HaltState | None:
@@ -60,16 +72,16 @@ class Heard:
 @contextmanager
 def desk(folder: Path) -> Iterator[tuple[Desk, Heard]]:
     heard = Heard()
-    made = Desk(heard.take, folder)
+    made = Desk(heard.take, folder, heard.see)
     try:
         yield made, heard
     finally:
         made.close()
 
 
-def join(made: Desk, port: int, robot: str = "Gundam", tcp: bool = False) -> bool:
+def join(made: Desk, port: int, robot: str = "Gundam", tcp: bool = False, timeout: float = 300.0) -> bool:
     """Connect; over UDP the simulator, which all tests share, has room for ten desks in ten seconds."""
-    target = Target("127.0.0.1", port, tcp, timeout=300.0)
+    target = Target("127.0.0.1", port, tcp, timeout=timeout)
     return asyncio.run(made.do(connect(made, target, AUTOMATIC, robot, "")))
 
 
@@ -143,7 +155,7 @@ def test_halt_ends_a_motion_while_its_call_is_under_way(tmp_path: Path, simulato
                 "Robot_Move", handle_variant(robot), Variant(VT.I4, 1), pose, Variant(VT.BSTR, "")
             )
             task = asyncio.ensure_future(moving)
-            await asyncio.sleep(0.2)
+            await heard.wait_for_request("Robot_Move")
             threading.Thread(target=made.halt).start()
             return await task
 
@@ -177,14 +189,15 @@ def test_halt_goes_out_though_both_event_loops_are_stuck(tmp_path: Path, simulat
     with desk(tmp_path) as (made, heard):
         assert join(made, simulator.port)
         heard.wait_for(lambda: heard.halt is HaltState.READY)
-        free = threading.Event()
+        hangs, free = threading.Event(), threading.Event()
 
         async def block() -> None:
+            hangs.set()
             free.wait(LIMIT)  # the desk's loop hangs here
 
         async def stuck() -> None:
             task = asyncio.ensure_future(made.do(block()))
-            await asyncio.sleep(0.05)
+            await asyncio.to_thread(hangs.wait, LIMIT)
             made.halt()  # and so does this one, which has called it
             heard.wait_for(lambda: HaltState.HALTED in [each.state for each in heard.all(HaltNews)])
             free.set()
@@ -252,13 +265,13 @@ def test_the_controller_goes_away(tmp_path: Path, tcp: bool) -> None:
 
 def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
     with answering(Robot_Execute=None) as server, desk(tmp_path) as (made, heard):
-        assert join(made, server.port)
+        assert join(made, server.port, timeout=1000 * LIMIT)  # so that nothing is sent twice
 
         async def cancel() -> None:
             assert made.status.robot is not None
             values = (handle_variant(made.status.robot), Variant(VT.BSTR, "slvGetMode"), EMPTY)
             task = asyncio.ensure_future(made.do(made.invoke("Robot_Execute", *values)))
-            await asyncio.sleep(0.1)
+            await heard.wait_for_request("Robot_Execute")
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task
@@ -270,12 +283,12 @@ def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
 
 
 def test_connecting_can_be_cancelled(tmp_path: Path) -> None:
-    with answering(Service_Start=None) as server, desk(tmp_path) as (made, _):
+    with answering(Service_Start=None) as server, desk(tmp_path) as (made, heard):
 
         async def cancel() -> None:
             walk = connect(made, Target("127.0.0.1", server.port), AUTOMATIC, "Arm", "")
             task = asyncio.ensure_future(made.do(walk))
-            await asyncio.sleep(0.2)
+            await heard.wait_for_request("Service_Start")
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task
