@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from bcapscope.tui.tester.connection import ConnectionPanel
 from bcapscope.tui.tester.history import HistoryLines
 from bcapscope.tui.tester.tabs import TABS, FormTabs
 from bcapscope.tui.tester.watchlist import WatchList
-from tests.client.peer import Answer
+from tests.client.peer import Answer, Peer
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (
@@ -126,6 +127,31 @@ def test_a_call_that_is_not_answered_can_be_given_up(tmp_path: Path) -> None:
             await answered(pilot, RESULT, "waiting")
             await pilot.press("escape")
             await answered(pilot, RESULT, "given up")
+            await finish(pilot)
+
+        drive(make_tester(tmp_path, "127.0.0.1", server.port), act)
+
+
+def test_who_has_gone_elsewhere_while_it_was_connecting_is_left_there(tmp_path: Path) -> None:
+    goes_on = threading.Event()
+
+    def hold(peer: Peer) -> None:
+        goes_on.wait(LONG_LIMIT)
+
+    with udp_server(hold) as server:
+
+        async def act(pilot: Pilot[None]) -> None:
+            here = screen(pilot)
+            here.query_one("#option", Input).value = "Timeout=60000"
+            await pilot.press("f5")
+            await until(pilot, lambda: server.peers)
+            await focus(pilot, "#view")
+            goes_on.set()
+            workers = pilot.app.workers
+            await workers.wait_for_complete([each for each in workers if each.group == "connect"])
+            await pilot.pause()
+            assert here.desk.status.robot is not None
+            assert here.focused is here.query_one("#view")
             await finish(pilot)
 
         drive(make_tester(tmp_path, "127.0.0.1", server.port), act)

@@ -45,6 +45,7 @@ from tests.tui.tester import (
     finish,
     focus,
     make_tester,
+    ready,
     result,
     screen,
     sight,
@@ -70,7 +71,7 @@ async def join(pilot: Pilot[None], port: int, *, tcp: bool = False, option: str 
     here.query_one("#udp", Checkbox).value = not tcp
     here.query_one("#option", Input).value = option
     await pilot.press("f5")
-    await until(pilot, lambda: here.halt_state is HaltState.READY)
+    await ready(pilot)
     return here
 
 

@@ -79,10 +79,16 @@ async def connected(pilot: Pilot[None]) -> Tester:
     here = screen(pilot)
     await until(pilot, lambda: here.query_one("#host", Input).value)
     await pilot.press("enter")
+    await ready(pilot)
+    return here
+
+
+async def ready(pilot: Pilot[None]) -> None:
+    """Wait until it is connected, a command can be typed and HALT is at hand."""
+    here = screen(pilot)
     await until(pilot, lambda: here.desk.status.robot is not None)
     await until(pilot, lambda: here.halt_state is HaltState.READY)
     await until(pilot, lambda: pilot.app.focused is here.query_one(COMMAND))
-    return here
 
 
 async def add_gundam(pilot: Pilot[None]) -> None:

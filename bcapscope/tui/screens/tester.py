@@ -270,7 +270,7 @@ class Tester(Parted):
         self._busy(panel, True)
         try:
             if await self.desk.do(connect(self.desk, target, providers, opener.object_name, "")):
-                self._go_to(self.query_one("#robot-forms")) or self._go_to(self.query_one("#panels"))
+                self._go_on(panel)
             if self.desk.status.is_connected and self._builtin is None:
                 settings = scope_of(self).settings
                 settings.hosts = remembered(wish.host, settings.hosts)
@@ -279,6 +279,11 @@ class Tester(Parted):
             if panel.children:  # else the screen is being closed
                 self._busy(panel, False)
                 panel.show(self.desk.status)
+
+    def _go_on(self, panel: ConnectionPanel) -> None:
+        """Go to what is done next, unless the user has gone somewhere else meanwhile."""
+        if self.focused is None or panel in self.focused.ancestors:
+            self._go_to(self.query_one("#robot-forms")) or self._go_to(self.query_one("#panels"))
 
     def _busy(self, panel: ConnectionPanel, connecting: bool) -> None:
         self._is_connecting = connecting
