@@ -11,6 +11,7 @@ import time
 from contextlib import suppress
 from typing import Protocol
 
+from bcapscope.transport.arrival import CONTROL, Control, ask_for_times, kernel_time, receiver
 from bcapscope.transport.link import Address, Carrier
 from bcapscope.transport.udp import to_try
 
@@ -25,14 +26,25 @@ _PORTION = 512
 together, and to read all of them takes longer than there is between two set points."""
 
 
+_FRESH = 1_000_000_000
+"""ns; what the system says came longer ago than this, it says by a clock that was set meanwhile."""
+
+
 class Channel(Carrier, Protocol):
     """What the player sends through and waits with. All times are ns of `now`."""
+
+    @property
+    def arrived(self) -> int:
+        """When what was received last came; where the system does not say, when it was read."""
 
     def now(self) -> int:
         """Return ns of a clock that does not go back."""
 
     def wait(self, until: int) -> None:
         """Return at `until`, as exactly as it can be done; at once if that is over."""
+
+    def rest(self, until: int) -> None:
+        """Sleep until about then, whatever comes; at once back where nobody would tell when that came."""
 
     def receive(self, until: int) -> bytes | None:
         """Return what comes next, no more than is quickly read; None if nothing came until `until`.
@@ -50,6 +62,7 @@ class SocketChannel:
         datagrams: UDP, else TCP.
         local: our end.
         peer: the other end.
+        arrived: when what was received last came.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -59,6 +72,11 @@ class SocketChannel:
         self._socket = sock
         self._readable = [sock]
         self._portion = _DATAGRAM if self.datagrams else _PORTION
+        self.arrived = self.now()
+        self._epoch = _epoch()
+        self._is_told = False
+        self._receive = receiver(sock)
+        ask_for_times(sock)
         sock.setblocking(False)
         if not self.datagrams:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -74,6 +92,12 @@ class SocketChannel:
         while clock() < until:
             pass
 
+    def rest(self, until: int) -> None:
+        """Sleep."""
+        length = until - time.monotonic_ns()
+        if self._is_told and length > 0:
+            time.sleep(length / 1e9)
+
     def send(self, data: bytes) -> None:
         """Send; a stream takes all of it or is gone."""
         if self.datagrams:
@@ -87,10 +111,11 @@ class SocketChannel:
         """Look first, then wait."""
         while True:
             try:
-                data = self._socket.recv(self._portion)
+                data, control, _, _ = self._receive(self._portion, CONTROL)
             except BlockingIOError:
                 pass
             else:
+                self._note_arrival(control)
                 if data or self.datagrams:
                     return data
                 raise ConnectionResetError("the peer closed the connection")
@@ -102,6 +127,22 @@ class SocketChannel:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _note_arrival(self, control: Control) -> None:
+        now = self.arrived = time.monotonic_ns()
+        self._is_told = bool(control)
+        if not control:
+            return
+        told = kernel_time(control, 0) - self._epoch
+        if now - _FRESH <= told <= now:
+            self.arrived = told
+        else:
+            self._epoch = _epoch()
+
+
+def _epoch() -> int:
+    """Tell when the clock of `now` was 0, ns since 1970, by the look of several that took least."""
+    return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 
 def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_port: int = 0) -> SocketChannel:

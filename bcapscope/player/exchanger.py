@@ -21,7 +21,8 @@ from bcapscope.protocol.variant import Variant
 R = TypeVar("R")
 
 Watcher: TypeAlias = Callable[[bool, bytes, int], None]
-"""Is told of every frame: whether we sent it, its bytes, and when, ns of the channel's clock."""
+"""Is told of every frame: whether we sent it, its bytes, and when it was sent or came, ns of the channel's
+clock."""
 
 
 def run(steps: Coroutine[Any, Any, R]) -> R:
@@ -36,6 +37,10 @@ def run(steps: Coroutine[Any, Any, R]) -> R:
 
 LOOK_EACH = 50_000_000
 """ns from one `BlockingExchanger.look` to the next."""
+
+
+READING = 100_000
+"""ns that are kept for reading a reply that came while `BlockingExchanger.rest` slept."""
 
 
 def _unwatched(sent: bool, raw: bytes, time: int) -> None:
@@ -106,6 +111,18 @@ class BlockingExchanger:
             self._watch(True, raw, now)
         return now
 
+    def rest(self, until: int) -> None:
+        """Sleep for most of the time until a call is tried again, or until `until` if that is before.
+
+        Who has just used the processor, and is woken by a reply before others had as much of it, is made to
+        wait for them: without real-time priority three set points in a hundred were 2 ms late at 1 ms, beside
+        busy programs, instead of three in a thousand (Linux 6.18, sched-eevdf).
+        """
+        due, now = self._requester.due, self.link.now()
+        end = max(now, min(until, until if due is None else due) - READING)
+        self.link.rest(end)
+        self.overslept += max(0, self.link.now() - end)
+
     def settle(self, until: int) -> Settled | None:
         """Wait for the end of the call, and try again when it is time to; None if it goes on at `until`.
 
@@ -123,7 +140,7 @@ class BlockingExchanger:
             data = self._received(min(due, until))
             now = self.link.now()
             if data is not None:
-                self._take(data, now)
+                self._take(data)
                 now = self.link.now()
             elif now >= due:
                 requester.wake(now)
@@ -153,7 +170,7 @@ class BlockingExchanger:
             data = self._received(until)
             now = self.link.now()
             if data is not None:
-                self._take(data, now)
+                self._take(data)
             elif now >= until:
                 return None
 
@@ -179,14 +196,15 @@ class BlockingExchanger:
         finally:
             self.overslept += max(0, link.now() - end)
 
-    def _take(self, data: bytes, now: int) -> None:
+    def _take(self, data: bytes) -> None:
+        arrived = self.link.arrived
         if self.link.datagrams:
             items: Sequence[Frame | Malformed] = parse_datagram(data)
         else:
             items = [piece.item for piece in self._splitter.feed(data)]
         for item in items:
-            self._watch(False, item.raw, now)
-            self._requester.receive(item, now)
+            self._watch(False, item.raw, arrived)
+            self._requester.receive(item, arrived)
 
     def _events(self) -> Settled | None:
         settled: Settled | None = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from operator import itemgetter
 from typing import BinaryIO
 
 from bcapscope.capture.recording import Recording
@@ -38,7 +39,7 @@ class Journal:
         self._kept: list[tuple[bool, bytes, int]] = []
 
     def hear(self, sent: bool, raw: bytes, now: int) -> None:
-        """Take a frame; `now` is ns of the monotonic clock."""
+        """Take a frame; `now` is ns of the monotonic clock, when it was sent or when it came."""
         if sent:
             self.sent = raw
         else:
@@ -58,6 +59,7 @@ class Journal:
             return
         recording = Recording(self._file)
         write = recording.datagram if link.datagrams else recording.segment
+        self._kept.sort(key=itemgetter(2))  # a reply may be read long after it came
         for sent, raw, now in self._kept:
             ends = (link.local, link.peer) if sent else (link.peer, link.local)
             write(*ends, raw, now + self._epoch)

@@ -5,9 +5,11 @@ in ShoheiKobata/orin_bcap_python_samples):
 
 * **Async, mode 1**: we do. Deadlines are absolute, one a period. The reply may take until shortly before the
   next deadline; then the call is given up and the next set point sent, since the newest one wins and a try
-  again only wastes bandwidth. Its reply still counts as word of the controller when it comes late, and one
-  that refuses ends the play. When the newest set point that is known to be answered is older than `SILENCE`,
-  the controller has a row of them before it, or is gone; then nothing more is sent until it is through.
+  again only wastes bandwidth. Nobody is woken by the reply: it is looked for shortly before the call would be
+  given up or the next packet made, and the system tells when it came (`BlockingExchanger.rest`). One that
+  comes late still counts as word of the controller, and one that refuses ends the play. When the newest set
+  point that is known to be answered is older than `SILENCE`, the controller has a row of them before it, or
+  is gone; then nothing more is sent until it is through.
 * **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due `_PREPARING`
   after the reply, so that it always goes out equally long after. While the reply does not come the call is
   tried again, each `Pace.timeout`; a reply to an earlier try is discarded. When all tries are used up nothing
@@ -141,6 +143,7 @@ class Pacer:
         self._repeated = self._shifted = self._held = 0
         self._stays: deque[_Stay] = deque(maxlen=_STAYS)
         self._overslept = self._reply_took = 0  # of the last call
+        self._is_behind = False  # replies to earlier ones may come before the next one's
 
     @property
     def counts(self) -> Counts:
@@ -173,8 +176,7 @@ class Pacer:
                 settled = self._await(due)
             finally:
                 self._under_way = 0
-            self._overslept = self._exchanger.overslept
-            self._reply_took = self._exchanger.link.now() - sent - self._overslept
+            self._note_reply(settled, sent)
             code = self._code(settled)
             if code != E_SLAVE_OVERFLOW or not self._move.mode.overflow_is_error:
                 break
@@ -183,6 +185,15 @@ class Pacer:
         if code is not None and is_failure(code):
             raise self._refusal(code)
         return self._next(due, code)
+
+    def _note_reply(self, settled: Settled, sent: int) -> None:
+        """Note how long the reply took, what we ourselves were late by left out as far as that is known."""
+        exchanger = self._exchanger
+        self._overslept = exchanger.overslept
+        self._reply_took = exchanger.link.now() - sent - self._overslept
+        self._is_behind = isinstance(settled, TimedOut) or bool(exchanger.late)
+        if not isinstance(settled, TimedOut):
+            self._reply_took = min(self._reply_took, exchanger.link.arrived - sent)
 
     def _send(self, arguments: tuple[Variant, ...], due: int) -> int:
         exchanger = self._exchanger
@@ -216,6 +227,8 @@ class Pacer:
         exchanger, link = self._exchanger, self._exchanger.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparing
+        if by_clock and not self._is_behind:
+            exchanger.rest(min(until, link.now() + _PATIENCE))
         while True:
             look = link.now() + _PATIENCE
             settled = exchanger.settle(min(look, until) if by_clock else look)
@@ -301,6 +314,7 @@ class Pacer:
             self._waited = False
             return self._exchanger.link.now() + _PREPARING
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
+            self._overslept = 0  # the deadline does not follow the reply: what is late by that, it tells
             return due + self._move.period
         ready, free = self._exchanger.link.now() + _PREPARING, self._throttle.free
         self._held += free > ready

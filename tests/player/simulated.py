@@ -34,6 +34,7 @@ class SimulatedChannel:
         sent: frames that the player sent, with the time.
         points: how many of them are set points, retries included.
         heard: serials of replies that the player took, with the time.
+        arrived: when the last of them came.
         delay: ns that a packet takes.
         asleep: from when to when the simulator gets no processor; what comes meanwhile waits.
         silent_from: time from which on nothing arrives any more; None for never.
@@ -51,7 +52,7 @@ class SimulatedChannel:
         self.points = 0
         self.heard: list[tuple[int, int]] = []
         self.silent_from: int | None = None
-        self._time = began
+        self._time = self.arrived = began
         self.delay = delay
         self.asleep = (0, 0)
         self._loss = loss
@@ -67,6 +68,8 @@ class SimulatedChannel:
         while self._step(until):
             pass
 
+    rest = wait
+
     def send(self, data: bytes) -> None:
         self.sent.append((self._time, Frame(data)))
         self.points += _SLVMOVE in data
@@ -75,7 +78,7 @@ class SimulatedChannel:
     def receive(self, until: int) -> bytes | None:
         while True:
             if self._down and self._down[0][0] <= self._time:
-                data = heapq.heappop(self._down)[2]
+                self.arrived, _, data = heapq.heappop(self._down)
                 self.heard.append((Frame(data).serial, self._time))
                 return data
             due = min(until, self._down[0][0]) if self._down else until

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import socket
+import sys
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
@@ -72,6 +75,67 @@ def test_a_stream_that_ends_is_told(listening: socket.socket) -> None:
     with pytest.raises(ConnectionResetError, match="the peer closed the connection"):
         channel.receive(channel.now() + 10_000_000_000)
     channel.close()
+
+
+TOLD = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when something came")
+
+
+@contextmanager
+def ends(tcp: bool) -> Iterator[tuple[SocketChannel, socket.socket]]:
+    """Yield a channel, and a socket at its other end that has said hello."""
+    kind = socket.SOCK_STREAM if tcp else socket.SOCK_DGRAM
+    with socket.socket(socket.AF_INET, kind) as there:
+        there.bind(("127.0.0.1", 0))
+        if tcp:
+            there.listen()
+        host, port = there.getsockname()
+        channel = open_channel(host, port, tcp)
+        peer = there.accept()[0] if tcp else there
+        if not tcp:
+            peer.connect(channel.local)
+        peer.send(b"hello")
+        assert channel.receive(channel.now() + 10_000_000_000) == b"hello"
+        try:
+            yield channel, peer
+        finally:
+            channel.close()
+            if tcp:
+                peer.close()
+
+
+@TOLD
+@pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
+def test_it_is_told_when_something_came_however_late_it_is_read(tcp: bool) -> None:
+    with ends(tcp) as (channel, peer):
+        before = channel.now()
+        peer.send(b"abc")
+        after = channel.now()
+        rested = after + 5_000_000
+        channel.rest(rested)
+        assert channel.now() >= rested  # what came meanwhile woke nobody
+        assert channel.receive(0) == b"abc"
+        assert before - 100_000 <= channel.arrived <= after + 100_000
+
+
+@TOLD
+def test_after_a_clock_was_set_what_was_read_counts_as_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ends(tcp=False) as (channel, peer):
+        hour = 3_600_000_000_000
+        told = iter((time.time_ns() - hour, time.time_ns() + hour))
+        monkeypatch.setattr("bcapscope.player.channel.kernel_time", lambda control, now: next(told))
+        for _ in range(2):
+            peer.send(b"abc")
+            before = channel.now()
+            assert channel.receive(before + 10_000_000_000) == b"abc"
+            assert before <= channel.arrived <= channel.now()
+
+
+def test_nobody_rests_where_nobody_tells_when_something_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bcapscope.player.channel.ask_for_times", lambda sock: None)
+    with ends(tcp=False) as (channel, _):
+        until = channel.now() + 3_600_000_000_000
+        channel.rest(until)
+        assert channel.now() < until
 
 
 def test_small_pieces_of_a_stream_are_not_held_back(listening: socket.socket) -> None:

@@ -38,3 +38,20 @@ def test_all_of_it_becomes_a_capture(tmp_path: Path) -> None:
         ["0.000000", "127.0.0.1:50000", ">", "127.0.0.1:5007", "udp"],
         ["0.002000", "127.0.0.1:5007", ">", "127.0.0.1:50000", "udp"],
     ]
+
+
+def test_a_capture_is_in_the_order_of_time_though_a_reply_was_read_after_the_next_request(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.pcapng"
+    with path.open("xb") as file:
+        journal = Journal(lambda _: None, file)
+        journal.pacing = True
+        for sent, raw, time in ((True, REQUEST, 1), (True, encode(8, 0, 2, ()), 9), (False, REPLY, 8)):
+            journal.hear(sent, raw, time * 1_000_000)
+        journal.save(SimulatedChannel(Simulator(PROFILES["rc8"])))
+    assert [line.split()[1] for line in run_here("decode", path).lines] == [
+        "0.000000",
+        "0.007000",
+        "0.008000",
+    ]

@@ -33,8 +33,11 @@ class Controller:
         codes: result of each, S_OK after the last.
         takes: ns until each is answered; None for those that are not.
         oversleeps: ns that the wait for each takes too long.
+        rests: ns that resting after each takes too long.
         naps: ns that the first wait for a reply to each takes, whatever was wanted.
         stops: likewise, and what came meanwhile is there then.
+        arrived: when the last reply came.
+        looks: when something was looked for.
     """
 
     datagrams = True
@@ -47,8 +50,11 @@ class Controller:
         self.codes: dict[int, int] = {}
         self.takes: dict[int, int | None] = {}
         self.oversleeps: dict[int, int] = {}
+        self.rests: dict[int, int] = {}
         self.naps: dict[int, int] = {}
         self.stops: dict[int, int] = {}
+        self.arrived = 0
+        self.looks: list[int] = []
         self._now = 0
         self._replies: list[tuple[int, bytes]] = []
 
@@ -57,6 +63,9 @@ class Controller:
 
     def wait(self, until: int) -> None:
         self._now = max(self._now, until + self.oversleeps.get(len(self.sent), 0))
+
+    def rest(self, until: int) -> None:
+        self._now = max(self._now, until + self.rests.get(len(self.sent) - 1, 0))
 
     def send(self, data: bytes) -> None:
         number, frame = len(self.sent), Frame(data)
@@ -71,6 +80,7 @@ class Controller:
             self._replies.append((self._now + takes, reply))
 
     def receive(self, until: int) -> bytes | None:
+        self.looks.append(self._now)
         nap = self.naps.pop(len(self.sent) - 1, 0)
         if nap:
             self._now += nap
@@ -78,7 +88,10 @@ class Controller:
         self._now += self.stops.pop(len(self.sent) - 1, 0)
         due = self._replies[0][0] if self._replies else until + 1
         self._now = max(self._now, min(due, until))
-        return self._replies.pop(0)[1] if due <= self._now else None
+        if due > self._now:
+            return None
+        self.arrived, reply = self._replies.pop(0)
+        return reply
 
     def close(self) -> None:
         raise AssertionError
@@ -154,6 +167,41 @@ def test_a_late_reply_delays_nothing_in_async() -> None:
     pacer = play(controller, mode(0x102))
     assert set(gaps(controller)) == {8}
     assert (pacer.counts.late, pacer.counts.unanswered, pacer.counts.retries) == (1, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("period", "looks"), [pytest.param(MS, 0.5, id="1 ms"), pytest.param(8 * MS, 1.9, id="8 ms")]
+)
+def test_no_reply_wakes_us_where_we_set_the_pace(period: int, looks: float) -> None:
+    controller = Controller()
+    pacer = play(controller, mode(0x102), period=period)
+    looked = [when - sent for when, sent in zip(controller.looks, controller.sent, strict=True)]
+    assert looked == [looks * MS] * POINTS  # shortly before the next is prepared, or the call given up
+    assert (pacer.counts.late, pacer.counts.unanswered) == (0, 0)
+    assert {gap * MS for gap in gaps(controller)} == {period}
+
+
+@pytest.mark.parametrize("value", [0x002, 0x202])
+def test_a_reply_is_awaited_where_the_controller_sets_the_pace(value: int) -> None:
+    controller = Controller()
+    play(controller, mode(value))
+    assert controller.looks == controller.sent
+
+
+def test_who_has_replies_to_catch_up_with_reads_them_at_once() -> None:
+    controller = Controller()
+    controller.takes = {10: 9 * MS}
+    play(controller, mode(0x102))
+    at_once = [number for number, sent in enumerate(controller.sent) if sent in controller.looks]
+    assert at_once == [11, 12]  # after the one that was given up, and the one with which its reply came
+
+
+def test_a_rest_that_takes_too_long_is_our_lateness() -> None:
+    controller = Controller()
+    controller.rests = {10: 40 * MS}
+    controller.codes = {11: E_SLAVE_UNDERFLOW}
+    with pytest.raises(ControllerError, match=r"this machine was late by 33\.9 ms, the reply took 0\.1 ms"):
+        play(controller, mode(0x102))
 
 
 def test_mode_0_fills_the_buffer_and_then_keeps_the_period() -> None:
@@ -316,5 +364,5 @@ def test_a_reply_that_waited_for_us_did_not_take_long() -> None:
     controller = Controller()
     controller.stops = {10: 900 * MS}
     controller.codes = {11: E_SLAVE_UNDERFLOW}
-    with pytest.raises(ControllerError, match=r"this machine was late by 898\.0 ms, the reply took 2\.0 ms"):
+    with pytest.raises(ControllerError, match=r"this machine was late by 898\.0 ms, the reply took 0\.1 ms"):
         play(controller, mode(0x202))
