@@ -4,6 +4,10 @@ The empty loop sleeps and spins to its deadlines as the player does, and sends n
 real-time priority where that is measured, and nothing else. Both take turns, in short rounds, so that what
 the host of a virtual machine takes away meets both alike; the medians of the rounds are shown. Run from the
 project's root as ``python -m tests.bench.play``; real-time priority is shown where the system gives it.
+
+A controller is another machine and never takes the player's processor, but the simulator does: each set point
+wakes it, and when it has answered the system may go on with a busy process. With ``--apart`` it keeps to the
+last processor, player and empty loop to the first, and each has a busy process on its own.
 """
 
 from __future__ import annotations
@@ -49,10 +53,17 @@ def running(*words: str) -> Iterator[subprocess.Popen[str]]:
             process.send_signal(signal.SIGKILL)
 
 
+def keep_to(pid: int, processor: int) -> None:
+    """Let a process have one processor only, counted from the first, or with -1 from the last."""
+    os.sched_setaffinity(pid, {sorted(os.sched_getaffinity(1))[processor]})
+
+
 @contextmanager
-def simulator() -> Iterator[Target]:
-    """Run the simulator; yield how to reach it."""
+def simulator(apart: bool = False) -> Iterator[Target]:
+    """Run the simulator, on the last processor only if it is to be `apart`; yield how to reach it."""
     with running("-m", "bcapscope", "sim", "--port", "0", "-q") as process:
+        if apart:
+            keep_to(process.pid, -1)
         assert process.stderr is not None
         match = re.search(r"port (\d+)", process.stderr.readline())
         if not match:
@@ -156,6 +167,7 @@ def options(doc: str | None, seconds: float, rounds: int) -> argparse.ArgumentPa
 def main() -> None:
     """Measure and print."""
     parser = options(__doc__, seconds=2.0, rounds=5)
+    parser.add_argument("--apart", action="store_true", help="the simulator on a processor of its own")
     parser.add_argument("--empty", nargs=3, type=int, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.empty:
@@ -168,9 +180,13 @@ def main() -> None:
     )
     print(HEAD)
     with ExitStack() as stack:
-        target = stack.enter_context(simulator())
-        for _ in range(BUSY):
-            stack.enter_context(running("-c", "while True: pass"))
+        target = stack.enter_context(simulator(chosen.apart))
+        for number in range(BUSY):
+            busy = stack.enter_context(running("-c", "while True: pass"))
+            if chosen.apart:
+                keep_to(busy.pid, -number)
+        if chosen.apart:
+            keep_to(0, 0)  # and so do player and loop, which we start
         grades = (True, False) if has_priority() else (False,)
         for period in PERIODS:
             for wanted in grades:
