@@ -25,9 +25,8 @@ _PORTION = 512
 """Bytes of a stream that are taken at once, a few replies: a controller that was held up sends a hundred
 together, and to read all of them takes longer than there is between two set points."""
 
-
-_FRESH = 1_000_000_000
-"""ns; what the system says came longer ago than this, it says by a clock that was set meanwhile."""
+_SET = 100_000
+"""ns by which two clocks may drift apart while nobody sets one: none, but looking at both takes a moment."""
 
 
 class Channel(Carrier, Protocol):
@@ -131,13 +130,10 @@ class SocketChannel:
     def _note_arrival(self, control: Control) -> None:
         now = self.arrived = time.monotonic_ns()
         self._is_told = bool(control)
-        if not control:
-            return
-        told = kernel_time(control, 0) - self._epoch
-        if now - _FRESH <= told <= now:
-            self.arrived = told
-        else:
-            self._epoch = _epoch()
+        if abs(time.time_ns() - now - self._epoch) > _SET:
+            self._epoch = _epoch()  # the clock by which the system tells was set, or we were held up just now
+        elif control:
+            self.arrived = min(now, kernel_time(control, 0) - self._epoch)
 
 
 def _epoch() -> int:

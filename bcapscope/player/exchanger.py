@@ -38,7 +38,6 @@ def run(steps: Coroutine[Any, Any, R]) -> R:
 LOOK_EACH = 50_000_000
 """ns from one `BlockingExchanger.look` to the next."""
 
-
 READING = 100_000
 """ns that are kept for reading a reply that came while `BlockingExchanger.rest` slept."""
 

@@ -107,26 +107,33 @@ def ends(tcp: bool) -> Iterator[tuple[SocketChannel, socket.socket]]:
 @pytest.mark.parametrize("tcp", [False, True], ids=["udp", "tcp"])
 def test_it_is_told_when_something_came_however_late_it_is_read(tcp: bool) -> None:
     with ends(tcp) as (channel, peer):
-        before = channel.now()
-        peer.send(b"abc")
-        after = channel.now()
-        rested = after + 5_000_000
-        channel.rest(rested)
-        assert channel.now() >= rested  # what came meanwhile woke nobody
-        assert channel.receive(0) == b"abc"
-        assert before - 100_000 <= channel.arrived <= after + 100_000
+
+        def is_told() -> bool:
+            before = channel.now()
+            peer.send(b"abc")
+            rested = channel.now() + 20_000_000
+            channel.rest(rested)
+            assert channel.now() >= rested  # what came meanwhile woke nobody
+            assert channel.receive(rested + 10_000_000_000) == b"abc"
+            assert channel.arrived >= before - 100_000
+            return channel.arrived < rested
+
+        assert any(is_told() for _ in range(5))  # unless each time we are held up while looking at the clocks
 
 
 @TOLD
-def test_after_a_clock_was_set_what_was_read_counts_as_come(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("step", [-10_000_000, 10_000_000])
+def test_after_a_clock_was_set_what_was_read_counts_as_come(
+    monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
     with ends(tcp=False) as (channel, peer):
-        hour = 3_600_000_000_000
-        told = iter((time.time_ns() - hour, time.time_ns() + hour))
-        monkeypatch.setattr("bcapscope.player.channel.kernel_time", lambda control, now: next(told))
-        for _ in range(2):
+        plain = time.time_ns
+        monkeypatch.setattr(time, "time_ns", lambda: plain() + step)
+        for _ in range(2):  # the second finds that the system tells by a clock that is not ours
             peer.send(b"abc")
             before = channel.now()
             assert channel.receive(before + 10_000_000_000) == b"abc"
+            monkeypatch.setattr(time, "time_ns", plain)
             assert before <= channel.arrived <= channel.now()
 
 
