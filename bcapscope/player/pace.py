@@ -228,7 +228,7 @@ class Pacer:
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparing
         if by_clock and not self._is_behind:
-            exchanger.rest(min(until, link.now() + _PATIENCE))
+            self._rest(until)
         while True:
             look = link.now() + _PATIENCE
             settled = exchanger.settle(min(look, until) if by_clock else look)
@@ -237,6 +237,13 @@ class Pacer:
             if by_clock and link.now() >= until:
                 return exchanger.abandon()
             self._idle(link.now())
+
+    def _rest(self, until: int) -> None:
+        """Sleep, whatever comes; where that is long, orders are looked for afterwards."""
+        look = self._exchanger.link.now() + _PATIENCE
+        self._exchanger.rest(min(look, until))
+        if look < until:
+            self._idle(self._exchanger.link.now())
 
     def _code(self, settled: Settled) -> int | None:
         """Note how a call ended; return its result, None where there is none that we could wait for.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from bcapscope.errors import ControllerError
+from bcapscope.errors import ControllerError, ExchangeTimeout
 from bcapscope.player.course import Course
 from bcapscope.player.exchanger import BlockingExchanger
 from bcapscope.player.limits import UNKNOWN
@@ -17,7 +18,7 @@ from bcapscope.player.trajectory import Source, Trajectory
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, S_OK
-from bcapscope.protocol.requester import Pace
+from bcapscope.protocol.requester import Answered, Pace
 from bcapscope.protocol.slavemode import Generation, PoseType, SlaveMode, slave_mode
 from bcapscope.protocol.variant import VT
 
@@ -170,10 +171,16 @@ def test_a_late_reply_delays_nothing_in_async() -> None:
 
 
 @pytest.mark.parametrize(
-    ("period", "looks"), [pytest.param(MS, 0.5, id="1 ms"), pytest.param(8 * MS, 1.9, id="8 ms")]
+    ("datagrams", "period", "looks"),
+    [
+        pytest.param(True, MS, 0.5, id="udp 1 ms"),
+        pytest.param(True, 8 * MS, 1.9, id="udp 8 ms"),
+        pytest.param(False, 8 * MS, 6.9, id="tcp 8 ms"),
+    ],
 )
-def test_no_reply_wakes_us_where_we_set_the_pace(period: int, looks: float) -> None:
+def test_no_reply_wakes_us_where_we_set_the_pace(datagrams: bool, period: int, looks: float) -> None:
     controller = Controller()
+    controller.datagrams = datagrams
     pacer = play(controller, mode(0x102), period=period)
     looked = [when - sent for when, sent in zip(controller.looks, controller.sent, strict=True)]
     assert looked == [looks * MS] * POINTS  # shortly before the next is prepared, or the call given up
@@ -194,6 +201,39 @@ def test_who_has_replies_to_catch_up_with_reads_them_at_once() -> None:
     play(controller, mode(0x102))
     at_once = [number for number, sent in enumerate(controller.sent) if sent in controller.looks]
     assert at_once == [11, 12]  # after the one that was given up, and the one with which its reply came
+
+
+@pytest.mark.parametrize("period", [8, 10, 17, 20, 23, 100, 1000])
+@pytest.mark.parametrize(
+    "takes", [pytest.param(MS // 10, id="answered"), pytest.param(None, id="unanswered")]
+)
+def test_orders_are_looked_for_all_the_time(period: int, takes: int | None) -> None:
+    controller = Controller()
+    controller.datagrams = False
+    controller.takes = dict.fromkeys(range(1, 5), takes)
+    looked: list[int] = []
+    with suppress(ExchangeTimeout):  # long periods without an answer
+        play(controller, mode(0x102), idle=looked.append, period=period * MS)
+    assert max(b - a for a, b in pairwise(looked)) <= 16 * MS
+
+
+def test_a_reply_that_was_slept_through_has_the_time_at_which_it_came() -> None:
+    controller, heard = Controller(), []
+    controller.rests = {0: 3 * MS}
+
+    def watch(sent: bool, raw: bytes, time: int) -> None:
+        heard.append((sent, time))
+
+    exchanger = BlockingExchanger(controller, Convention.SEED, watch)
+    move = Move(1, VT.R8, mode(0x102), Pace(100 * MS, 0), 8 * MS)
+    exchanger.begin(64, move.arguments((1.0,) * 8), move.pace, 0)
+    exchanger.send()
+    exchanger.rest(5 * MS)
+    settled = exchanger.settle(10 * MS)
+    assert isinstance(settled, Answered)
+    assert settled.took == MS // 10
+    assert heard == [(True, 0), (False, MS // 10)]
+    assert (exchanger.link.now(), exchanger.overslept) == (7.9 * MS, 3 * MS)
 
 
 def test_a_rest_that_takes_too_long_is_our_lateness() -> None:
