@@ -92,10 +92,10 @@ class SocketChannel:
             pass
 
     def rest(self, until: int) -> None:
-        """Sleep."""
+        """Sleep, where the system tells when what comes meanwhile came."""
         length = until - time.monotonic_ns()
         if self._is_told and length > 0:
-            time.sleep(length / 1e9)
+            time.sleep(length / 1e9)  # nothing that comes is needed before
 
     def send(self, data: bytes) -> None:
         """Send; a stream takes all of it or is gone."""

@@ -1,4 +1,4 @@
-"""When datagrams came, as the system says: however late one looks."""
+"""When datagrams, or pieces of a stream, came, as the system says: however late one looks."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from functools import partial
 from typing import Any, TypeAlias
 
 Control: TypeAlias = list[tuple[int, int, bytes]]
-"""What the system says of a datagram: when it came, as far as we asked."""
+"""What the system says of what is read: when it came, as far as we asked."""
 
 Receive: TypeAlias = Callable[[int, int], tuple[bytes, Control, int, Any]]
 """Like `socket.recvmsg`."""
 
 CONTROL = 64
-"""Bytes for what the system says of a datagram."""
+"""Bytes for what the system says of what is read."""
 
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h of Linux
 _TIMESPEC = struct.Struct("@ll")
 
 
 def ask_for_times(sock: socket.socket) -> None:
-    """Have the system say when datagrams come; what it does not give is done without."""
+    """Have the system say when something comes; what it does not give is done without."""
     if sys.platform == "linux":
         with suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
@@ -42,7 +42,7 @@ def _receive_plainly(sock: socket.socket, most: int, _: int) -> tuple[bytes, Con
 
 
 def kernel_time(control: Control, now: int) -> int:
-    """Return when a datagram came, ns since 1970; `now`, or what the clock says, where nobody else does."""
+    """Return when it came, ns since 1970; `now`, or what the clock says, where nobody else does."""
     if not control or len(control[0][2]) != _TIMESPEC.size:
         return now or time.time_ns()
     seconds, nanoseconds = _TIMESPEC.unpack(control[0][2])
