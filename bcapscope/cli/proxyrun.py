@@ -162,8 +162,8 @@ class Proxy:
         """
         self._end_early()
         self.relay.watch(self._ends.fileno(), self._signalled)
-        # Beside busy programs one round trip in ten waited 4 ms without the priority. With it, Linux wakes the
-        # relay where it ran last, not where its waker runs: that processor should not have to be woken first.
+        # Beside busy programs one round trip in ten waited 4 ms without the priority. With it, Linux wakes
+        # the relay where it ran last, not where its waker runs: that processor had better not sleep.
         with undisturbed() as grade:
             if not grade.realtime:
                 self._say(grade.text.encode())

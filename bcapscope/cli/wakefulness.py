@@ -15,13 +15,12 @@ import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
 
 from bcapscope.proxy.ring import Count
 
 MUCH = 5
-"""Datagrams between two looks, of which there are some twenty a second: fifty calls a second. A set point each
-8 ms makes 125."""
+"""Datagrams between two looks, of which there are some twenty a second: fifty calls a second. A set point
+each 8 ms makes 125."""
 
 LONG = 1.0
 """Seconds without that much after which processors may sleep again."""
@@ -116,25 +115,25 @@ class LightSleep:
     """
 
     def __init__(self) -> None:
-        self._asked: BinaryIO | None = None
+        self._asked: int | None = None
         self._may_ask = True
 
     def __call__(self, wanted: bool) -> None:
         """Ask for it, or no more."""
         if not wanted:
             if self._asked is not None:
-                self._asked.close()
+                os.close(self._asked)
                 self._asked = None
         elif self._may_ask:
             try:
-                self._asked = _DEVICE.open("wb", buffering=0)
-                self._asked.write(_REQUEST.pack(_longest()))
+                self._asked = os.open(_DEVICE, os.O_WRONLY)  # makes no file where there is no such device
+                os.write(self._asked, _REQUEST.pack(_longest()))
             except OSError:
                 self._may_ask = False
 
 
 def _longest() -> int:
-    """Return how many µs waking may take: none where each sleep, however light it is called, is the host's."""
+    """Return how many µs waking may take: none where each sleep, however light, is the host's."""
     with suppress(OSError):
         if _DRIVER.read_text(encoding="ascii").strip() == "haltpoll":
             return 0
@@ -142,7 +141,7 @@ def _longest() -> int:
 
 
 def stolen() -> float:
-    """Return how many seconds the host has taken so far, on an average of our processors; 0 if none is told."""
+    """Return how many seconds the host has taken so far, on an average of our processors; 0 if unknown."""
     with suppress(OSError, IndexError, ValueError):
         with _STATISTICS.open(encoding="ascii") as statistics:
             ticks = int(statistics.readline().split()[_STEAL])

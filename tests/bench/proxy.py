@@ -3,9 +3,11 @@
 Run from the project's root as ``python -m tests.bench.proxy`` (``trips``: flat out and paced at 1 kHz, five
 runs of each way in turn, their medians) or ``python -m tests.bench.proxy robots 60`` (four clients that send
 a set point each millisecond for so many seconds: what was lost, and what the memory did). Figures compare
-within one run only. ``chrt -f 10`` before it gives clients, server and all relays the priority that bcapscope
-takes by itself: it keeps out whatever else the machine does, and puts all ways on a par, as programs with
-real-time priority are woken on the processor where they ran last, those without where the waker runs.
+within one run only. As root bcapscope takes real-time priority, and keeps the processors from sleeping, by
+itself. ``chrt -f 10`` before it gives clients, server and all relays the priority: it keeps out whatever else
+the machine does, and puts all ways on a par, as programs with real-time priority are woken on the processor
+where they ran last, those without where the waker runs. ``--awake`` keeps the processors from sleeping
+whatever is measured.
 
 The ways: direct; a relay of `RELAY_C`, where there is a C compiler; socat; the least that Python can do with
 epoll (`bare`); bcapscope, recording and decoding all that passes.
