@@ -164,7 +164,7 @@ class Proxy:
         self.relay.watch(self._ends.fileno(), self._signalled)
         # Beside busy programs one round trip in ten waited 4 ms without the priority. With it, Linux wakes
         # the relay where it ran last, not where its waker runs: that processor had better not sleep.
-        with undisturbed() as grade:
+        with undisturbed(relaying=True) as grade:
             if not grade.realtime:
                 self._say(grade.text.encode())
             # Not earlier: it tries something in a thread, whose stack stays, and would be locked as well.
