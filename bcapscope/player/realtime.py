@@ -5,8 +5,8 @@ point (sched(7)); locked memory is never fetched from disk (mlockall(2)). Where 
 asks for little of the processor at a time gets it sooner, though not more of it (sched-eevdf, Linux 6.12).
 
 But who only passes on what others send had then better let these end what they do, as a batch program does.
-On two processors round trips at 1 kHz over a relay with short turns had a median of 132 µs, of 38 µs so; beside
-two busy programs their 99th percentile was 1.2 ms, and 0.1 ms so.
+On two processors the median of round trips at 1 kHz over a relay was 132 µs with short turns and 38 µs so,
+and their 99th percentile beside two busy programs 1.2 ms and 0.1 ms.
 """
 
 from __future__ import annotations
