@@ -23,7 +23,7 @@ from bcapscope.cli.output import narrate
 from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes, watch
 from bcapscope.cli.screen import ERASE
 from bcapscope.cli.signals import kept_from_ends
-from bcapscope.cli.wakefulness import LightSleep, Wakefulness, passed, stolen
+from bcapscope.cli.wakefulness import LightSleep, Wakefulness, passed
 from bcapscope.player.realtime import undisturbed
 from bcapscope.proxy.hook import Policy
 from bcapscope.proxy.ports import open_ports
@@ -91,7 +91,7 @@ class Proxy:
         self._watcher: multiprocessing.process.BaseProcess | None = None
         self._watched = False
         self._courtesy: Courtesy | None = None
-        self._wakefulness = Wakefulness(LightSleep(), stolen)
+        self._wakefulness = Wakefulness(LightSleep())
         self._ports: list[TcpPort | UdpPort] = []
         self._ending = 0.0
         self._hung_up = False
@@ -164,7 +164,7 @@ class Proxy:
         self.relay.watch(self._ends.fileno(), self._signalled)
         # Beside busy programs one round trip in ten waited 4 ms without the priority. With it, Linux wakes
         # the relay where it ran last, not where its waker runs: that processor had better not sleep.
-        with undisturbed(relaying=True) as grade:
+        with undisturbed() as grade:
             if not grade.realtime:
                 self._say(grade.text.encode())
             # Not earlier: it tries something in a thread, whose stack stays, and would be locked as well.

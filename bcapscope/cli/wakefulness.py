@@ -12,93 +12,116 @@ from __future__ import annotations
 import math
 import os
 import struct
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Protocol
 
 from bcapscope.proxy.ring import Count
 
-MUCH = 5
-"""Datagrams between two looks, of which there are some twenty a second: fifty calls a second. A set point
-each 8 ms makes 125."""
+MUCH = 100
+"""Datagrams within `LONG`: fifty calls a second. A set point each 8 ms makes 125."""
 
 LONG = 1.0
+"""Seconds."""
+
+STAY = 2.0
 """Seconds without that much after which processors may sleep again."""
 
 STOLEN = 0.05
-"""Share of the processors' time that the host may take."""
+"""Share of a processor's time that the host may take from all of them together."""
 
-AGAIN_AFTER = 60.0
-"""Seconds that processors may sleep since the host took more."""
+REST = 60.0
+"""Seconds for which nothing is asked after the host took more, or Linux refused."""
 
 _MEASURED_EACH = 1.0
 """Seconds."""
 
 _SIZE = 64
-"""Bytes of a stream that count as a datagram: less than what a set point takes, or its answer."""
-
-_SHORT = 2
-"""µs in which a processor wakes from its lightest sleep (C1; WFI on ARM)."""
+"""Bytes of streams that count as a datagram: a set point takes some 100, its answer 58 or 90."""
 
 _REQUEST = struct.Struct("@i")
 _DEVICE = Path("/dev/cpu_dma_latency")
-_DRIVER = Path("/sys/devices/system/cpu/cpuidle/current_driver")
+_SLEEP = Path("/sys/devices/system/cpu")
 _STATISTICS = Path("/proc/stat")
+
+_USUAL = 2
+"""µs to wake from the lightest sleep, where nobody says how many."""
+
+_FIRST_LINE = 256
+"""Bytes, more than it has."""
+
 _STEAL = 8
-"""Place of the time that the host took (proc_stat(5))."""
+"""Place of the time that the host took, in the first line (proc_stat(5))."""
+
+
+class Sleep(Protocol):
+    """The sleep of the processors."""
+
+    def forbid(self) -> bool:
+        """Ask that they stay awake; tell whether that is granted."""
+
+    def allow(self) -> None:
+        """Ask no more."""
+
+    def stolen(self) -> float | None:
+        """Return how many seconds the host took so far from those that stay awake; None if unknown."""
 
 
 class Wakefulness:
     """Lets the processors sleep unless much passes."""
 
-    def __init__(self, keep_awake: Callable[[bool], None], stolen: Callable[[], float]) -> None:
-        """Let them sleep.
-
-        Args:
-            keep_awake: called with whether they are to stay awake, when that changes.
-            stolen: tells how many seconds of how many processors' time each the host has taken so far.
-        """
-        self._keep_awake = keep_awake
-        self._stolen = stolen
+    def __init__(self, sleep: Sleep) -> None:
+        """Let them sleep."""
+        self._sleep = sleep
         self._is_awake = False
-        self._passed = 0
-        self._much_at, self._not_before = -math.inf, -math.inf
-        self._measured_at = self._measured = 0.0
+        self._count, self._since = 0, -math.inf
+        self._much_at = self._not_before = -math.inf
+        self._measured: float | None = None
+        self._measured_at = 0.0
 
-    def look(self, passed: int, now: float) -> None:
-        """Look how much has passed.
+    def look(self, count: int, now: float) -> None:
+        """Look how much has passed, some twenty times a second.
 
         Args:
-            passed: so many datagrams so far; see `passed`.
+            count: datagrams so far; see `passed`.
             now: s, of any clock that runs evenly.
         """
-        if passed - self._passed >= MUCH:
+        if count - self._count >= MUCH:
             self._much_at = now
-        self._passed = passed
-        if self._is_awake and now - self._measured_at >= _MEASURED_EACH:
-            before, since = self._measured, now - self._measured_at
-            self._measure(now)
-            if self._measured - before > STOLEN * since:
-                self._not_before = now + AGAIN_AFTER
-        self._be(now - self._much_at < LONG and now >= self._not_before, now)
+        if count - self._count >= MUCH or now - self._since >= LONG:
+            self._count, self._since = count, now
+        if self._is_awake and now - self._measured_at >= _MEASURED_EACH and self._is_robbed(now):
+            self._not_before = now + REST
+        wanted = now - self._much_at < STAY and now >= self._not_before
+        if wanted and not self._is_awake:
+            self._wake(now)
+        elif not wanted:
+            self.end()
 
     def end(self) -> None:
         """Let them sleep."""
-        self._be(False, math.inf)
+        if self._is_awake:
+            self._is_awake = False
+            self._sleep.allow()
 
-    def _be(self, awake: bool, now: float) -> None:
-        if awake is not self._is_awake:
-            self._is_awake = awake
-            self._keep_awake(awake)
-            if awake:
-                self._measure(now)
+    def _wake(self, now: float) -> None:
+        self._is_awake = self._sleep.forbid()
+        if self._is_awake:
+            self._measured_at, self._measured = now, self._sleep.stolen()
+        else:
+            self._not_before = now + REST
 
-    def _measure(self, now: float) -> None:
-        self._measured_at, self._measured = now, self._stolen()
+    def _is_robbed(self, now: float) -> bool:
+        """Tell whether the host took much since this was asked last."""
+        since, before = now - self._measured_at, self._measured
+        self._measured_at, self._measured = now, self._sleep.stolen()
+        return before is not None and self._measured is not None and self._measured - before > STOLEN * since
 
 
 def passed(counts: Sequence[int]) -> int:
-    """Return how many datagrams have come, with as many as the bytes of streams would make.
+    """Return how many datagrams came, and how many the bytes of streams that were sent would make.
 
     Args:
         counts: by `Count`.
@@ -108,42 +131,57 @@ def passed(counts: Sequence[int]) -> int:
 
 
 class LightSleep:
-    """Asks Linux to let processors sleep only as lightly as possible, or no more for that.
+    """Has Linux let processors sleep only as lightly as possible, where we may ask: as root, unless told.
 
-    On a KVM guest whose driver is haltpoll they then wait without sleeping. Linux forgets what was asked as
-    soon as the file is closed, however we end; who may not ask, as only root may unless told, does without.
+    On a KVM guest whose driver is haltpoll they then wait without sleeping, as there each sleep, however
+    lightly it is called, is the host's. Linux forgets what was asked once the file is closed, however we end.
     """
 
     def __init__(self) -> None:
         self._asked: int | None = None
-        self._may_ask = True
+        self._statistics: int | None = None
 
-    def __call__(self, wanted: bool) -> None:
-        """Ask for it, or no more."""
-        if not wanted:
-            if self._asked is not None:
-                os.close(self._asked)
-                self._asked = None
-        elif self._may_ask:
-            try:
-                self._asked = os.open(_DEVICE, os.O_WRONLY)  # makes no file where there is no such device
-                os.write(self._asked, _REQUEST.pack(_longest()))
-            except OSError:
-                self._may_ask = False
+    def forbid(self) -> bool:
+        """Ask for it; tell whether that is granted."""
+        if sys.platform != "linux":
+            return False
+        try:
+            self._asked = os.open(_DEVICE, os.O_WRONLY)  # makes no file where there is no such device
+            waits = _waits_awake()
+            os.write(self._asked, _REQUEST.pack(0 if waits else _lightest()))
+            if waits:
+                self._statistics = os.open(_STATISTICS, os.O_RDONLY)
+        except OSError:
+            self.allow()
+            return False
+        return True
+
+    def allow(self) -> None:
+        """Ask for it no more."""
+        for descriptor in (self._asked, self._statistics):
+            if descriptor is not None:
+                os.close(descriptor)
+        self._asked = self._statistics = None
+
+    def stolen(self) -> float | None:
+        """Return how many seconds of processors the host took so far, if these never sleep."""
+        if sys.platform == "linux" and self._statistics is not None:
+            with suppress(OSError, IndexError, ValueError):
+                line = os.pread(self._statistics, _FIRST_LINE, 0)
+                return int(line.split()[_STEAL]) / os.sysconf("SC_CLK_TCK")
+        return None
 
 
-def _longest() -> int:
-    """Return how many µs waking may take: none where each sleep, however light, is the host's."""
+def _waits_awake() -> bool:
+    """Tell whether a processor that must wake at once waits without sleeping."""
     with suppress(OSError):
-        if _DRIVER.read_text(encoding="ascii").strip() == "haltpoll":
-            return 0
-    return _SHORT
+        return (_SLEEP / "cpuidle" / "current_driver").read_bytes().strip() == b"haltpoll"
+    return False
 
 
-def stolen() -> float:
-    """Return how many seconds the host has taken so far, on an average of our processors; 0 if unknown."""
-    with suppress(OSError, IndexError, ValueError):
-        with _STATISTICS.open(encoding="ascii") as statistics:
-            ticks = int(statistics.readline().split()[_STEAL])
-        return ticks / os.sysconf("SC_CLK_TCK") / (os.cpu_count() or 1)
-    return 0.0
+def _lightest() -> int:
+    """Return how many µs it takes to wake from the lightest sleep, as the first processor has it."""
+    states = (_SLEEP / "cpu0" / "cpuidle").glob("state*/latency")
+    with suppress(OSError, ValueError):
+        return min((latency for each in states if (latency := int(each.read_text())) > 0), default=_USUAL)
+    return _USUAL

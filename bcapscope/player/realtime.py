@@ -3,10 +3,6 @@
 SCHED_FIFO runs before everything that has no real-time priority, so that no other program can hold up a set
 point (sched(7)); locked memory is never fetched from disk (mlockall(2)). Where priority is not given, whoever
 asks for little of the processor at a time gets it sooner, though not more of it (sched-eevdf, Linux 6.12).
-
-But who only passes on what others send had then better let these end what they do, as a batch program does.
-On two processors the median of round trips at 1 kHz over a relay was 132 µs with short turns and 38 µs so,
-and their 99th percentile beside two busy programs 1.2 ms and 0.1 ms.
 """
 
 from __future__ import annotations
@@ -18,7 +14,7 @@ import platform
 import struct
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -55,7 +51,7 @@ class Grade(msgspec.Struct, frozen=True):
 
 
 @contextmanager
-def undisturbed(wanted: bool = True, *, collecting: bool = False, relaying: bool = False) -> Iterator[Grade]:
+def undisturbed(wanted: bool = True, *, collecting: bool = False) -> Iterator[Grade]:
     """Take all that the system gives, for the length of a block.
 
     What was loaded before stays: looking through it for garbage again and again costs milliseconds.
@@ -63,20 +59,18 @@ def undisturbed(wanted: bool = True, *, collecting: bool = False, relaying: bool
     Args:
         wanted: also what disturbs others, priority and memory.
         collecting: of what comes anew, garbage is collected; else that rests until the end.
-        relaying: who wakes us may end what it does, where we get no priority.
     """
     gc.collect()
     gc.freeze()
     if not collecting:
         gc.disable()
     grade = _take() if wanted else Grade(False, False, "real-time priority was not asked for")
-    batch = relaying and not grade.realtime and _be_batch()
-    if not grade.realtime and not batch:
+    if not grade.realtime:
         _slice(_SLICE)
     try:
         yield grade
     finally:
-        if grade.realtime or batch:
+        if grade.realtime:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         else:
             _slice(0)
@@ -109,16 +103,6 @@ def _take_priority() -> str:
             f"`sudo setcap cap_sys_nice+ep {os.path.realpath(sys.executable)}`"
         )
     return ""
-
-
-def _be_batch() -> bool:
-    """Run as a batch program, which goes before nobody that wakes it; tell whether that could be."""
-    if sys.platform != "linux" or os.sched_getscheduler(0) != os.SCHED_OTHER:
-        return False
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-        return True
-    return False
 
 
 def _slice(length: int) -> None:

@@ -7,7 +7,7 @@ within one run only. As root bcapscope takes real-time priority, and keeps the p
 itself. ``chrt -f 10`` before it gives clients, server and all relays the priority: it keeps out whatever else
 the machine does, and puts all ways on a par, as programs with real-time priority are woken on the processor
 where they ran last, those without where the waker runs. ``--awake`` keeps the processors from sleeping
-whatever is measured.
+whatever is measured: without it, what is gained by that is gained by bcapscope alone.
 
 The ways: direct; a relay of `RELAY_C`, where there is a C compiler; socat; the least that Python can do with
 epoll (`bare`); bcapscope, recording and decoding all that passes.

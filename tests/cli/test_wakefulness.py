@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import struct
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -13,79 +14,119 @@ import pytest
 from bcapscope.cli import wakefulness
 from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Look, Wishes
-from bcapscope.cli.wakefulness import AGAIN_AFTER, LONG, MUCH, LightSleep, Wakefulness, passed, stolen
+from bcapscope.cli.wakefulness import LONG, MUCH, REST, STAY, STOLEN, LightSleep, Wakefulness, passed
 from bcapscope.proxy.ring import Count
 
 LOOK = 0.05
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="Linux can be asked")
 
 
 class Scene:
-    """A relay that looks twenty times a second."""
+    """A relay that looks twenty times a second, and processors that are watched."""
 
-    def __init__(self) -> None:
-        self.asked: list[tuple[float, bool]] = []
-        self.now, self.passed, self.taken = 100.0, 0, 0.0
-        self.wakefulness = Wakefulness(self._note, lambda: self.taken)
+    def __init__(self, *, refused: bool = False) -> None:
+        self.asked: list[tuple[float, str]] = []
+        self.now, self.count = 100.0, 0
+        self.taken: float | None = 0.0
+        self._refused = refused
+        self.wakefulness = Wakefulness(self)
 
-    def _note(self, awake: bool) -> None:
-        self.asked.append((round(self.now, 2), awake))
+    def forbid(self) -> bool:
+        self._note("refused" if self._refused else "awake")
+        return not self._refused
 
-    def go_on(self, seconds: float, each_look: int, stolen: float = 0.0) -> None:
-        """Pass some datagrams between two looks, while the host takes a share of the time."""
-        for _ in range(round(seconds / LOOK)):
+    def allow(self) -> None:
+        self._note("asleep")
+
+    def stolen(self) -> float | None:
+        return self.taken
+
+    def _note(self, what: str) -> None:
+        self.asked.append((round(self.now, 2), what))
+
+    @property
+    def states(self) -> list[str]:
+        return [what for _, what in self.asked]
+
+    def go_on(self, seconds: float, a_second: float, robbed: float = 0.0) -> None:
+        """Pass so many datagrams, while the host takes a share of a processor's time."""
+        start, already = self.now, self.count
+        while self.now < start + seconds - LOOK / 2:
             self.now += LOOK
-            self.passed += each_look
-            self.taken += stolen * LOOK
-            self.wakefulness.look(self.passed, self.now)
+            self.count = already + int((self.now - start) * a_second)
+            if self.taken is not None:
+                self.taken += robbed * LOOK
+            self.wakefulness.look(self.count, self.now)
 
 
-def test_they_stay_awake_from_the_first_look_at_which_much_has_passed() -> None:
+@pytest.mark.parametrize(("a_second", "after"), [(250, 0.4), (2000, 0.05), (40_000, 0.05), (110, 0.95)])
+def test_they_stay_awake_as_soon_as_much_has_passed(a_second: float, after: float) -> None:
     scene = Scene()
-    scene.go_on(10, MUCH - 1)
+    scene.go_on(30, a_second)
+    ((when, what),) = scene.asked
+    assert what == "awake"
+    assert when - 100 == pytest.approx(after, abs=2 * LOOK)
+
+
+def test_little_keeps_no_one_awake_nor_do_a_few_calls_at_once() -> None:
+    scene = Scene()
+    scene.go_on(100, 0.9 * MUCH / LONG)
+    for _ in range(100):
+        scene.go_on(LOOK, 30 / LOOK)
+        scene.go_on(LONG - LOOK, 0)
     assert scene.asked == []
-    scene.go_on(10, MUCH)
-    assert scene.asked == [(110.05, True)]
 
 
-def test_they_may_sleep_a_second_after_that() -> None:
+def test_they_may_sleep_some_time_after_that() -> None:
     scene = Scene()
-    scene.go_on(10, MUCH)
-    scene.go_on(LONG - 2 * LOOK, 0)
-    assert scene.asked == [(100.05, True)]
-    scene.go_on(10, MUCH - 1)
-    (_, (when, awake)) = scene.asked
-    assert not awake
-    assert when == pytest.approx(110 + LONG, abs=2 * LOOK)
-    scene.go_on(LOOK, MUCH)
-    assert scene.asked[2:] == [(round(scene.now, 2), True)]
+    scene.go_on(10, 250)
+    scene.go_on(30, 20)
+    scene.go_on(1, 250)
+    assert scene.states == ["awake", "asleep", "awake"]
+    assert scene.asked[1][0] == pytest.approx(110 + STAY, abs=LONG)
 
 
 def test_a_host_that_takes_much_of_the_time_is_left_in_peace_for_a_minute() -> None:
     scene = Scene()
-    scene.go_on(10, 50, stolen=0.04)
-    assert scene.asked == [(100.05, True)]
-    scene.go_on(AGAIN_AFTER, 50, stolen=0.2)
-    (_, (when, awake)) = scene.asked
-    assert not awake
-    assert 110 < when <= 111.1
-    scene.go_on(5, 50)
-    (*_, (again, awake)) = scene.asked
-    assert awake
-    assert again - when == pytest.approx(AGAIN_AFTER, abs=2 * LOOK)
-    scene.go_on(100, 50)  # what it took meanwhile counts no more
-    assert len(scene.asked) == 3
+    scene.go_on(10, 250, robbed=0.8 * STOLEN)
+    assert scene.states == ["awake"]
+    scene.go_on(30, 250, robbed=4 * STOLEN)
+    assert scene.states == ["awake", "asleep"]
+    assert scene.asked[1][0] == pytest.approx(111, abs=LONG)
+    scene.go_on(200, 250)  # what it took meanwhile counts no more
+    assert scene.states == ["awake", "asleep", "awake"]
+    assert scene.asked[2][0] - scene.asked[1][0] == pytest.approx(REST, abs=2 * LOOK)
+
+
+def test_a_host_of_which_nothing_is_known_took_nothing() -> None:
+    scene = Scene()
+    scene.taken = 1000.0
+    scene.go_on(10, 250)
+    scene.taken = None
+    scene.go_on(10, 250)
+    scene.taken = 1001.0
+    scene.go_on(10, 250)
+    assert scene.states == ["awake"]
+
+
+def test_who_is_refused_asks_again_after_a_minute_and_measures_nothing() -> None:
+    scene = Scene(refused=True)
+    scene.go_on(REST + 30, 250)
+    scene.wakefulness.end()
+    assert scene.states == ["refused", "refused"]
 
 
 def test_at_the_end_they_may_sleep() -> None:
     scene = Scene()
     scene.wakefulness.end()
     assert scene.asked == []
-    scene.go_on(1, MUCH)
+    scene.go_on(1, 250)
     scene.wakefulness.end()
-    assert [awake for _, awake in scene.asked] == [True, False]
+    scene.wakefulness.end()
+    assert scene.states == ["awake", "asleep"]
 
 
-def test_pieces_of_streams_count_as_well() -> None:
+def test_bytes_of_streams_count_as_well() -> None:
     counts = [0] * len(Count)
     counts[Count.CAME_UP], counts[Count.CAME_DOWN], counts[Count.LEFT_UP] = 3, 4, 1000
     counts[Count.BYTES_UP], counts[Count.BYTES_DOWN] = 100, 92
@@ -98,7 +139,20 @@ def device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     path = tmp_path / "cpu_dma_latency"
     path.touch()
     monkeypatch.setattr(wakefulness, "_DEVICE", path)
+    monkeypatch.setattr(wakefulness, "_SLEEP", tmp_path)
+    monkeypatch.setattr(wakefulness, "_STATISTICS", tmp_path / "stat")
+    (tmp_path / "stat").write_text("cpu  1 2 3 4 5 6 7 800 9 10\ncpu0 0 0 0 0 0 0 0 0\n")
     return path
+
+
+def be_driven_by(folder: Path, driver: str, *latencies: int) -> None:
+    """Say what puts the processors to sleep, and how many µs they take to wake from each of its states."""
+    (folder / "cpuidle").mkdir()
+    (folder / "cpuidle" / "current_driver").write_text(f"{driver}\n")
+    for number, latency in enumerate(latencies):
+        state = folder / "cpu0" / "cpuidle" / f"state{number}"
+        state.mkdir(parents=True)
+        (state / "latency").write_text(f"{latency}\n")
 
 
 def is_asked(device: Path, descriptor: int | None) -> bool:
@@ -109,67 +163,67 @@ def is_asked(device: Path, descriptor: int | None) -> bool:
         return False
 
 
-@pytest.mark.parametrize(("driver", "longest"), [("haltpoll\n", 0), ("intel_idle\n", 2), (None, 2)])
-def test_what_is_asked_of_linux(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, device: Path, driver: str | None, longest: int
-) -> None:
-    monkeypatch.setattr(wakefulness, "_DRIVER", tmp_path / "current_driver")
-    if driver is not None:
-        (tmp_path / "current_driver").write_text(driver)
-    light_sleep = LightSleep()
-    light_sleep(True)
-    asked = light_sleep._asked
-    assert is_asked(device, asked)
-    assert struct.unpack("@i", device.read_bytes()) == (longest,)
-    light_sleep(False)
-    assert not is_asked(device, asked)
-    light_sleep(False)
-    light_sleep(True)
-    assert is_asked(device, light_sleep._asked)
-    light_sleep(False)
-
-
-def test_who_may_not_ask_does_without(device: Path) -> None:
-    device.unlink()
-    light_sleep = LightSleep()
-    for wanted in (True, False, True, False):
-        light_sleep(wanted)
-    assert not device.exists()
-    device.touch()
-    light_sleep(True)
-    assert not device.read_bytes()  # refused for good
-
-
+@LINUX
 @pytest.mark.parametrize(
-    ("text", "seconds"),
+    ("driver", "latencies", "longest"),
     [
-        ("cpu  1 2 3 4 5 6 7 800 9 10\ncpu0 0 0 0 0 0 0 0 0\n", 2.0),
-        ("cpu 1 2 3\n", 0.0),
-        ("", 0.0),
-        (None, 0.0),
+        ("intel_idle", (0, 3, 10, 200), 3),
+        ("psci_idle", (1, 500), 1),
+        ("none", (), 2),
+        ("haltpoll", (0, 1), 0),
     ],
 )
-def test_the_time_that_the_host_took(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, text: str | None, seconds: float
+def test_what_is_asked_of_linux(
+    tmp_path: Path, device: Path, driver: str, latencies: tuple[int, ...], longest: int
 ) -> None:
-    monkeypatch.setattr(wakefulness, "_STATISTICS", tmp_path / "stat")
-    monkeypatch.setattr("os.cpu_count", lambda: 4)
+    be_driven_by(tmp_path, driver, *latencies)
+    sleep = LightSleep()
+    for _ in range(2):
+        assert sleep.forbid()
+        asked = sleep._asked
+        assert is_asked(device, asked)
+        assert struct.unpack("@i", device.read_bytes()) == (longest,)
+        sleep.allow()
+        assert not is_asked(device, asked)
+        sleep.allow()
+
+
+@LINUX
+def test_who_may_not_ask_makes_no_file(device: Path) -> None:
+    device.unlink()
+    assert not LightSleep().forbid()
+    assert not device.exists()
+
+
+@LINUX
+@pytest.mark.parametrize(("driver", "seconds"), [("haltpoll", 8.0), ("intel_idle", None)])
+def test_the_host_can_take_time_only_from_those_that_never_sleep(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, device: Path, driver: str, seconds: float | None
+) -> None:
     monkeypatch.setattr("os.sysconf", {"SC_CLK_TCK": 100}.__getitem__)
-    if text is not None:
-        (tmp_path / "stat").write_text(text)
-    assert stolen() == seconds
+    be_driven_by(tmp_path, driver)
+    sleep = LightSleep()
+    assert sleep.stolen() is None
+    assert sleep.forbid()
+    assert sleep.stolen() == seconds
+    (tmp_path / "stat").write_text("cpu 1 2 3\n")
+    assert sleep.stolen() is None
+    sleep.allow()
+    assert sleep.stolen() is None
+    assert device.read_bytes()
 
 
+@LINUX
 def test_a_proxy_asks_while_much_passes_and_no_more_once_it_is_closed(device: Path) -> None:
     here, there = socket.socketpair()
     with here, there, closing(Proxy(Wishes(None, None, Look(None), "never"), here)) as proxy:
-        light_sleep = proxy._wakefulness._keep_awake
-        assert isinstance(light_sleep, LightSleep)
+        sleep = proxy._wakefulness._sleep
+        assert isinstance(sleep, LightSleep)
         proxy._look_around()
         assert not device.read_bytes()
         proxy._ring.counts[Count.CAME_UP] += 1000
         proxy._look_around()
-        asked = light_sleep._asked
+        asked = sleep._asked
         assert is_asked(device, asked)
         assert device.read_bytes()
     assert not is_asked(device, asked)

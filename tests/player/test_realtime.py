@@ -71,29 +71,6 @@ def test_without_priority_it_asks_for_little_at_a_time(monkeypatch: pytest.Monke
     assert slice_length() == usual
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="Linux has batch programs")
-def test_a_relay_without_priority_goes_before_nobody_that_wakes_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    if os.sched_getscheduler(0) != os.SCHED_OTHER:
-        pytest.skip("whoever runs the tests has chosen another policy")
-    take = os.sched_setscheduler
-
-    def refuse_priority(process: int, policy: int, parameters: os.sched_param) -> None:
-        if policy == os.SCHED_FIFO:
-            refuse()
-        take(process, policy, parameters)
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse_priority)
-    with undisturbed(relaying=True) as grade:
-        assert not grade.realtime
-        assert os.sched_getscheduler(0) == os.SCHED_BATCH
-    assert os.sched_getscheduler(0) == os.SCHED_OTHER
-    with undisturbed():
-        assert os.sched_getscheduler(0) == os.SCHED_OTHER
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with undisturbed(relaying=True):
-        assert os.sched_getscheduler(0) == os.SCHED_OTHER
-
-
 @pytest.mark.parametrize("throttled", [True, False])
 def test_a_kernel_that_throttles_is_told(
     throttled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
