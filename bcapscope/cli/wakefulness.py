@@ -2,9 +2,10 @@
 
 Who comes to a processor that sleeps waits until it is awake: some microseconds where its sleep is light, a
 hundred and more where it is deep, and tens on a virtual machine whatever it says, as there the host wakes it.
-A round trip over a relay pays that four times. So those who need short times ask Linux for no more than so
-much of it (power/pm_qos_interface), as the relay does. But that costs electricity, and on a virtual machine
-the host's processors; so it asks only while much passes, and not where the host then takes processors away.
+A round trip over a relay pays that four times if all are on one machine, else twice. So those who need short
+times ask Linux for no more than so much of it (power/pm_qos_interface), as the relay does. But that costs
+electricity, and on a virtual machine the host's processors; so it asks only while much passes, and not where
+the host then takes processors away.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Protocol
 from bcapscope.proxy.ring import Count
 
 MUCH = 100
-"""Datagrams within `LONG`: fifty calls a second. A set point each 8 ms makes 125."""
+"""Datagrams within `LONG`, or at once: fifty calls. A set point each 8 ms makes 250 in a second."""
 
 LONG = 1.0
 """Seconds."""
@@ -60,7 +61,7 @@ class Sleep(Protocol):
     """The sleep of the processors."""
 
     def forbid(self) -> bool:
-        """Ask that they stay awake; tell whether that is granted."""
+        """Ask that they stay awake, or all but; tell whether that is granted."""
 
     def allow(self) -> None:
         """Ask no more."""
@@ -92,7 +93,7 @@ class Wakefulness:
             self._much_at = now
         if count - self._count >= MUCH or now - self._since >= LONG:
             self._count, self._since = count, now
-        if self._is_awake and now - self._measured_at >= _MEASURED_EACH and self._is_robbed(now):
+        if self._is_awake and now - self._measured_at >= _MEASURED_EACH and self._measure(now):
             self._not_before = now + REST
         wanted = now - self._much_at < STAY and now >= self._not_before
         if wanted and not self._is_awake:
@@ -113,8 +114,8 @@ class Wakefulness:
         else:
             self._not_before = now + REST
 
-    def _is_robbed(self, now: float) -> bool:
-        """Tell whether the host took much since this was asked last."""
+    def _measure(self, now: float) -> bool:
+        """Measure what the host took since the last time; tell whether that is much."""
         since, before = now - self._measured_at, self._measured
         self._measured_at, self._measured = now, self._sleep.stolen()
         return before is not None and self._measured is not None and self._measured - before > STOLEN * since
@@ -138,6 +139,8 @@ class LightSleep:
     """
 
     def __init__(self) -> None:
+        self._waits_awake = _waits_awake()
+        self._longest = 0 if self._waits_awake else _lightest()
         self._asked: int | None = None
         self._statistics: int | None = None
 
@@ -147,21 +150,22 @@ class LightSleep:
             return False
         try:
             self._asked = os.open(_DEVICE, os.O_WRONLY)  # makes no file where there is no such device
-            waits = _waits_awake()
-            os.write(self._asked, _REQUEST.pack(0 if waits else _lightest()))
-            if waits:
+            os.write(self._asked, _REQUEST.pack(self._longest))
+            if self._waits_awake:
                 self._statistics = os.open(_STATISTICS, os.O_RDONLY)
-        except OSError:
+        except (OSError, struct.error):
             self.allow()
             return False
         return True
 
     def allow(self) -> None:
         """Ask for it no more."""
-        for descriptor in (self._asked, self._statistics):
-            if descriptor is not None:
-                os.close(descriptor)
+        descriptors = self._asked, self._statistics
         self._asked = self._statistics = None
+        for descriptor in descriptors:
+            if descriptor is not None:
+                with suppress(OSError):
+                    os.close(descriptor)
 
     def stolen(self) -> float | None:
         """Return how many seconds of processors the host took so far, if these never sleep."""
@@ -180,8 +184,10 @@ def _waits_awake() -> bool:
 
 
 def _lightest() -> int:
-    """Return how many µs it takes to wake from the lightest sleep, as the first processor has it."""
-    states = (_SLEEP / "cpu0" / "cpuidle").glob("state*/latency")
+    """Return how many µs the first processor takes to wake from the lightest sleep that is in use."""
+    states = (_SLEEP / "cpu0" / "cpuidle").glob("state*")
     with suppress(OSError, ValueError):
-        return min((latency for each in states if (latency := int(each.read_text())) > 0), default=_USUAL)
+        used = [each for each in states if int((each / "disable").read_text()) == 0]
+        latencies = (int((each / "latency").read_text()) for each in used)
+        return min((latency for latency in latencies if latency > 0), default=_USUAL)
     return _USUAL

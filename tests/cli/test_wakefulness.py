@@ -9,12 +9,13 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bcapscope.cli import wakefulness
 from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Look, Wishes
-from bcapscope.cli.wakefulness import LONG, MUCH, REST, STAY, STOLEN, LightSleep, Wakefulness, passed
+from bcapscope.cli.wakefulness import LONG, REST, STOLEN, LightSleep, Wakefulness, passed
 from bcapscope.proxy.ring import Count
 
 LOOK = 0.05
@@ -28,6 +29,7 @@ class Scene:
         self.asked: list[tuple[float, str]] = []
         self.now, self.count = 100.0, 0
         self.taken: float | None = 0.0
+        self.measured: list[float] = []
         self._refused = refused
         self.wakefulness = Wakefulness(self)
 
@@ -39,6 +41,7 @@ class Scene:
         self._note("asleep")
 
     def stolen(self) -> float | None:
+        self.measured.append(self.now)
         return self.taken
 
     def _note(self, what: str) -> None:
@@ -70,20 +73,20 @@ def test_they_stay_awake_as_soon_as_much_has_passed(a_second: float, after: floa
 
 def test_little_keeps_no_one_awake_nor_do_a_few_calls_at_once() -> None:
     scene = Scene()
-    scene.go_on(100, 0.9 * MUCH / LONG)
+    scene.go_on(100, 90)
     for _ in range(100):
         scene.go_on(LOOK, 30 / LOOK)
         scene.go_on(LONG - LOOK, 0)
     assert scene.asked == []
 
 
-def test_they_may_sleep_some_time_after_that() -> None:
+def test_they_may_sleep_two_seconds_after_that() -> None:
     scene = Scene()
-    scene.go_on(10, 250)
+    scene.go_on(10, 2000)
     scene.go_on(30, 20)
     scene.go_on(1, 250)
     assert scene.states == ["awake", "asleep", "awake"]
-    assert scene.asked[1][0] == pytest.approx(110 + STAY, abs=LONG)
+    assert scene.asked[1][0] == pytest.approx(112, abs=2 * LOOK)
 
 
 def test_a_host_that_takes_much_of_the_time_is_left_in_peace_for_a_minute() -> None:
@@ -93,9 +96,27 @@ def test_a_host_that_takes_much_of_the_time_is_left_in_peace_for_a_minute() -> N
     scene.go_on(30, 250, robbed=4 * STOLEN)
     assert scene.states == ["awake", "asleep"]
     assert scene.asked[1][0] == pytest.approx(111, abs=LONG)
+    scene.go_on(30, 250, robbed=1)
     scene.go_on(200, 250)  # what it took meanwhile counts no more
     assert scene.states == ["awake", "asleep", "awake"]
-    assert scene.asked[2][0] - scene.asked[1][0] == pytest.approx(REST, abs=2 * LOOK)
+    assert scene.asked[2][0] - scene.asked[1][0] == pytest.approx(60, abs=2 * LOOK)
+
+
+@pytest.mark.parametrize(("robbed", "states"), [(0.04, ["awake"]), (0.06, ["awake", "asleep"])])
+def test_how_much_a_host_may_take(robbed: float, states: list[str]) -> None:
+    scene = Scene()
+    scene.go_on(10, 2000, robbed=robbed)
+    assert scene.states == states
+
+
+def test_what_the_host_takes_is_measured_once_a_second_from_the_beginning_on() -> None:
+    scene = Scene()
+    scene.go_on(10.5, 2000)
+    assert [scene.measured[0], *np.diff(scene.measured)] == pytest.approx([100.1, *[1.0] * 9], abs=2 * LOOK)
+    scene = Scene()
+    scene.go_on(3, 2000, robbed=1)
+    assert scene.states == ["awake", "asleep"]
+    assert scene.asked[1][0] == pytest.approx(101.1, abs=2 * LOOK)
 
 
 def test_a_host_of_which_nothing_is_known_took_nothing() -> None:
@@ -114,6 +135,7 @@ def test_who_is_refused_asks_again_after_a_minute_and_measures_nothing() -> None
     scene.go_on(REST + 30, 250)
     scene.wakefulness.end()
     assert scene.states == ["refused", "refused"]
+    assert not scene.measured
 
 
 def test_at_the_end_they_may_sleep() -> None:
@@ -129,8 +151,8 @@ def test_at_the_end_they_may_sleep() -> None:
 def test_bytes_of_streams_count_as_well() -> None:
     counts = [0] * len(Count)
     counts[Count.CAME_UP], counts[Count.CAME_DOWN], counts[Count.LEFT_UP] = 3, 4, 1000
-    counts[Count.BYTES_UP], counts[Count.BYTES_DOWN] = 100, 92
-    assert passed(counts) == 3 + 4 + 3
+    counts[Count.BYTES_UP], counts[Count.BYTES_DOWN] = 100, 91
+    assert passed(counts) == 3 + 4 + 2
 
 
 @pytest.fixture
@@ -141,7 +163,7 @@ def device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(wakefulness, "_DEVICE", path)
     monkeypatch.setattr(wakefulness, "_SLEEP", tmp_path)
     monkeypatch.setattr(wakefulness, "_STATISTICS", tmp_path / "stat")
-    (tmp_path / "stat").write_text("cpu  1 2 3 4 5 6 7 800 9 10\ncpu0 0 0 0 0 0 0 0 0\n")
+    (tmp_path / "stat").write_text(f"cpu  {'12345678901 ' * 7}800 9 10\ncpu0 0 0 0 0 0 0 0 0\n")
     return path
 
 
@@ -153,6 +175,7 @@ def be_driven_by(folder: Path, driver: str, *latencies: int) -> None:
         state = folder / "cpu0" / "cpuidle" / f"state{number}"
         state.mkdir(parents=True)
         (state / "latency").write_text(f"{latency}\n")
+        (state / "disable").write_text("0\n")
 
 
 def is_asked(device: Path, descriptor: int | None) -> bool:
@@ -189,10 +212,59 @@ def test_what_is_asked_of_linux(
 
 
 @LINUX
+def test_a_sleep_that_is_switched_off_is_not_the_lightest(tmp_path: Path, device: Path) -> None:
+    be_driven_by(tmp_path, "intel_idle", 0, 1, 10)
+    (tmp_path / "cpu0" / "cpuidle" / "state1" / "disable").write_text("1\n")
+    sleep = LightSleep()
+    assert sleep.forbid()
+    sleep.allow()
+    assert struct.unpack("@i", device.read_bytes()) == (10,)
+
+
+@LINUX
+@pytest.mark.parametrize("latency", ["", "soon", None])
+def test_where_nobody_says_how_long_waking_takes_it_is_not_forbidden_to_sleep(
+    tmp_path: Path, device: Path, latency: str | None
+) -> None:
+    be_driven_by(tmp_path, "intel_idle", 1)
+    stated = tmp_path / "cpu0" / "cpuidle" / "state0" / "latency"
+    if latency is None:
+        stated.unlink()
+    else:
+        stated.write_text(latency)
+    sleep = LightSleep()
+    assert sleep.forbid()
+    sleep.allow()
+    assert struct.unpack("@i", device.read_bytes()) == (2,)
+
+
+def descriptors() -> int:
+    """Return how many files are open."""
+    return len(os.listdir("/proc/self/fd"))
+
+
+@LINUX
 def test_who_may_not_ask_makes_no_file(device: Path) -> None:
+    before = descriptors()
     device.unlink()
     assert not LightSleep().forbid()
+    device.mkdir()
+    assert not LightSleep().forbid()
+    device.rmdir()
     assert not device.exists()
+    assert descriptors() == before
+
+
+@LINUX
+def test_what_cannot_be_asked_is_left(tmp_path: Path, device: Path) -> None:
+    before = descriptors()
+    be_driven_by(tmp_path, "intel_idle", 1 << 32)
+    assert not LightSleep().forbid()
+    assert not device.read_bytes()
+    (tmp_path / "cpuidle" / "current_driver").write_text("haltpoll")
+    (tmp_path / "stat").unlink()
+    assert not LightSleep().forbid()
+    assert descriptors() == before
 
 
 @LINUX
@@ -202,15 +274,18 @@ def test_the_host_can_take_time_only_from_those_that_never_sleep(
 ) -> None:
     monkeypatch.setattr("os.sysconf", {"SC_CLK_TCK": 100}.__getitem__)
     be_driven_by(tmp_path, driver)
+    before = descriptors()
     sleep = LightSleep()
     assert sleep.stolen() is None
     assert sleep.forbid()
-    assert sleep.stolen() == seconds
-    (tmp_path / "stat").write_text("cpu 1 2 3\n")
-    assert sleep.stolen() is None
+    assert [sleep.stolen(), sleep.stolen()] == [seconds, seconds]
+    for text in ("cpu 1 2 3\n", "", "cpu 1 2 3 4 5 6 7 much\n"):
+        (tmp_path / "stat").write_text(text)
+        assert sleep.stolen() is None
     sleep.allow()
     assert sleep.stolen() is None
     assert device.read_bytes()
+    assert descriptors() == before
 
 
 @LINUX
