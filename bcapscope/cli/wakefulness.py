@@ -89,9 +89,10 @@ class Wakefulness:
             count: datagrams so far; see `passed`.
             now: s, of any clock that runs evenly.
         """
-        if count - self._count >= MUCH:
+        is_much = count - self._count >= MUCH
+        if is_much:
             self._much_at = now
-        if count - self._count >= MUCH or now - self._since >= LONG:
+        if is_much or now - self._since >= LONG:
             self._count, self._since = count, now
         if self._is_awake and now - self._measured_at >= _MEASURED_EACH and self._measure(now):
             self._not_before = now + REST
