@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
+from msgspec.structs import replace
+
 from bcapscope.faults.answers import Manners
 from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Message, Output
@@ -315,7 +317,7 @@ class Rules:
         own = Work()
         self._go(way, data, now, own)
         work.actions += [
-            action._replace(note=note) if isinstance(action, Send) and not action.note else action
+            replace(action, note=note) if isinstance(action, Send) and not action.note else action
             for action in own.actions
         ]
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from bcapscope.protocol.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.stream import Splitter
@@ -148,9 +150,10 @@ def joined(actions: list[Action], way: Way) -> Sequence[Action]:
             and isinstance(last, Send)
             and not action.note
             and not last.note
-            and action[:2] == last[:2]
+            and action.client == last.client
+            and action.toward is last.toward
         ):
-            found[-1] = last._replace(data=last.data + action.data)
+            found[-1] = replace(last, data=last.data + action.data)
         else:
             found.append(action)
     return found

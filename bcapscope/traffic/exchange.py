@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple, Protocol, TypeAlias
 
@@ -231,7 +232,8 @@ class Exchange:
         return tuple(event.seen for event in self.others if event.role is role)
 
 
-class Stray(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Stray:
     """A reply or notice that belongs to no call that is still open.
 
     Attributes:
