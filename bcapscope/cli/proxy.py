@@ -21,6 +21,7 @@ from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
 from bcapscope.cli.signals import awaited_ends
+from bcapscope.cli.wakefulness import cannot_stay_awake
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.sockets import ListenError, NoWay
 from bcapscope.proxy.spec import Listener, SpecError, parse_listeners
@@ -76,6 +77,12 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
     show_default=True,
     help="Forget UDP clients that are silent for so long.",
 )
+@click.option(
+    "--low-latency",
+    is_flag=True,
+    help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
+    "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
+)
 @click.option("--calls", is_flag=True, help="Show calls, as `calls` does; else frames, as `decode` does.")
 @click.option("--tree", "form", flag_value=Form.TREE, type=Form, help="Every field, or each call's frames.")
 @click.option("--json", "form", flag_value=Form.JSON, type=Form, help="One JSON object each.")
@@ -98,6 +105,7 @@ def command(
     record: Path | None,
     ring: Bounds | None,
     forget: float,
+    low_latency: bool,
     calls: bool,
     form: Form | None,
     wanted: str,
@@ -137,7 +145,13 @@ def command(
         check_free(record)
     policy = rules.make()
     wishes = Wishes(record, ring, look, color)
-    with awaited_ends() as ends, closing(Proxy(wishes, ends, policy)) as proxy, ExitStack() as opened:
+    if low_latency and (problem := cannot_stay_awake()):
+        narrate(f"--low-latency has no effect: {problem}")
+    with (
+        awaited_ends() as ends,
+        closing(Proxy(wishes, ends, policy, low_latency=low_latency)) as proxy,
+        ExitStack() as opened,
+    ):
         for line in rules.words():
             narrate(line)
         listening: list[str] = []

@@ -63,13 +63,21 @@ class Proxy:
         relay: for whoever has more to plug in before it runs.
     """
 
-    def __init__(self, wishes: Wishes, ends: socket.socket, policy: Policy | None = None) -> None:
+    def __init__(
+        self,
+        wishes: Wishes,
+        ends: socket.socket,
+        policy: Policy | None = None,
+        *,
+        low_latency: bool = False,
+    ) -> None:
         """Make a relay that listens nowhere yet.
 
         Args:
             wishes: of the watcher.
             ends: from which the signals come that end programs; see `awaited_ends`.
             policy: the rules; None without.
+            low_latency: keep the machine's processors out of deep sleep while there is much traffic.
 
         Raises:
             FileRefused: there is no room for the memory that it shares with the watcher, or the system gives
@@ -91,7 +99,7 @@ class Proxy:
         self._watcher: multiprocessing.process.BaseProcess | None = None
         self._watched = False
         self._courtesy: Courtesy | None = None
-        self._wakefulness = Wakefulness(LightSleep())
+        self._wakefulness = Wakefulness(LightSleep()) if low_latency else None
         self._ports: list[TcpPort | UdpPort] = []
         self._ending = 0.0
         self._hung_up = False
@@ -196,7 +204,8 @@ class Proxy:
 
     def close(self) -> None:
         """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
-        self._wakefulness.end()
+        if self._wakefulness is not None:
+            self._wakefulness.end()
         self.relay.close()
         self._link.close()
         if self._courtesy is not None:
@@ -262,7 +271,8 @@ class Proxy:
 
     def _look_around(self) -> None:
         """Do what is due from time to time."""
-        self._wakefulness.look(passed(self._ring.counts), time.monotonic())
+        if self._wakefulness is not None:
+            self._wakefulness.look(passed(self._ring.counts), time.monotonic())
         if self._watched and self._courtesy is not None:
             self._courtesy.look(time.monotonic())
         if self._ending and time.monotonic() - self._ending > _ANSWERS_WITHIN:

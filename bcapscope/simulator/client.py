@@ -87,8 +87,7 @@ class Client:
             raise RefusedError(E_NOTIMPL)
         machine = self.machine
         if machine.slave.mode is not None and not is_allowed_in_slave_mode(function_id, arguments):
-            machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
-            raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
+            machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
         return handler(Context(machine, self.number, self.objects, found, now), arguments[1:])
 
     def _session(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> Outcome:

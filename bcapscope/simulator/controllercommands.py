@@ -25,7 +25,7 @@ def clear_error(context: Context, parameter: Variant) -> Outcome:
     """Run ClearError; refused while the emergency stop is on."""
     if context.machine.emergency:
         raise RefusedError(EMERGENCY_STOP)
-    context.machine.alarms.clear()
+    context.machine.clear_errors()
     return DONE
 
 

@@ -8,6 +8,7 @@ and all durations are ours. Times are ns of a clock that is passed in.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NoReturn
 
 from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE
 from bcapscope.simulator.alarms import Alarms
@@ -246,6 +247,28 @@ class Machine:
             self.tasks[ROBSLAVE.casefold()] = READY
         if level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
             self._motor_at = None
+
+    def refuse(self, code: int, now: int) -> NoReturn:
+        """Refuse a call with an error that stays active until ClearError; its effects are those of `fail`.
+
+        The error is listed once, however often the client repeats the call: 32 set points in a row would
+        otherwise push the error that ended slave mode out of the list.
+
+        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). That
+        an RC7 does the same is assumed from DENSO Wave 2009, How to use the Slave mode: any result other than
+        S_OK stops RobSlave and ends slave mode.
+
+        Raises:
+            RefusedError: always, with `code`.
+        """
+        if not self.alarms.is_active(code):
+            self.fail(code, now, told=True)
+        raise RefusedError(code)
+
+    def clear_errors(self) -> None:
+        """Clear the active errors; slvMove does not answer a cleared one."""
+        self.alarms.clear()
+        self.slave.owed = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
         """Turn the mode switch; leaving the automatic mode ends all motion and switches the motor off."""
