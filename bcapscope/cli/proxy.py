@@ -38,6 +38,12 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
         raise click.BadParameter(f"{error}", context, parameter) from None
 
 
+def _warn_if_useless(context: click.Context, parameter: click.Parameter, wanted: bool) -> bool:
+    if wanted and (problem := cannot_stay_awake()):
+        narrate(f"--low-latency has no effect: {problem}")
+    return wanted
+
+
 @click.group(invoke_without_command=True, short_help="In the middle: see, record, disturb.")
 @click.option(
     "--listen",
@@ -80,6 +86,7 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
 @click.option(
     "--low-latency",
     is_flag=True,
+    callback=_warn_if_useless,
     help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
     "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
 )
@@ -126,7 +133,8 @@ def command(
     `--control ADDRESS`. What they still hold at the end is sent if it is an answer, or stops the robot.
 
     Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
-    script not be used; 6 the capture cannot be written; 9 there is no controller of that name.
+    script not be used; 6 the capture cannot be written, or is incomplete because the disk was full or the
+    recorder stopped; 9 there is no controller of that name.
     """
     if context.invoked_subcommand is not None:
         return
@@ -145,8 +153,6 @@ def command(
         check_free(record)
     policy = rules.make()
     wishes = Wishes(record, ring, look, color)
-    if low_latency and (problem := cannot_stay_awake()):
-        narrate(f"--low-latency has no effect: {problem}")
     with (
         awaited_ends() as ends,
         closing(Proxy(wishes, ends, policy, low_latency=low_latency)) as proxy,
@@ -177,6 +183,8 @@ def command(
             )
         else:
             proxy.run(partial(_greet, proxy, greetings))
+    if proxy.lacks_recording:
+        sys.exit(Exit.UNWRITABLE)
 
 
 command.add_command(ctl)
