@@ -21,6 +21,14 @@ from bcapscope.protocol.wording import counted
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
 
+MOST_ELEMENTS = 65_536
+"""Arguments and array elements of one frame that are read; the bytes of a UI1 array and the characters of a string
+do not count, as they are kept as one value. The argument count has 16 bits, and frames of real sessions hold fewer
+than a thousand elements. Wireshark likewise stops at 1,000,000 items of a packet (gui.max_tree_items)."""
+
+MOST_PROBLEMS = 100
+"""Problems of one frame that are listed; a frame can hold one in every seven bytes."""
+
 _TYPE_COUNT = struct.Struct("<HI")
 _U32 = struct.Struct("<I")
 
@@ -91,6 +99,8 @@ class ArgumentReader:
         self._bound = end
         self._lengths_rule = False
         self._lost = False
+        self._room = MOST_ELEMENTS
+        self._exhausted = False
 
     def read(self, argc: int) -> None:
         """Read `argc` arguments, or as many as the bytes hold."""
@@ -98,12 +108,18 @@ class ArgumentReader:
             if self.end - self.pos < SMALLEST_ARGUMENT:
                 self._report(self.pos, "argc", f"argument count is {argc}, bytes for {index}")
                 return
+            if not self._fitting(1):
+                self._exhaust()
+                return
             if not self._read_one():
                 return
         self.complete = True
 
     def _report(self, offset: int, code: str, reason: str) -> None:
-        self.problems.append(Problem(offset, code, reason))
+        if len(self.problems) < MOST_PROBLEMS:
+            self.problems.append(Problem(offset, code, reason))
+        elif len(self.problems) == MOST_PROBLEMS:
+            self.problems.append(Problem(offset, "more", f"{MOST_PROBLEMS} problems are listed, not the others"))
 
     def _lose(self, offset: int, code: str, reason: str) -> None:
         self._report(offset, code, reason)
@@ -115,12 +131,13 @@ class ArgumentReader:
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
         bounded = claimed >= SMALLEST_ARGUMENT - 4 and stop <= self.end
-        known = len(self.problems)
+        known, room = len(self.problems), self._room
         variant = self._read_value(start, stop if bounded and self._lengths_rule else self.end)
         if self._lost and bounded and not self._lengths_rule:
             self._lengths_rule = True
             variant = EMPTY  # lets go of what was read before it is read again
             del self.problems[known:]
+            self._room, self._exhausted = room, False
             variant = self._read_value(start, stop)
         if self._lost:
             self.pos = stop if bounded else self.end
@@ -132,13 +149,24 @@ class ArgumentReader:
                 start, "argument-length", f"argument length is {claimed}, type and value take {taken}"
             )
         self.arguments.append(Argument(variant, start, self.pos))
-        return bounded or not self._lost
+        return not self._exhausted and (bounded or not self._lost)
 
     def _read_value(self, start: int, bound: int) -> Variant:
         self.pos = start + 4
         self._bound = bound
         self._lost = False
         return self._variant(0)
+
+    def _fitting(self, count: int) -> int:
+        """Return how many of `count` elements may still be read, and count these."""
+        fits = min(count, self._room)
+        self._room -= fits
+        return fits
+
+    def _exhaust(self) -> None:
+        self._exhausted = True
+        reason = f"the frame has more than {MOST_ELEMENTS} elements, the rest is not read"
+        self._lose(self.pos, "elements", reason)
 
     def _variant(self, depth: int) -> Variant:
         start = self.pos
@@ -149,8 +177,7 @@ class ArgumentReader:
             return Variant(vt, self._array(base, count, depth), count)
         value: Value = None
         if base in NUMBER_FORMATS:
-            values = self._numbers(base, 1)
-            value = values[0] if values else None
+            value = self._number(base)
         elif base == VT.BSTR:
             value = self._bstr()
         elif base not in (VT.EMPTY, VT.NULL):
@@ -176,16 +203,28 @@ class ArgumentReader:
         elements = counted(count, "element")
         self._lose(self.pos, "data", f"{elements} of {vt_name(vt)} promised, bytes for {fits}")
 
+    def _number(self, base: int) -> Value:
+        if self._bound - self.pos < NUMBER_WIDTHS[base]:
+            self._promise(1, base, 0)
+            return None
+        return self._unpacked(base, 1)[0]
+
     def _numbers(self, base: int, count: int) -> tuple[Value, ...]:
-        width = NUMBER_WIDTHS[base]
-        fits = min(count, (self._bound - self.pos) // width)
+        there = min(count, (self._bound - self.pos) // NUMBER_WIDTHS[base])
+        fits = self._fitting(there)
+        values = self._unpacked(base, fits)
+        if fits < there:
+            self._exhaust()
+        elif there < count:
+            self._promise(count, base, there)
+        return values
+
+    def _unpacked(self, base: int, count: int) -> tuple[Value, ...]:
         code = NUMBER_FORMATS[base]
-        values = struct.unpack_from(f"<{fits}{code}", self.raw, self.pos)
-        if fits and base != VT.BOOL:
-            self.numbers.append(Number(self.pos, code, fits))
-        self.pos += fits * width
-        if fits < count:
-            self._promise(count, base, fits)
+        values = struct.unpack_from(f"<{count}{code}", self.raw, self.pos)
+        if count and base != VT.BOOL:
+            self.numbers.append(Number(self.pos, code, count))
+        self.pos += count * NUMBER_WIDTHS[base]
         return tuple(value != 0 for value in values) if base == VT.BOOL else values
 
     def _bytes(self, count: int) -> bytes:
@@ -214,6 +253,9 @@ class ArgumentReader:
     def _strings(self, count: int) -> tuple[Value, ...]:
         values: list[Value] = []
         while len(values) < count and not self._lost:
+            if not self._fitting(1):
+                self._exhaust()
+                break
             value = self._bstr()
             if value is not None:
                 values.append(value)
@@ -227,6 +269,9 @@ class ArgumentReader:
         while len(values) < count and not self._lost:
             if self._bound - self.pos < _TYPE_COUNT.size:
                 self._promise(count, VT.VARIANT, len(values))
+                break
+            if not self._fitting(1):
+                self._exhaust()
                 break
             values.append(self._variant(depth + 1))
         return tuple(values)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.arguments import Argument, ArgumentReader, Number
-from bcapscope.protocol.variant import MAX_NESTING, Variant, encode_argument
+from bcapscope.protocol import arguments as arguments_module
+from bcapscope.protocol.arguments import MOST_ELEMENTS, MOST_PROBLEMS, Argument, ArgumentReader, Number
+from bcapscope.protocol.variant import ARRAY, MAX_NESTING, VT, Variant, encode_argument
 from tests.frames import (
     ARGUMENT_IDS,
     ARGUMENTS,
@@ -116,10 +119,73 @@ def test_arguments_that_claim_all_that_follows_are_not_given_it() -> None:
 
 def test_arguments_that_read_on_to_the_end_are_looked_at_twice_at_most() -> None:
     """Each of these string arrays, taken at its word, reads all others as its strings."""
-    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 40_000
-    reader = read(crafted, argc=40_000)
+    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 15_000
+    reader = read(crafted, argc=15_000)
     assert {argument.variant.value for argument in reader.arguments} == {("", "")}
-    assert len(reader.arguments) == len(reader.problems) == 40_000
+    assert len(reader.arguments) == 15_000
+    assert len(reader.problems) == MOST_PROBLEMS + 1
+    assert reader.problems[-1].code == "more"
+
+
+NUMBERS = Variant.array(VT.I2, (1, 2, 3))
+NEST = Variant.array(VT.VARIANT, (NUMBERS, Variant(VT.I4, 5), Variant.array(VT.BSTR, ("a", "b"))))
+
+
+@pytest.mark.parametrize(
+    ("most", "values"),
+    [
+        (9, [NEST]),
+        (8, [NEST._replace(value=(NUMBERS, Variant(VT.I4, 5), Variant.array(VT.BSTR, ("a",))), elements=3)]),
+        (5, [NEST._replace(value=(Variant.array(VT.I2, (1, 2, 3)),), elements=3)]),
+        (4, [Variant.array(VT.VARIANT, (Variant.array(VT.I2, (1, 2)),))]),
+        (2, [Variant.array(VT.VARIANT, (Variant.array(VT.I2, ()),))]),
+        (1, [Variant.array(VT.VARIANT, ())]),
+        (0, []),
+    ],
+)
+def test_elements_beyond_the_budget_are_not_read(
+    most: int, values: list[Variant], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arguments_module, "MOST_ELEMENTS", most)
+    data = encode_argument(NEST)
+    reader = read(data, argc=1)
+    assert [count_elements(argument.variant) for argument in reader.arguments] == [
+        count_elements(value) for value in values
+    ]
+    if most == 9:
+        assert reader.problems == []
+        assert reader.complete
+        return
+    (problem,) = reader.problems
+    assert problem.code == "elements"
+    assert problem.reason == f"the frame has more than {most} elements, the rest is not read"
+    assert not reader.complete
+
+
+def count_elements(variant: Variant) -> int:
+    value = variant.value
+    if not isinstance(value, tuple):
+        return 1
+    return 1 + sum(count_elements(each) if isinstance(each, Variant) else 1 for each in value)
+
+
+@pytest.mark.parametrize("size", [MOST_ELEMENTS - 1, MOST_ELEMENTS, 10_000_000])
+def test_the_budget_counts_what_is_there_and_not_what_is_promised(size: int) -> None:
+    there = min(size, MOST_ELEMENTS + 1)
+    data = struct.pack("<IHI", 6 + 2 * there, ARRAY | VT.I2, size) + bytes(2 * there)
+    reader = read(data, argc=1)
+    value = reader.arguments[0].variant.value
+    assert isinstance(value, tuple)
+    assert len(value) == MOST_ELEMENTS - 1
+    assert [problem.code for problem in reader.problems] == ([] if size < MOST_ELEMENTS else ["elements"])
+
+
+def test_bytes_and_characters_do_not_count_as_elements() -> None:
+    size = 4 * MOST_ELEMENTS
+    values = [Variant.array(VT.UI1, bytes(size)), Variant(VT.BSTR, "x" * size)]
+    reader = read(b"".join(map(encode_argument, values)), argc=2)
+    assert [argument.variant for argument in reader.arguments] == values
+    assert reader.problems == []
 
 
 @given(st.lists(variants(), max_size=4))
