@@ -53,7 +53,7 @@ class Row(NamedTuple):
     controllers: str = ""
 
 
-_R, _C, _M = Effect.READS, Effect.CHANGES, Effect.MOVES
+_R, _C, _E, _M = Effect.READS, Effect.CHANGES, Effect.ENERGISES, Effect.MOVES
 _P = "X, Y, Z [mm], Rx, Ry, Rz [deg], Fig"
 _J = "J1..J8 [deg, mm on linear axes]"
 _T = "X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig"
@@ -66,7 +66,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "I2 I4 BSTR",
         "none -",
         "switches slave mode: 0 off, else what a set point is and how slvMove answers",
-        _C,
+        _E,
         f"{SLIDES}; {ROS}",
         "mode; in slave mode only 0 is accepted",
     ),
@@ -108,7 +108,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "I4[] - BSTR",
         "-~",
         "takes the arm semaphore",
-        _C,
+        _E,
         f"{SAMPLES}; {ROS}",
         "arm group 0..31, keep tool and work 0/1",
         in_slave_mode=False,
@@ -122,7 +122,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "I4 I2 BSTR I4[]",
         "-~",
         "switches the motor on or off",
-        _C,
+        _E,
         f"{SAMPLES}; {ROS}; {JSK}",
         "state 0/1, do not wait 0/1",
     ),
@@ -131,7 +131,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "R8 R4 I4 R8[] R4[] BSTR",
         "-~",
         "sets external speed, acceleration and deceleration",
-        _C,
+        _E,
         f"{SAMPLES}; {NKAWA}",
         "speed [%], acceleration, deceleration; -1 keeps, -2 is speed squared / 100",
     ),
@@ -229,7 +229,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
     Row("GetLogCount", "- BSTR", "I4", "tells how many records the control log has", _R, SAMPLES),
     Row("GetLogRecord", "I4", "V[]", "reads a record of the control log", _R, SAMPLES, "index", "39 values"),
     Row("PayLoad", "V[]", "-~", "sets the load", _C, SAMPLES, "mass [g], centre, inertia"),
-    Row("SpeedMode", "I4", "-~", "sets the optimal speed mode", _C, SAMPLES),
+    Row("SpeedMode", "I4", "-~", "sets the optimal speed mode", _E, SAMPLES),
     Row("HighPathAccuracy", "BOOL", "-~", "switches high path accuracy", _C, SAMPLES),
     Row("GrvOffset", "BOOL I4", "-~", "switches gravity offset", _C, SAMPLES),
     Row(
@@ -246,7 +246,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "- BSTR",
         "-~",
         "prepares the reset of the safety state",
-        _C,
+        _E,
         SAMPLES,
         controllers=_COBOTTA,
     ),
@@ -333,18 +333,18 @@ CONTROLLER_COMMANDS: tuple[Row, ...] = (
         "- BSTR",
         "-~",
         "resets the safety state",
-        _C,
+        _E,
         SAMPLES,
         in_slave_mode=True,
         controllers="RC9",
     ),
-    Row("ResetStoState", "- BSTR", "-~", "leaves safe torque off", _C, ROS, controllers="RC9"),
+    Row("ResetStoState", "- BSTR", "-~", "leaves safe torque off", _E, ROS, controllers="RC9"),
     Row(
         "PutAutoMode",
         "I2",
         "-~",
         "chooses automatic mode",
-        _C,
+        _E,
         OTHER,
         "1 internal, 2 external",
         "",

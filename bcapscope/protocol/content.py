@@ -138,9 +138,16 @@ def begins_zlib(data: bytes | bytearray, pos: int = 0) -> bool:
     `reserved` 1 and a zlib header where the compressed body begins: a plain frame with both has 376
     arguments or more.
     """
+    return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
+
+
+def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
+    """Tell whether a zlib header stands where the compressed body of a frame at `pos` would begin.
+
+    The TCP client of keioku/bcap-python unpacks such a frame whatever its `reserved` is.
+    """
     return (
-        data[pos + 7 : pos + 9] == b"\x01\x00"
-        and data[pos + _ZLIB_BODY] & 0x8F == 8
+        data[pos + _ZLIB_BODY] & 0x8F == 8
         and int.from_bytes(data[pos + _ZLIB_BODY : pos + HEADER_SIZE], "big") % 31 == 0
     )
 

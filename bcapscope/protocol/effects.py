@@ -1,4 +1,4 @@
-"""What a call does to the robot: nothing, to the session only, to the controller's state, or move it.
+"""The most that a call can do: read, use the session, change a state, energise the robot, or move it.
 
 Judged from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command in
 `command_table`; whatever could set something in motion counts as moving, and so does what is not known.
@@ -21,7 +21,9 @@ class Effect(IntEnum):
     """Opens or closes the client's own session or handles; nothing of the robot changes."""
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
-    MOVES = 3
+    ENERGISES = 3
+    """Powers the motors, allows motion, or makes it faster; the robot itself does not move yet."""
+    MOVES = 4
     """Sets the robot, a hand or a program in motion, or may do so."""
 
 
@@ -35,9 +37,12 @@ _MOVES = frozenset(
     )
 )
 
+# A program that runs already moves faster at once, as after ExtSpeed.
+_ENERGISES = frozenset(("Robot_Accelerate", "Robot_Speed"))
+
 _CHANGES = frozenset(
     (
-        *("Robot_Accelerate", "Robot_Change", "Robot_Halt", "Robot_Hold", "Robot_Speed"),
+        *("Robot_Change", "Robot_Halt", "Robot_Hold"),
         *("Task_Delete", "Task_Stop", "File_Copy", "File_Delete", "File_Move", "File_PutValue"),
         *("Command_Cancel", "Command_PutParameters", "Command_PutTimeout", "Message_Clear", "Message_Reply"),
     )
@@ -49,6 +54,8 @@ def _effect(function_id: int) -> Effect:
     verb = function.name.partition("_")[2]
     if function.name in _MOVES:
         return Effect.MOVES
+    if function.name in _ENERGISES:
+        return Effect.ENERGISES
     if function.name in _CHANGES or verb in ("PutTag", "PutID"):
         return Effect.CHANGES
     if function.creates or function.releases:
