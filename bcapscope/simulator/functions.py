@@ -23,7 +23,6 @@ from bcapscope.simulator import systemvariables
 from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.context import Command, Commands, Context
 from bcapscope.simulator.controllercommands import CONTROLLER_COMMANDS, TASK_COMMANDS
-from bcapscope.simulator.machine import RUNNING
 from bcapscope.simulator.motions import drive, halt, hold, move, unhold
 from bcapscope.simulator.objects import kept
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
@@ -193,8 +192,7 @@ def _robot_change(context: Context, arguments: Arguments) -> Outcome:
 def _task_start(context: Context, arguments: Arguments) -> Outcome:
     if integer_of(nth(arguments, 0)) not in (1, 2, 3):
         raise RefusedError(E_INVALIDARG)
-    context.machine.check_state()
-    context.machine.tasks[context.object.name.casefold()] = RUNNING
+    context.machine.start_task(context.object.name)
     return DONE
 
 
@@ -206,8 +204,7 @@ def _task_stop(context: Context, arguments: Arguments) -> Outcome:
 
 
 def _put_value(context: Context, arguments: Arguments) -> Outcome:
-    systemvariables.write(context, nth(arguments, 0))
-    return DONE
+    return systemvariables.write(context, nth(arguments, 0))
 
 
 def _date(context: Context, arguments: Arguments) -> Outcome:

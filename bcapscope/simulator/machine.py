@@ -277,6 +277,15 @@ class Machine:
             self._motor_at = None
             self.stop(now, NOT_AUTOMATIC, told=False)
 
+    def start_task(self, name: str) -> None:
+        """Start a program.
+
+        Raises:
+            RefusedError: as `check_state`.
+        """
+        self.check_state()
+        self.tasks[name.casefold()] = RUNNING
+
     def stop_task(self, name: str, now: int) -> None:
         """Stop a program; slave mode of RC7 ends with RobSlave."""
         self.tasks[name.casefold()] = READY
