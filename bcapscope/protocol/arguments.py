@@ -21,10 +21,15 @@ from bcapscope.protocol.wording import counted
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
 
-MOST_ELEMENTS = 65_536
-"""Arguments and array elements of one frame that are read; the bytes of a UI1 array and the characters of a string
-do not count, as they are kept as one value. The argument count has 16 bits, and frames of real sessions hold fewer
-than a thousand elements. Wireshark likewise stops at 1,000,000 items of a packet (gui.max_tree_items)."""
+MOST_NUMBERS = 65_536
+"""Elements of number arrays that are read of one frame; the bytes of a UI1 array do not count, as they are
+one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at 1,000,000 items of
+a packet (gui.max_tree_items)."""
+
+MOST_VALUES = 8_192
+"""Other values that are read of one frame: arguments, elements of VARIANT arrays and strings. Each takes some
+2 µs and 200 bytes, so that the most crafted frame holds up a proxy for less than 20 ms. The longest lists of
+real sessions are of names, a few hundred."""
 
 MOST_PROBLEMS = 100
 """Problems of one frame that are listed; a frame can hold one in every seven bytes."""
@@ -99,7 +104,8 @@ class ArgumentReader:
         self._bound = end
         self._lengths_rule = False
         self._lost = False
-        self._room = MOST_ELEMENTS
+        self._numbers_left = MOST_NUMBERS
+        self._values_left = MOST_VALUES
         self._exhausted = False
 
     def read(self, argc: int) -> None:
@@ -108,10 +114,7 @@ class ArgumentReader:
             if self.end - self.pos < SMALLEST_ARGUMENT:
                 self._report(self.pos, "argc", f"argument count is {argc}, bytes for {index}")
                 return
-            if not self._fitting(1):
-                self._exhaust()
-                return
-            if not self._read_one():
+            if not (self._spend_value() and self._read_one()):
                 return
         self.complete = True
 
@@ -119,7 +122,9 @@ class ArgumentReader:
         if len(self.problems) < MOST_PROBLEMS:
             self.problems.append(Problem(offset, code, reason))
         elif len(self.problems) == MOST_PROBLEMS:
-            self.problems.append(Problem(offset, "more", f"{MOST_PROBLEMS} problems are listed, not the others"))
+            self.problems.append(
+                Problem(offset, "more", f"{MOST_PROBLEMS} problems are listed, not the others")
+            )
 
     def _lose(self, offset: int, code: str, reason: str) -> None:
         self._report(offset, code, reason)
@@ -131,13 +136,14 @@ class ArgumentReader:
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
         bounded = claimed >= SMALLEST_ARGUMENT - 4 and stop <= self.end
-        known, room = len(self.problems), self._room
+        known, left = len(self.problems), (self._numbers_left, self._values_left)
         variant = self._read_value(start, stop if bounded and self._lengths_rule else self.end)
-        if self._lost and bounded and not self._lengths_rule:
+        if self._lost and bounded and stop < self.end and not self._lengths_rule:
             self._lengths_rule = True
             variant = EMPTY  # lets go of what was read before it is read again
             del self.problems[known:]
-            self._room, self._exhausted = room, False
+            self._numbers_left, self._values_left = left
+            self._exhausted = False
             variant = self._read_value(start, stop)
         if self._lost:
             self.pos = stop if bounded else self.end
@@ -157,16 +163,17 @@ class ArgumentReader:
         self._lost = False
         return self._variant(0)
 
-    def _fitting(self, count: int) -> int:
-        """Return how many of `count` elements may still be read, and count these."""
-        fits = min(count, self._room)
-        self._room -= fits
-        return fits
+    def _spend_value(self) -> bool:
+        """Count one more value; return False if the frame has too many."""
+        if not self._values_left:
+            self._exhaust(f"{MOST_VALUES} values")
+            return False
+        self._values_left -= 1
+        return True
 
-    def _exhaust(self) -> None:
+    def _exhaust(self, what: str) -> None:
         self._exhausted = True
-        reason = f"the frame has more than {MOST_ELEMENTS} elements, the rest is not read"
-        self._lose(self.pos, "elements", reason)
+        self._lose(self.pos, "elements", f"the frame has more than {what}, the rest is not read")
 
     def _variant(self, depth: int) -> Variant:
         start = self.pos
@@ -211,10 +218,11 @@ class ArgumentReader:
 
     def _numbers(self, base: int, count: int) -> tuple[Value, ...]:
         there = min(count, (self._bound - self.pos) // NUMBER_WIDTHS[base])
-        fits = self._fitting(there)
+        fits = min(there, self._numbers_left)
+        self._numbers_left -= fits
         values = self._unpacked(base, fits)
         if fits < there:
-            self._exhaust()
+            self._exhaust(f"{MOST_NUMBERS} numbers")
         elif there < count:
             self._promise(count, base, there)
         return values
@@ -252,10 +260,7 @@ class ArgumentReader:
 
     def _strings(self, count: int) -> tuple[Value, ...]:
         values: list[Value] = []
-        while len(values) < count and not self._lost:
-            if not self._fitting(1):
-                self._exhaust()
-                break
+        while len(values) < count and not self._lost and self._spend_value():
             value = self._bstr()
             if value is not None:
                 values.append(value)
@@ -270,8 +275,7 @@ class ArgumentReader:
             if self._bound - self.pos < _TYPE_COUNT.size:
                 self._promise(count, VT.VARIANT, len(values))
                 break
-            if not self._fitting(1):
-                self._exhaust()
+            if not self._spend_value():
                 break
             values.append(self._variant(depth + 1))
         return tuple(values)

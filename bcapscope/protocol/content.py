@@ -20,8 +20,8 @@ LARGEST_FRAME = 16 * 1024 * 1024
 """What the older C client names as its limit on TCP (b-Cap.h); the present libraries name none."""
 
 LARGEST_UNPACKED = 1024 * 1024
-"""Bytes that a compressed body may unpack to. Frames of real sessions are below 10 KiB; a body of 16 MiB would fit
-into 16 KiB of zlib, which any sender of datagrams can repeat thousands of times a second."""
+"""Bytes that a compressed body may unpack to. Frames of real sessions are below 10 KiB; a body of 16 MiB
+would fit into 16 KiB of zlib, which any sender of datagrams can repeat thousands of times a second."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13

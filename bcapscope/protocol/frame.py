@@ -92,8 +92,8 @@ class Frame:
 
     Nothing in a frame tells a request from a reply: `code` is the one or the other by who sent it.
 
-    A frame holds its bytes only, whatever they unpack to, so that a store of frames needs no more memory than their
-    bytes. What was decoded last is kept by `Content.of` and the layouts.
+    A frame holds its bytes only, whatever they unpack to, so that a store of frames needs no more memory than
+    their bytes. What was decoded last is kept by `Content.of` and the layouts.
 
     Attributes:
         raw: the bytes as they came.

@@ -18,6 +18,7 @@ from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Message, Output
 from bcapscope.faults.message import Send as Sent
 from bcapscope.faults.shaper import Shaper
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_ACCESSDENIED
@@ -79,6 +80,7 @@ class Rules:
         self._numbers: dict[Conversation, int] = {}
         self._outbox: list[Action] = []
         self._messages = 0
+        self._budget = Budget()
         self._questions, self._manners = Questions(), Manners()
         self._settle_at = 0
 
@@ -87,7 +89,7 @@ class Rules:
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client."""
         told = Client(client, conversation.client, conversation.server, conversation.transport)
-        self._ways[client] = {side: Way(told, Flow(conversation, side)) for side in Direction}
+        self._ways[client] = {side: Way(told, Flow(conversation, side), self._budget) for side in Direction}
         self._numbers[conversation] = client
         self._since[client] = now
         self.addons.connected(told)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.stream import Splitter
@@ -27,9 +28,11 @@ class Way:
         last: when the last of them came; ns.
     """
 
-    __slots__ = ("begun", "client", "flow", "last", "pieces", "splitter")
+    __slots__ = ("_budget", "begun", "client", "flow", "last", "pieces", "splitter")
 
-    def __init__(self, client: Client, flow: Flow) -> None:
+    def __init__(self, client: Client, flow: Flow, budget: Budget | None = None) -> None:
+        """Begin; `budget` counts what is held of unfinished frames of all streams."""
+        self._budget = budget
         self.client = client
         self.flow = flow
         self.splitter: Splitter | None = None
@@ -48,7 +51,7 @@ class Way:
             return
         if into_frames:
             if self.splitter is None:
-                self.splitter = Splitter(in_step=not self.begun)
+                self.splitter = Splitter(in_step=not self.begun, budget=self._budget)
             for piece in self.splitter.feed(data):
                 yield piece.item.raw
             return

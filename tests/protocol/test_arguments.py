@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol import arguments as arguments_module
-from bcapscope.protocol.arguments import MOST_ELEMENTS, MOST_PROBLEMS, Argument, ArgumentReader, Number
+from bcapscope.protocol.arguments import MOST_NUMBERS, MOST_PROBLEMS, Argument, ArgumentReader, Number
 from bcapscope.protocol.variant import ARRAY, MAX_NESTING, VT, Variant, encode_argument
 from tests.frames import (
     ARGUMENT_IDS,
@@ -119,69 +119,74 @@ def test_arguments_that_claim_all_that_follows_are_not_given_it() -> None:
 
 def test_arguments_that_read_on_to_the_end_are_looked_at_twice_at_most() -> None:
     """Each of these string arrays, taken at its word, reads all others as its strings."""
-    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 15_000
-    reader = read(crafted, argc=15_000)
+    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 2_000
+    reader = read(crafted, argc=2_000)
     assert {argument.variant.value for argument in reader.arguments} == {("", "")}
-    assert len(reader.arguments) == 15_000
+    assert len(reader.arguments) == 2_000
     assert len(reader.problems) == MOST_PROBLEMS + 1
     assert reader.problems[-1].code == "more"
 
 
 NUMBERS = Variant.array(VT.I2, (1, 2, 3))
 NEST = Variant.array(VT.VARIANT, (NUMBERS, Variant(VT.I4, 5), Variant.array(VT.BSTR, ("a", "b"))))
+NEST_BYTES = encode_argument(NEST)
 
 
 @pytest.mark.parametrize(
-    ("most", "values"),
+    ("values", "numbers", "read"),
     [
-        (9, [NEST]),
-        (8, [NEST._replace(value=(NUMBERS, Variant(VT.I4, 5), Variant.array(VT.BSTR, ("a",))), elements=3)]),
-        (5, [NEST._replace(value=(Variant.array(VT.I2, (1, 2, 3)),), elements=3)]),
-        (4, [Variant.array(VT.VARIANT, (Variant.array(VT.I2, (1, 2)),))]),
-        (2, [Variant.array(VT.VARIANT, (Variant.array(VT.I2, ()),))]),
-        (1, [Variant.array(VT.VARIANT, ())]),
-        (0, []),
+        (6, 3, NEST),
+        (5, 3, NEST._replace(value=(NUMBERS, Variant(VT.I4, 5), Variant.array(VT.BSTR, ("a",))))),
+        (6, 2, NEST._replace(value=(NUMBERS._replace(value=(1, 2)),))),
+        (3, 3, NEST._replace(value=(NUMBERS, Variant(VT.I4, 5)))),
+        (1, 3, NEST._replace(value=())),
+        (0, 3, None),
     ],
 )
-def test_elements_beyond_the_budget_are_not_read(
-    most: int, values: list[Variant], monkeypatch: pytest.MonkeyPatch
+def test_what_exceeds_the_budget_is_not_read(
+    values: int, numbers: int, read: Variant | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(arguments_module, "MOST_ELEMENTS", most)
-    data = encode_argument(NEST)
-    reader = read(data, argc=1)
-    assert [count_elements(argument.variant) for argument in reader.arguments] == [
-        count_elements(value) for value in values
-    ]
-    if most == 9:
-        assert reader.problems == []
-        assert reader.complete
-        return
-    (problem,) = reader.problems
-    assert problem.code == "elements"
-    assert problem.reason == f"the frame has more than {most} elements, the rest is not read"
-    assert not reader.complete
+    monkeypatch.setattr(arguments_module, "MOST_VALUES", values)
+    monkeypatch.setattr(arguments_module, "MOST_NUMBERS", numbers)
+    reader = ArgumentReader(NEST_BYTES, 0, len(NEST_BYTES))
+    reader.read(1)
+    found = [without_counts(argument.variant) for argument in reader.arguments]
+    assert found == ([] if read is None else [without_counts(read)])
+    what = "2 numbers" if numbers == 2 else f"{values} values"
+    reason = f"the frame has more than {what}, the rest is not read"
+    expected = [] if read is NEST else [("elements", reason)]
+    assert [(problem.code, problem.reason) for problem in reader.problems] == expected
+    assert reader.complete == (read is NEST)
 
 
-def count_elements(variant: Variant) -> int:
+def without_counts(variant: Variant) -> tuple[object, ...]:
     value = variant.value
-    if not isinstance(value, tuple):
-        return 1
-    return 1 + sum(count_elements(each) if isinstance(each, Variant) else 1 for each in value)
+    if isinstance(value, tuple):
+        return variant.vt, *(without_counts(each) if isinstance(each, Variant) else each for each in value)
+    return variant.vt, value
 
 
-@pytest.mark.parametrize("size", [MOST_ELEMENTS - 1, MOST_ELEMENTS, 10_000_000])
+@pytest.mark.parametrize("size", [MOST_NUMBERS, MOST_NUMBERS + 1, 10_000_000])
 def test_the_budget_counts_what_is_there_and_not_what_is_promised(size: int) -> None:
-    there = min(size, MOST_ELEMENTS + 1)
+    there = min(size, MOST_NUMBERS + 1)
     data = struct.pack("<IHI", 6 + 2 * there, ARRAY | VT.I2, size) + bytes(2 * there)
     reader = read(data, argc=1)
     value = reader.arguments[0].variant.value
     assert isinstance(value, tuple)
-    assert len(value) == MOST_ELEMENTS - 1
-    assert [problem.code for problem in reader.problems] == ([] if size < MOST_ELEMENTS else ["elements"])
+    assert len(value) == MOST_NUMBERS
+    assert [problem.code for problem in reader.problems] == ([] if size == MOST_NUMBERS else ["elements"])
+
+
+def test_arguments_behind_one_that_exceeds_the_budget_are_not_read() -> None:
+    row = encode_argument(Variant.array(VT.I2, (1,) * MOST_NUMBERS))
+    reader = read(row * 3, argc=3)
+    assert [len(argument.variant.value) for argument in reader.arguments] == [MOST_NUMBERS, 0]  # type: ignore[arg-type]  # tuples
+    assert [(problem.offset, problem.code) for problem in reader.problems] == [(len(row) + 10, "elements")]
+    assert reader.pos == 2 * len(row)
 
 
 def test_bytes_and_characters_do_not_count_as_elements() -> None:
-    size = 4 * MOST_ELEMENTS
+    size = 4 * MOST_NUMBERS
     values = [Variant.array(VT.UI1, bytes(size)), Variant(VT.BSTR, "x" * size)]
     reader = read(b"".join(map(encode_argument, values)), argc=2)
     assert [argument.variant for argument in reader.arguments] == values

@@ -260,7 +260,6 @@ def test_what_may_be_packed_may_be_unpacked() -> None:
         encode(1, 1, 64, [Variant.array(VT.UI1, bytes(most + 1))], Framing.VERSION_1_ZLIB)
 
 
-
 @given(plans())
 def test_what_is_packed_is_read(plan: Plan) -> None:
     raw = encode(*plan)
