@@ -110,15 +110,6 @@ def test_modes_by_generation(profile: str, mode: int, result: int) -> None:
     assert got.vt == (VT.I2 if profile == "rc7" else VT.I4)
 
 
-def test_rc7_answers_slvchangemode_without_argument() -> None:
-    operator = Operator(Desk("rc7"))
-    operator.ready()
-    assert operator.robot("slvChangeMode", i2(2)).vt is None
-    other = Operator(Desk("rc8"))
-    other.ready()
-    assert other.robot("slvChangeMode", i2(2)).vt == VT.EMPTY
-
-
 def test_what_must_be_ready() -> None:
     operator = Operator(Desk("rc8"))
     results = [operator.slave(0x202).hresult]
