@@ -435,6 +435,21 @@ def test_motions_after_slave_mode_begin_where_it_ended() -> None:
     assert operator.robot("CurJnt").value == joints(*HOME)
 
 
+@pytest.mark.parametrize("mode", [0x002, 0x102, 0x202])
+def test_slave_mode_begins_where_the_one_before_it_ended(mode: int) -> None:
+    operator = started()
+    for number in range(20):
+        send(operator, number * 0.1)
+    assert operator.slave(0).hresult == 0
+    assert operator.slave(mode).hresult == 0
+    assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
+    operator.desk.wait(100)
+    assert send(operator, 1.9) == 0
+    operator.desk.wait(100)
+    assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
+    assert operator.machine_error() == 0
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from((0x002, 0x102, 0x202)), st.lists(st.tuples(st.floats(0, 40), st.floats(-0.3, 0.3))))
 def test_any_pace_gives_an_answer_each_and_an_end_that_is_told(
