@@ -54,6 +54,7 @@ _PROVIDER = "H. Suzuki, VE026A_JNI.java (a wrapper of the RC8 provider)"
 _SCRIPTS = "DENSO's texts quoted in nkawa/Denso_CobottaPro900_MQTT_Control"
 _GRIPPER = "DENSORobot/denso_cobotta_ros denso_cobotta_gripper"
 _NONE = "no source says"
+_AS_SERVER = f"as in {_SERVER}"
 
 _D, _O, _A = Certainty.DOCUMENTED, Certainty.OBSERVED, Certainty.ASSUMED
 
@@ -67,11 +68,16 @@ _PROFILE = (
     ("generation", _D, "modes 0x001 to 0x103 of RC7: Sync and Async", _SLIDES),
     ("generation", _D, "modes of later ones: 0 (0x00n), 1 (0x10n), 2 (0x20n)", _MODES),
     ("replies", _D, "reserved is repeated on RC7", f"{_SLIDES}, dumps of retries"),
-    ("replies", _A, "reserved is 0 on later ones", f"as in {_SERVER}"),
-    ("empty_result", _D, "slvChangeMode answers no argument on RC7", _SLIDES),
-    ("empty_result", _A, "a call without result answers EMPTY on later ones", f"as in {_SERVER}"),
-    ("empty_on_error", _A, "a refused call that could have a result carries EMPTY", f"as in {_SERVER}"),
-    ("empty_on_error", _A, "but not on RC7", _NONE),
+    ("replies", _A, "reserved is 0 on later ones", _AS_SERVER),
+    ("no_argument", _D, "on RC7 the reply to slvChangeMode carries no argument", _SLIDES),
+    ("no_argument", _A, "on RC7 that is so for a refused slvChangeMode too", _NONE),
+    (
+        "no_argument",
+        _A,
+        "any other reply without a value carries EMPTY if the call can return one",
+        _AS_SERVER,
+    ),
+    ("no_argument", _A, "--no-argument always sends none, never sends EMPTY also to slvChangeMode", "ours"),
     ("mode_type", _D, "slvGetMode answers VT_I2 on RC7", _SLIDES),
     ("mode_type", _A, "and VT_I4 on later ones", _NONE),
     ("real", _D, "poses are VT_R4 on RC7", _SLIDES),
@@ -128,6 +134,7 @@ _RESULTS = (
     ("ACCELERATION_LIMIT", _D, "a set point needs an axis to accelerate too much; slave mode ends", _ERRORS),
     ("INVALID_SET_POINT", _D, "a set point is no number; slave mode ends", _ERRORS),
     ("E_REFUSED_IN_SLAVE_MODE", _O, "a call that slave mode forbids, which ends it", f"{_ISSUES}, 42"),
+    ("E_REFUSED_IN_SLAVE_MODE", _A, "slvChangeMode to another mode does so too", f"{_ISSUES}, 42"),
     ("E_NOT_IN_SLAVE_MODE", _O, "slvMove while slave mode is off", f"{_ISSUES}, 6 and 42"),
     ("E_SLAVE_UNDERFLOW", _O, "no set point in time while moving; slave mode ends", f"{_ISSUES}, 49"),
     ("E_SLAVE_OVERFLOW", _D, "a set point more than the buffer of mode 0 holds", f"{_ERRORS}; {_SAMPLES}"),
@@ -162,6 +169,14 @@ _OTHERS = (
     ("buffers", _A, "1 on RC7, and slvMove of a Sync mode answers when it was taken", _NONE),
     ("standstill", _D, "slvChangeMode waits 500 ms for it", _SLIDES),
     ("error", _D, "an error ends slave mode and RobSlave, and stays active until ClearError", _SLIDES),
+    ("current errors", _O, "RC8 lists 83500121 and 83501032 until ClearError", f"{_ISSUES}, 42"),
+    (
+        "current errors",
+        _A,
+        "RC7 does so too: a refused slvMove stops RobSlave",
+        f"as other errors in {_SLIDES}",
+    ),
+    ("current errors", _A, "each of the two is listed once, however often the call is repeated", _NONE),
     (
         "owed error",
         _O,
@@ -172,6 +187,9 @@ _OTHERS = (
     ("allowed in slave mode", _A, "other calls that only read", _NONE),
     ("motor", _D, "errors of level 4 and 5 switch it off", _ERRORS),
     ("motor", _A, "takes 400 ms to go on", _NONE),
+    ("@SERVO_ON", _O, "writing it switches the motor on or off", _DRIVER),
+    ("@SERVO_ON", _A, "the call lasts as long as Motor and is refused as it is", _NONE),
+    ("task variables", _A, "writing @START and @STOP is refused as Task_Start and Task_Stop are", _NONE),
     ("arm's owner", _D, "TakeArm sets internal speed, tool and work back unless told to keep them", _SAMPLES),
     ("arm's owner", _A, "the arm is free when its client has gone", _NONE),
     ("hold", _D, "Robot_Hold pauses a motion, Robot_Unhold lets it go on", _PROVIDER),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from types import MappingProxyType
 
 from bcapscope.protocol.command_row import COBOTTA, COBOTTA_PRO
@@ -37,6 +38,18 @@ _RC8_ONLY = (
 _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
+class NoArgument(StrEnum):
+    """Which replies without a value carry no argument, in calls that can return one; the others carry EMPTY.
+
+    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
+    DENSO's C# and Java clients throw if a successful reply of such a call has no argument.
+    """
+
+    NEVER = "never"
+    SLVCHANGEMODE = "slvchangemode"
+    ALWAYS = "always"
+
+
 @dataclass(frozen=True, slots=True)
 class Profile:
     """One kind of controller.
@@ -46,8 +59,7 @@ class Profile:
         title: in words.
         generation: which meaning the numbers of slave modes have.
         replies: what replies carry in reserved.
-        empty_result: a call without result that could have one answers EMPTY; else no argument.
-        empty_on_error: a refused call that could have a result carries EMPTY.
+        no_argument: replies without a value that carry no argument instead of EMPTY.
         mode_type: type of slvGetMode's result.
         real: element type of poses.
         providers: accepted by Controller_Connect in any case; () where the name is ignored.
@@ -64,8 +76,7 @@ class Profile:
     title: str
     generation: Generation
     replies: ReplyReserved
-    empty_result: bool
-    empty_on_error: bool
+    no_argument: NoArgument
     mode_type: VT
     real: VT
     providers: tuple[str, ...]
@@ -83,8 +94,7 @@ _RC8 = Profile(
     title="RC8, RC8A, COBOTTA",
     generation=Generation.RC8,
     replies=ReplyReserved.ZERO,
-    empty_result=True,
-    empty_on_error=True,
+    no_argument=NoArgument.NEVER,
     mode_type=VT.I4,
     real=VT.R8,
     providers=("CaoProv.DENSO.VRC",),
@@ -101,8 +111,7 @@ _RC7 = Profile(
     title="RC7",
     generation=Generation.RC7,
     replies=ReplyReserved.ECHOED,
-    empty_result=False,
-    empty_on_error=False,
+    no_argument=NoArgument.SLVCHANGEMODE,
     mode_type=VT.I2,
     real=VT.R4,
     providers=(),

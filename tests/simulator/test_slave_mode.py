@@ -110,15 +110,6 @@ def test_modes_by_generation(profile: str, mode: int, result: int) -> None:
     assert got.vt == (VT.I2 if profile == "rc7" else VT.I4)
 
 
-def test_rc7_answers_slvchangemode_without_argument() -> None:
-    operator = Operator(Desk("rc7"))
-    operator.ready()
-    assert operator.robot("slvChangeMode", i2(2)).vt is None
-    other = Operator(Desk("rc8"))
-    other.ready()
-    assert other.robot("slvChangeMode", i2(2)).vt == VT.EMPTY
-
-
 def test_what_must_be_ready() -> None:
     operator = Operator(Desk("rc8"))
     results = [operator.slave(0x202).hresult]
@@ -442,6 +433,21 @@ def test_motions_after_slave_mode_begin_where_it_ended() -> None:
     operator.slave(0)
     assert operator.move("@E J(0,0,90,0,90,0)").hresult == 0
     assert operator.robot("CurJnt").value == joints(*HOME)
+
+
+@pytest.mark.parametrize("mode", [0x002, 0x102, 0x202])
+def test_slave_mode_begins_where_the_one_before_it_ended(mode: int) -> None:
+    operator = started()
+    for number in range(20):
+        send(operator, number * 0.1)
+    assert operator.slave(0).hresult == 0
+    assert operator.slave(mode).hresult == 0
+    assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
+    operator.desk.wait(100)
+    assert send(operator, 1.9) == 0
+    operator.desk.wait(100)
+    assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
+    assert operator.machine_error() == 0
 
 
 @settings(max_examples=60, deadline=None)
