@@ -116,7 +116,7 @@ class ActionLog:
         if isinstance(item, Malformed):
             self._write(time, connection, {"who": who, "sent": None, **_hex(item.raw)}, True)
             return
-        key, name = (connection, item.serial), call_name(item.code, item.variants)
+        key, name = (connection, item.serial), _shortened(call_name(item.code, item.variants))
         with self._lock:
             self._asked.pop(key, None)
             if not wanted:

@@ -370,8 +370,7 @@ class Desk:
         if seen.flow.direction is Direction.RESPONSE:
             self.log.received(connection, item, seen.time)
             return
-        is_frame = isinstance(item, Frame)
-        reads = is_frame and request_effect(item.code, item.variants) is Effect.READS
+        reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is Effect.READS
         self.log.sent(connection, item, seen.time, who.value, wanted=who is Who.USER or not reads)
 
     def _log_failed(self, path: Path, error: OSError) -> None:
