@@ -153,8 +153,9 @@ def _folders() -> Iterator[None]:
 
 
 def _test(wanted: Wanted, requests: Path | None) -> None:
+    from bcapscope.client.action_log import default_folder
     from bcapscope.tui.app import Scope, Spot
-    from bcapscope.tui.desk import audit, saved
+    from bcapscope.tui.desk import saved
     from bcapscope.tui.screens.tester import Start, Tester
     from bcapscope.tui.screens.traffic import TrafficScreen
     from bcapscope.tui.traffic.feed import Feed
@@ -164,7 +165,7 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
     with Folder() as folder:
         own = folder.path / "own.pcapng"
         tap = Tap(own)
-        start = Start(requests or saved.default_folder(), audit.default_folder(), *wanted, tap.take)
+        start = Start(requests or saved.default_folder(), default_folder(), *wanted, tap.take)
         tester = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
         traffic = Spot(
             "traffic",
@@ -177,7 +178,7 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
             try:
                 Scope([tester, traffic]).show()
             finally:
-                narrate(f"what was sent is written down in {start.audit}")
+                narrate(f"The action log is in {start.log}.")
         finally:
             tap.close()
 

@@ -22,7 +22,10 @@ class Effect(IntEnum):
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
-    """Powers the motors, allows motion, or makes it faster; the robot itself does not move yet."""
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does.
+
+    Robot_Speed is less: it only sets the speed of the client's own motions.
+    """
     MOVES = 4
     """Sets the robot, a hand or a program in motion, or may do so."""
 
@@ -37,12 +40,9 @@ _MOVES = frozenset(
     )
 )
 
-# A program that runs already moves faster at once, as after ExtSpeed.
-_ENERGISES = frozenset(("Robot_Accelerate", "Robot_Speed"))
-
 _CHANGES = frozenset(
     (
-        *("Robot_Change", "Robot_Halt", "Robot_Hold"),
+        *("Robot_Accelerate", "Robot_Change", "Robot_Halt", "Robot_Hold", "Robot_Speed"),
         *("Task_Delete", "Task_Stop", "File_Copy", "File_Delete", "File_Move", "File_PutValue"),
         *("Command_Cancel", "Command_PutParameters", "Command_PutTimeout", "Message_Clear", "Message_Reply"),
     )
@@ -54,8 +54,6 @@ def _effect(function_id: int) -> Effect:
     verb = function.name.partition("_")[2]
     if function.name in _MOVES:
         return Effect.MOVES
-    if function.name in _ENERGISES:
-        return Effect.ENERGISES
     if function.name in _CHANGES or verb in ("PutTag", "PutID"):
         return Effect.CHANGES
     if function.creates or function.releases:

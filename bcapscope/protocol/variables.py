@@ -103,12 +103,10 @@ _NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], bool, str], ...] = (
     (_TASK, _STOP, ("VT_I4",), False, "stops the task when written"),
 )
 
-_SPEEDS = ("SPEED", "ACCEL", "DECEL")
-
 _WRITING = {
     _START: Effect.MOVES,
     SERVO_ON: Effect.ENERGISES,
-    **{f"@{scope}{name}": Effect.ENERGISES for scope in ("", "J", "EXT") for name in _SPEEDS},
+    **dict.fromkeys(("@EXTSPEED", "@EXTACCEL", "@EXTDECEL"), Effect.ENERGISES),
 }
 """The most that writing a variable can do, where that is more than to change a value."""
 

@@ -25,7 +25,7 @@ from bcapscope.protocol.functions import FUNCTIONS, function_by_name
         ("Variable_PutValue", Effect.MOVES),
         ("Command_Execute", Effect.MOVES),
         ("Robot_Execute", Effect.MOVES),
-        ("Robot_Speed", Effect.ENERGISES),
+        ("Robot_Speed", Effect.CHANGES),
         ("Robot_Halt", Effect.CHANGES),
         ("Task_Stop", Effect.CHANGES),
         ("Controller_PutTag", Effect.CHANGES),
