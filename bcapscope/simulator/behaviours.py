@@ -188,7 +188,7 @@ _OTHERS = (
     ("motor", _D, "errors of level 4 and 5 switch it off", _ERRORS),
     ("motor", _A, "takes 400 ms to go on", _NONE),
     ("@SERVO_ON", _O, "writing it switches the motor on or off", _DRIVER),
-    ("@SERVO_ON", _A, "the call lasts as long as Motor and is refused as it is", _NONE),
+    ("@SERVO_ON", _A, "the call lasts as long as Motor and is refused with the same results", _NONE),
     ("task variables", _A, "writing @START and @STOP is refused as Task_Start and Task_Stop are", _NONE),
     ("arm's owner", _D, "TakeArm sets internal speed, tool and work back unless told to keep them", _SAMPLES),
     ("arm's owner", _A, "the arm is free when its client has gone", _NONE),
