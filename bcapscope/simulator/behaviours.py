@@ -181,7 +181,7 @@ _OTHERS = (
     ("formats", _A, "before slvRecvFormat slvMove answers a pose of the mode's type", _SLIDES),
     ("motions", _A, "follow the minimum-jerk curve, as fast as the limits of the axes allow", _NONE),
     ("motions", _A, "a line is followed like PTP; @P lets the next one begin after 70 % of the time", "ours"),
-    ("motions", _A, "circles and free curves are not simulated", "ours"),
+    ("motions", _A, "a circle goes to its second pose like PTP; a free curve goes nowhere", "ours"),
     ("robot", _A, "a simple one of six axes; limits and lengths are ours", _NONE),
     ("order of checks", _A, "emergency stop, errors, mode, token, motor, arm", _NONE),
     ("control log", _D, "a record of 39 values", f"{_SAMPLES}, Get_Syslog"),
