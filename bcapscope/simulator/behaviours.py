@@ -192,7 +192,7 @@ _COMMANDS = (
     ("HandMove...", _D, "0 to 30 mm, 1 to 100 % of 80 mm/s, 800 mm/s², 6 to 20 N", _GRIPPER),
     ("HandMove...", _D, "the motor must be on", _GRIPPER),
     ("HandMove...", _O, "TakeArm is not needed; another client may call it in slave mode", _SAMPLES),
-    ("HandMove...", _O, "the client in slave mode may not", f"{_ISSUES}, 13"),
+    ("HandMove...", _A, "the client in slave mode may not", f"no hand while the arm moves: {_ISSUES}, 13"),
     ("HandMove...", _A, "the call lasts as long as the motion, unless the option is NEXT", _SAMPLES),
     ("HandMove...", _A, "Robot_Halt and every other stop of the arm also stop the hand", _NONE),
     ("HandMoveH", _A, "moves at 20 mm/s; the option DetectOn changes nothing", _NONE),
