@@ -144,12 +144,13 @@ class Reading:
     def _summarize_text(self, packets: int) -> None:
         for trouble in self._troubles:
             narrate(trouble)
-        if packets or self.exit is Exit.DAMAGED:
+        if packets:
             narrate(f"{counted(packets, 'packet')} found in the text")
-        elif self.exit is Exit.OK:
+            return
+        if self.exit is Exit.OK:
             name = "standard input" if self._text == STDIN else printable(self._text or "")
             narrate(f"{name}: there is no hex in this text")
-            self.exit = Exit.UNREADABLE
+        self.exit = Exit.UNREADABLE
 
     def _live(self) -> Iterator[Packet]:
         name = self._interface or ""

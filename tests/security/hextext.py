@@ -53,8 +53,9 @@ def attack(folder: Path, size: int) -> Iterator[tuple[str, Ended]]:
         path = folder / "text"
         with path.open("wb") as file:
             file.writelines(pieces)
-        for words, stdin in ((["decode", "--text", path], None), (["decode", "--text", "-"], path)):
-            ended = run_measured(words, stdin, patience=600)
+        sources: tuple[tuple[str | Path, Path | None], ...] = (path, None), ("-", path)
+        for source, stdin in sources:
+            ended = run_measured(["decode", "--text", source], stdin, patience=600)
             assert is_readable == (not ended.err.count("has more than")), ended.err
             assert ended.code in ((0, 4) if is_readable else (3, 4)), (ended.code, ended.err)
             yield f"{name}{' from a pipe' if stdin else ''}", ended
