@@ -9,5 +9,5 @@ from tests.security.harness import MEMORY_LIMIT
 
 
 def test_texts_are_read_in_bounded_memory(tmp_path: Path) -> None:
-    for what, ended in hextext.attack(tmp_path, hextext.MEGABYTE // 4):
+    for what, ended in hextext.attack(tmp_path, hextext.MEGABYTE // 2):
         assert ended.peak < MEMORY_LIMIT / 3, what
