@@ -269,10 +269,11 @@ class Relay:
         """Ask the rules what becomes of something that came, and do it."""
         assert self.policy is not None
         direction = direction_of(up)
-        note, actions = self.policy.receive(session.number, direction, data, time.monotonic_ns())
+        decision = self.policy.receive(session.number, direction, data, time.monotonic_ns())
+        note, actions = decision.note, decision.actions
         if not note and len(actions) == 1:
             action = actions[0]
-            if action == (session.number, direction, data, ""):
+            if action == Send(session.number, direction, data):
                 left = session.send(up, data)
                 self.ring.put(up, session.number, came, left, data)
                 return
