@@ -162,6 +162,8 @@ _OTHERS = (
     ("time", _A, "where several came together on TCP, as if evenly since the last", "no other is known"),
     ("bad frame", _O, "ends its TCP connection without a reply", _SERVER),
     ("clients", _O, "20 over each transport; on UDP one may be forgotten after 10 s of silence", _SERVER),
+    ("clients", _A, "a connection takes a place with its first frame", "for the simulator's users"),
+    ("clients", _A, "a stop gets a place when all are taken", "for the simulator's users"),
     ("reset", _D, "the button on the pendant frees the places of dead clients", _SLIDES),
     ("period", _D, "one set point is taken each 8 ms", _SLIDES),
     ("period", _A, "on a grid of the controller's own, which does not follow the client", _NONE),
