@@ -95,9 +95,9 @@ def _read(request: Frame) -> Question:
     return Question(request.code, shortened(value) if isinstance(value, str) else None)
 
 
-def shortened(name: str) -> str:
-    """Return a name in at most `LONGEST_NAME` characters and an ellipsis."""
-    return name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}…"
+def shortened(name: str, most: int = LONGEST_NAME) -> str:
+    """Return a name in at most `most` characters and an ellipsis."""
+    return name if len(name) <= most else f"{name[:most]}…"
 
 
 class Questions:
