@@ -19,8 +19,8 @@ from bcapscope.client.target import Target, reason_of, split_port
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.convention import Convention
 from bcapscope.protocol.numerals import read_integer
+from bcapscope.protocol.wording import shortened
 from bcapscope.render.escape import printable
-from bcapscope.traffic.question import shortened
 
 __all__ = ["Target", "failures_told", "target"]
 

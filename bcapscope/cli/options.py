@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 import click
 
 from bcapscope.protocol.numerals import LONGEST_NUMBER, read_integer, read_number
+from bcapscope.protocol.wording import shortened
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter, FilterError, compile_filter
-from bcapscope.traffic.question import shortened
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -35,7 +35,9 @@ class Number(click.FloatRange):
         """Read a number; an error names the bounds."""
         number = read_number(str(value), self.least, self.most)
         if number is None:
-            self.fail(f"{_shown(value)} is not a number from {self.least:g} to {self.most:g}.", param, ctx)
+            self.fail(
+                f"{_shown(value)} is not a number from {self.least:.10g} to {self.most:.10g}.", param, ctx
+            )
         return number
 
 

@@ -20,7 +20,7 @@ from bcapscope.player.limits import UNKNOWN, limited
 from bcapscope.player.messages import Pacing, Plan
 from bcapscope.player.preflight import check
 from bcapscope.protocol.numerals import read_integer
-from bcapscope.traffic.question import shortened
+from bcapscope.protocol.wording import shortened
 
 _HIGHEST_MODE = 0x303
 _NEW_FILE = click.Path(path_type=Path)

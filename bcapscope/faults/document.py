@@ -21,8 +21,8 @@ from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yamlevents import YamlError, events
 from bcapscope.protocol.numerals import LONGEST_NUMBER
+from bcapscope.protocol.wording import shortened
 from bcapscope.traffic.filter_tokens import nearest
-from bcapscope.traffic.question import shortened
 
 LONGEST_DOCUMENT = 1 << 20
 """Characters; the longest that people write have some ten thousand."""

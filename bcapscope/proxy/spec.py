@@ -9,8 +9,8 @@ from typing import TypeAlias
 
 from bcapscope.errors import BcapError
 from bcapscope.protocol.numerals import read_integer
+from bcapscope.protocol.wording import shortened
 from bcapscope.traffic.observation import Endpoint, Transport
-from bcapscope.traffic.question import shortened
 
 BOTH = (Transport.UDP, Transport.TCP)
 
@@ -120,7 +120,7 @@ def _endpoint(text: str, option: str) -> Endpoint:
     port = read_integer(number, 0, 0xFFFF)
     if port is None:
         raise SpecError(
-            f"{option} {shortened(text)}: {shortened(number, 40)!r} is not a port from 0 to 65535"
+            f"{option} {shortened(text, 80)}: {shortened(number, 40)!r} is not a port from 0 to 65535"
         )
     return Endpoint(host, port)
 
