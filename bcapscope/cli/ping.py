@@ -60,7 +60,14 @@ class _Found:
 
 @click.command(short_help="Is a controller there, what is it, how fast does it answer?")
 @target
-@click.option("-n", "--count", type=click.IntRange(min=1), default=250, show_default=True, help="Calls.")
+@click.option(
+    "-n",
+    "--count",
+    type=options.Whole(1, options.LARGEST_COUNT),
+    default=250,
+    show_default=True,
+    help="Calls.",
+)
 @click.option(
     "--interval",
     metavar="MS",

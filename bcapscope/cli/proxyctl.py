@@ -11,6 +11,7 @@ from typing import TypeVar
 import click
 import msgspec
 
+from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate
 from bcapscope.faults.quantities import Duration
@@ -190,7 +191,7 @@ def _lines(held: Held) -> list[str]:
 
 
 @command.command("forward", short_help="Send a message on.")
-@click.argument("number", type=int)
+@click.argument("number", type=options.Whole(1, options.LARGEST_COUNT))
 @click.pass_obj
 def _forward(ctl: _Ctl, number: int) -> None:
     """Send a message on as it came."""
@@ -198,7 +199,7 @@ def _forward(ctl: _Ctl, number: int) -> None:
 
 
 @command.command("edit", short_help="Send a message on, changed.")
-@click.argument("number", type=int)
+@click.argument("number", type=options.Whole(1, options.LARGEST_COUNT))
 @click.argument("changes", nargs=-1)
 @click.option("--hex", "data", metavar="BYTES", help="Send these bytes in its place.")
 @click.pass_obj
@@ -208,7 +209,7 @@ def _edit(ctl: _Ctl, number: int, changes: tuple[str, ...], data: str | None) ->
 
 
 @command.command("drop", short_help="Drop a message.")
-@click.argument("number", type=int)
+@click.argument("number", type=options.Whole(1, options.LARGEST_COUNT))
 @click.pass_obj
 def _drop(ctl: _Ctl, number: int) -> None:
     """Drop a message that waits."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
+from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate
 
@@ -275,7 +276,11 @@ _OPTIONS = (
         callback=_reader(_rule_file),
         help="Faults from a file: a list `faults`, each with `action` and the words of --help-faults.",
     ),
-    click.option("--seed", type=int, help="Of all chance: the same seed and traffic give the same faults."),
+    click.option(
+        "--seed",
+        type=options.Whole(0, options.LARGEST_SEED),
+        help="Of all chance: the same seed and traffic give the same faults.",
+    ),
     click.option(
         "--read-only",
         is_flag=True,

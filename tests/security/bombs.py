@@ -366,8 +366,8 @@ def commands(path: Path, folder: Path) -> dict[str, Sequence[str | Path]]:
         "slave --json": ["slave", "--json", path],
         "diagnose": ["diagnose", path],
         "diagnose --json": ["diagnose", "--json", path],
-        "report": ["report", path, "-o", folder / "report.html"],
-        "extract": ["extract", path, "-o", folder / "extract.csv"],
+        "report": ["report", path, "--force", "-o", folder / "report.html"],
+        "extract": ["extract", path, "--force", "-o", folder / "extract.csv"],
     }
 
 
