@@ -138,7 +138,8 @@ class Server:
         self._datagrams, self._newcomers = self._udp.fileno(), self._tcp.fileno()
         self._receive = receiver(self._udp)
         self._also: tuple[int, ...] = ()
-        self._arrange()
+        self._watch = Watch((), ())
+        self._is_rearranged = True
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
     def now(self) -> int:
@@ -168,6 +169,8 @@ class Server:
         due = self._simulator.due(now)
         if self._also != (others := tuple(also)):
             self._also = others
+            self._is_rearranged = True
+        if self._is_rearranged:
             self._arrange()
         readable, writable = self._wait(0 if self.turns.waiting else until, due, now)
         moment = self._clock.look()
@@ -277,7 +280,7 @@ class Server:
             connection = _Connection(sock, address)
             self._drop_newcomer(self._lobby.enter(connection.number, address[0]))
             self._connections[connection.number] = self._by_peer[connection.peer] = connection
-        self._arrange()
+        self._is_rearranged = True
 
     def _drop_newcomer(self, number: int | None) -> bool:
         """Close a connection that left the lobby for another; tell whether there was one."""
@@ -297,7 +300,7 @@ class Server:
             self._drop_newcomer(number)
         if self._is_paused:
             self._is_paused = False
-            self._arrange()
+            self._is_rearranged = True
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
         """Make a connection a client of the controller; else close it. A stop always gets in."""
@@ -315,6 +318,7 @@ class Server:
 
     def _arrange(self) -> None:
         """Say anew what is waited for: a client that does not read is not read from either."""
+        self._is_rearranged = False
         connections = self._connections.items()
         writers = [number for number, each in connections if each.blocked]
         own = (number for number, each in connections if not each.blocked)
@@ -399,7 +403,7 @@ class Server:
         del backlog[:sent]
         if connection.blocked is not bool(backlog):
             connection.blocked = bool(backlog)
-            self._arrange()
+            self._is_rearranged = True
 
     def _part_from(self, connection: _Connection, error: OSError) -> None:
         """Let go of a client that has reset its connection, or cannot be reached any more."""
@@ -412,7 +416,7 @@ class Server:
             return
         del self._by_peer[connection.peer]
         self._lobby.leave(connection.number)
-        self._arrange()
+        self._is_rearranged = True
         if self.tap:
             if not is_broken:
                 self.tap.finished(self.address, connection.client, time.time_ns(), reset=by_reset)

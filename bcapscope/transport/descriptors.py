@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 from contextlib import suppress
 
 NO_DESCRIPTORS = os.strerror(errno.EMFILE).lower()
@@ -15,6 +16,19 @@ _NONE_LEFT = frozenset({errno.EMFILE, errno.ENFILE})
 def none_left(error: OSError) -> bool:
     """Tell whether an error means that the process, or the system, has no file descriptors left."""
     return error.errno in _NONE_LEFT
+
+
+def allow_descriptors(count: int) -> None:
+    """Raise the limit of this process to `count`, as far as its user may; macOS gives 256."""
+    if sys.platform == "win32":
+        return
+    import resource  # noqa: PLC0415  # there is none on Windows
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = count if hard == resource.RLIM_INFINITY else min(count, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 class SpareDescriptors:
