@@ -40,6 +40,7 @@ _PORTION = 256  # bytes that are taken of a connection before the others have th
 _PILE = 16384  # the same where each set point has its own time
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # or what looks like it, which does no harm
 _MOST_ACCEPTED = 16  # connections that are taken before others have their turn
+_SPARE_DESCRIPTORS = 3  # for clients that may turn out to send a stop when there are no others
 _TIDY_EACH = 1_000_000_000  # ns
 
 _AT_ONE_TIME = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
@@ -127,7 +128,7 @@ class Server:
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: Lobby[int] = Lobby()
         self._stops: list[_Connection] = []  # beyond the controller's limit, the oldest first
-        self._spares = SpareDescriptors(1)
+        self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
         self._tidied = time.monotonic_ns()
         self._awake_until = 0
@@ -137,6 +138,7 @@ class Server:
         self._udp, self._tcp = listen(host, port)
         self._datagrams, self._newcomers = self._udp.fileno(), self._tcp.fileno()
         self._receive = receiver(self._udp)
+        self._spares.fill()
         self._also: tuple[int, ...] = ()
         self._watch = Watch((), ())
         self._is_rearranged = True
@@ -269,7 +271,7 @@ class Server:
             except (BlockingIOError, ConnectionError):
                 break
             except OSError as error:
-                if none_left(error) and (self._drop_newcomer(self._lobby.drop()) or self._spares.give()):
+                if none_left(error) and (self._spares.give() or self._drop_newcomer(self._lobby.drop())):
                     continue
                 self._is_paused = True  # or it would be told again and again that somebody waits
                 break

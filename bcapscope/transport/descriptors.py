@@ -35,10 +35,9 @@ class SpareDescriptors:
     """Some file descriptors that can be given up for something that matters more."""
 
     def __init__(self, count: int) -> None:
-        """Hold back as many of `count` as the system gives."""
+        """Prepare to hold back `count`; `fill` takes them."""
         self._count = count
         self._held: list[int] = []
-        self.fill()
 
     def fill(self) -> bool:
         """Take back what is missing; tell whether all are held now."""
@@ -47,9 +46,9 @@ class SpareDescriptors:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
-    def give(self) -> bool:
-        """Give one up; tell whether there was one."""
-        if not self._held:
+    def give(self, *, keep: int = 0) -> bool:
+        """Give one up; tell whether there were more than `keep`."""
+        if len(self._held) <= keep:
             return False
         os.close(self._held.pop())
         return True

@@ -115,25 +115,34 @@ class HonestClient:
 def halt_delay(port: int, transport: str) -> float:
     """Send Robot_Halt as the first frame of a new client; return the seconds until its reply.
 
-    Over UDP the request is repeated every 50 ms, as clients do. Any result code counts: it proves that the
-    request reached the controller.
+    Over UDP the request is repeated every 50 ms, as clients do; over TCP the client connects again if its
+    connection is reset. Any result code counts: it proves that the request reached the controller.
     """
-    request = encode(1, 0, _ROBOT_HALT, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
     began = time.perf_counter()
+    while not _is_halt_answered(port, transport):
+        assert time.perf_counter() - began < PATIENCE, "Robot_Halt was not answered"
+    return time.perf_counter() - began
+
+
+def _is_halt_answered(port: int, transport: str) -> bool:
+    request = encode(1, 0, _ROBOT_HALT, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
     kind = socket.SOCK_STREAM if transport == "tcp" else socket.SOCK_DGRAM
+    until = time.perf_counter() + PATIENCE
     with socket.socket(socket.AF_INET, kind) as client:
         client.settimeout(PATIENCE if transport == "tcp" else 0.05)
-        client.connect(("127.0.0.1", port))
-        while True:
-            client.send(request)
-            try:
-                reply = client.recv(4096)
-            except TimeoutError:
-                assert time.perf_counter() - began < PATIENCE, "Robot_Halt was not answered"
-                continue
-            assert reply, "the connection was closed before Robot_Halt was answered"
-            assert parse_datagram(reply)
-            return time.perf_counter() - began
+        try:
+            client.connect(("127.0.0.1", port))
+            while time.perf_counter() < until:
+                client.send(request)
+                try:
+                    reply = client.recv(4096)
+                except TimeoutError:
+                    continue
+                assert not reply or parse_datagram(reply)
+                return bool(reply)
+        except ConnectionError:
+            time.sleep(0.01)
+    return False
 
 
 class MemoryWatch:

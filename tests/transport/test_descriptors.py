@@ -14,8 +14,10 @@ from bcapscope.transport.descriptors import SpareDescriptors, none_left
 
 def test_what_was_given_is_taken_back_when_there_is_some(monkeypatch: pytest.MonkeyPatch) -> None:
     spares = SpareDescriptors(2)
+    assert not spares.give()
     assert spares.fill()
-    assert spares.give()
+    assert not spares.give(keep=2)
+    assert spares.give(keep=1)
     with monkeypatch.context() as patched:
         patched.setattr(os, "open", _refuse)
         assert not spares.fill()
