@@ -32,8 +32,9 @@ _SWEEP_EVERY = 20
 _LONGEST_NOTE = 4096
 """Bytes."""
 
-_SPARE_DESCRIPTORS = 3
-"""File descriptors for stops when there are no others: two for a TCP client, one for a UDP client."""
+_SPARE_DESCRIPTORS = 4
+"""File descriptors for stops when there are no others: two for a TCP client, one for a UDP client, and one
+for a client that has not said yet what it wants."""
 
 
 class Session(Protocol):
@@ -131,6 +132,7 @@ class Relay:
 
     def listen(self, ports: Iterable[Port]) -> None:
         """Take clients from these ports."""
+        self.spares.fill()
         for port in ports:
             self._ports.append(port)
             port.open()
@@ -223,6 +225,10 @@ class Relay:
         self._denied += 1
         if is_told(self._denied):
             self.tell(f"{client} {why}; {what}")
+
+    def free_for_newcomer(self) -> bool:
+        """Free a file descriptor for a TCP client that may yet send a stop; tell whether there was one."""
+        return self.spares.give(keep=1) or self.entrance.drop() or self.spares.give()
 
     def free_descriptor(self) -> bool:
         """Free a file descriptor for a client that must get in; tell whether there was one to free."""

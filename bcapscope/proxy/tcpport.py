@@ -71,7 +71,7 @@ class TcpPort:
         except (BlockingIOError, ConnectionError):
             return False
         except OSError as error:
-            if none_left(error) and (relay.entrance.drop() or relay.spares.give()):
+            if none_left(error) and relay.free_for_newcomer():
                 return True
             self._pause(error)
             return False

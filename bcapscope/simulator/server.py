@@ -40,6 +40,7 @@ _PORTION = 256  # bytes that are taken of a connection before the others have th
 _PILE = 16384  # the same where each set point has its own time
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # or what looks like it, which does no harm
 _MOST_ACCEPTED = 16  # connections that are taken before others have their turn
+_SPARE_DESCRIPTORS = 3  # for clients that may turn out to send a stop when there are no others
 _TIDY_EACH = 1_000_000_000  # ns
 
 _AT_ONE_TIME = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
@@ -127,7 +128,7 @@ class Server:
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: Lobby[int] = Lobby()
         self._stops: list[_Connection] = []  # beyond the controller's limit, the oldest first
-        self._spares = SpareDescriptors(1)
+        self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
         self._tidied = time.monotonic_ns()
         self._awake_until = 0
@@ -137,8 +138,10 @@ class Server:
         self._udp, self._tcp = listen(host, port)
         self._datagrams, self._newcomers = self._udp.fileno(), self._tcp.fileno()
         self._receive = receiver(self._udp)
+        self._spares.fill()
         self._also: tuple[int, ...] = ()
-        self._arrange()
+        self._watch = Watch((), ())
+        self._is_rearranged = True
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
     def now(self) -> int:
@@ -168,6 +171,8 @@ class Server:
         due = self._simulator.due(now)
         if self._also != (others := tuple(also)):
             self._also = others
+            self._is_rearranged = True
+        if self._is_rearranged:
             self._arrange()
         readable, writable = self._wait(0 if self.turns.waiting else until, due, now)
         moment = self._clock.look()
@@ -266,7 +271,7 @@ class Server:
             except (BlockingIOError, ConnectionError):
                 break
             except OSError as error:
-                if none_left(error) and (self._drop_newcomer(self._lobby.drop()) or self._spares.give()):
+                if none_left(error) and (self._spares.give() or self._drop_newcomer(self._lobby.drop())):
                     continue
                 self._is_paused = True  # or it would be told again and again that somebody waits
                 break
@@ -277,7 +282,7 @@ class Server:
             connection = _Connection(sock, address)
             self._drop_newcomer(self._lobby.enter(connection.number, address[0]))
             self._connections[connection.number] = self._by_peer[connection.peer] = connection
-        self._arrange()
+        self._is_rearranged = True
 
     def _drop_newcomer(self, number: int | None) -> bool:
         """Close a connection that left the lobby for another; tell whether there was one."""
@@ -297,7 +302,7 @@ class Server:
             self._drop_newcomer(number)
         if self._is_paused:
             self._is_paused = False
-            self._arrange()
+            self._is_rearranged = True
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
         """Make a connection a client of the controller; else close it. A stop always gets in."""
@@ -315,6 +320,7 @@ class Server:
 
     def _arrange(self) -> None:
         """Say anew what is waited for: a client that does not read is not read from either."""
+        self._is_rearranged = False
         connections = self._connections.items()
         writers = [number for number, each in connections if each.blocked]
         own = (number for number, each in connections if not each.blocked)
@@ -399,7 +405,7 @@ class Server:
         del backlog[:sent]
         if connection.blocked is not bool(backlog):
             connection.blocked = bool(backlog)
-            self._arrange()
+            self._is_rearranged = True
 
     def _part_from(self, connection: _Connection, error: OSError) -> None:
         """Let go of a client that has reset its connection, or cannot be reached any more."""
@@ -412,7 +418,7 @@ class Server:
             return
         del self._by_peer[connection.peer]
         self._lobby.leave(connection.number)
-        self._arrange()
+        self._is_rearranged = True
         if self.tap:
             if not is_broken:
                 self.tap.finished(self.address, connection.client, time.time_ns(), reset=by_reset)

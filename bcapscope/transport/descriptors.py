@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 from contextlib import suppress
 
 NO_DESCRIPTORS = os.strerror(errno.EMFILE).lower()
@@ -17,14 +18,26 @@ def none_left(error: OSError) -> bool:
     return error.errno in _NONE_LEFT
 
 
+def allow_descriptors(count: int) -> None:
+    """Raise the limit of this process to `count`, as far as its user may; macOS gives 256."""
+    if sys.platform == "win32":
+        return
+    import resource  # noqa: PLC0415  # there is none on Windows
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = count if hard == resource.RLIM_INFINITY else min(count, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
 class SpareDescriptors:
     """Some file descriptors that can be given up for something that matters more."""
 
     def __init__(self, count: int) -> None:
-        """Hold back as many of `count` as the system gives."""
+        """Prepare to hold back `count`; `fill` takes them."""
         self._count = count
         self._held: list[int] = []
-        self.fill()
 
     def fill(self) -> bool:
         """Take back what is missing; tell whether all are held now."""
@@ -33,9 +46,9 @@ class SpareDescriptors:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
-    def give(self) -> bool:
-        """Give one up; tell whether there was one."""
-        if not self._held:
+    def give(self, *, keep: int = 0) -> bool:
+        """Give one up; tell whether there were more than `keep`."""
+        if len(self._held) <= keep:
             return False
         os.close(self._held.pop())
         return True

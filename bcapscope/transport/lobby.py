@@ -13,8 +13,9 @@ from typing import Generic, TypeVar
 
 from bcapscope.protocol.opening import is_incomplete
 
-MOST_WAITING = 64
-"""Connections without a complete frame; one more drops another."""
+MOST_WAITING = 256
+"""Connections without a complete frame; one more drops another. On a busy machine an honest client may need
+some milliseconds between its connection and its first byte, in which a flood brings a hundred others."""
 
 FIRST_FRAME_WITHIN = 10_000_000_000
 """ns between the first byte of a first frame and its last."""
@@ -60,7 +61,8 @@ class Lobby(Generic[Key]):
     def enter(self, key: Key, host: str) -> Key | None:
         """Let a connection wait; return the one that must be dropped for it, None if there is room.
 
-        Of the source with the most connections that is the oldest silent one, or else its oldest.
+        That is the oldest of the source with the most connections. It does not help to have sent a few bytes:
+        an honest client that has just connected has sent none.
         """
         dropped = self._least_wanted() if len(self._waiting) >= self._most else None
         if dropped is not None:
@@ -107,5 +109,4 @@ class Lobby(Generic[Key]):
         if not self._waiting:
             return None
         ((source, _),) = Counter(each.source for each in self._waiting.values()).most_common(1)
-        own = [key for key, each in self._waiting.items() if each.source == source]
-        return next((key for key in own if not self._waiting[key].began), own[0])
+        return next(key for key, each in self._waiting.items() if each.source == source)

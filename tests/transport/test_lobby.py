@@ -46,23 +46,26 @@ def test_there_is_never_more_than_the_limit(steps: list[tuple[int, str, bool]]) 
         assert number in lobby
 
 
-def test_of_the_greediest_source_the_oldest_silent_one_is_dropped_first() -> None:
+def test_the_oldest_of_the_greediest_source_is_dropped_first() -> None:
     lobby: Lobby[str] = Lobby(4)
     lobby.enter("alone", OTHER)
-    for name in ("spoke", "first", "second"):
+    for name in ("first", "second", "third"):
         lobby.enter(name, ONE)
-    lobby.feed("spoke", b"\x01", 1)
+    lobby.feed("first", b"\x01", 1)
     assert lobby.enter("a", ONE) == "first"
     assert lobby.enter("b", OTHER) == "second"
-    assert lobby.drop() in {"spoke", "alone"}  # two of each source are left
+    assert lobby.drop() in {"third", "alone"}  # two of each source are left
 
 
-def test_who_has_begun_is_dropped_when_nobody_is_silent() -> None:
-    lobby: Lobby[int] = Lobby(2)
-    for number in (1, 2):
+def test_who_has_just_come_is_not_dropped_for_those_that_have_sent_a_few_bytes() -> None:
+    lobby: Lobby[int] = Lobby(8)
+    for number in range(8):
         lobby.enter(number, ONE)
-        lobby.feed(number, b"\x01", number)
-    assert lobby.enter(3, ONE) == 1
+        lobby.feed(number, b"\x01", 1)
+    lobby.enter(100, ONE)
+    for number in range(8, 15):
+        assert lobby.enter(number, ONE) != 100
+        lobby.feed(number, b"\x01", 1)
 
 
 def test_a_first_frame_must_be_complete_in_time_and_silence_is_not_limited() -> None:
