@@ -12,6 +12,8 @@ import time
 import pytest
 
 from bcapscope.cli.exits import Exit
+from bcapscope.protocol.functions import ID
+from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
 from bcapscope.protocol.simulated import SIMULATOR_TEXT
 from bcapscope.protocol.variant import VT, Variant
@@ -42,6 +44,7 @@ def test_what_is_there_and_how_fast() -> None:
         "set points each 1 ms",
     ]
     (peer,) = server.peers.values()
+    assert not any(needs_arming(ID[str(name)], ()) for name in peer.functions)
     assert peer.functions.count("Controller_GetAttribute") == 5
     assert peer.functions[-1] == "Service_Stop"
 

@@ -44,6 +44,7 @@ PHRASES: dict[str, str] = {
     "is a directory": "フォルダです",
     "not a directory": "フォルダではありません",
     "file exists": "すでにあります",
+    "the disk does not answer": "ディスクが応答しません",
     "no space left on device": "空き容量がありません",
     "read-only file system": "読み取り専用のファイルシステムです",
     # values to choose from
