@@ -22,8 +22,10 @@ from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
 from bcapscope.cli.signals import awaited_ends
 from bcapscope.proxy.control_socket import ControlError
+from bcapscope.proxy.scriptwire import ScriptError
 from bcapscope.proxy.sockets import ListenError, NoWay
 from bcapscope.proxy.spec import Listener, SpecError, parse_listeners
+from bcapscope.render.escape import printable
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import FilterError
@@ -117,6 +119,9 @@ def command(
     controller. While it runs, they can be changed by `bcapscope proxy ctl ADDRESS` if it was given
     `--control ADDRESS`. What they still hold at the end is sent if it is an answer, or stops the robot.
 
+    Scripts run in a process of their own. Only messages that a script decides about wait for it, and stops
+    never do. A script that takes longer than --script-timeout, or whose process ends, is switched off.
+
     Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
     script not be used; 6 the capture cannot be written; 9 there is no controller of that name.
     """
@@ -135,25 +140,30 @@ def command(
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
         check_free(record)
-    policy = rules.make()
     wishes = Wishes(record, ring, look, color)
-    with awaited_ends() as ends, closing(Proxy(wishes, ends, policy)) as proxy, ExitStack() as opened:
-        for line in rules.words():
-            narrate(line)
+    with ExitStack() as opened:
         listening: list[str] = []
         try:
+            scripts = rules.start_scripts(opened)
+            policy = rules.make(scripts)
+            ends = opened.enter_context(awaited_ends())
+            proxy = opened.enter_context(closing(Proxy(wishes, ends, policy)))
+            for line in rules.words():
+                narrate(line)
             state = {"recording": _name(record, ring), "listening": listening}
             control = None if policy is None else rules.plug_in(policy, proxy.relay, state)
             if control is not None:
                 opened.callback(control.close)
             addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
-        except (ListenError, ControlError) as error:
-            narrate(str(error))
+            if scripts is not None and policy is not None:
+                scripts.attach(policy, proxy.relay, proxy.is_asked_again)
+            proxy.start_watching(scripts.load if scripts else None)
+        except (ListenError, ControlError, ScriptError) as error:
+            narrate(printable(str(error)))
             sys.exit(Exit.UNREADABLE)
         except NoWay as error:
             narrate(str(error))
             sys.exit(Exit.UNANSWERED)
-        proxy.start_watching()
         pairs = list(zip(listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]
