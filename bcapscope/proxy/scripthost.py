@@ -108,17 +108,25 @@ def main(
         paths: of the scripts.
         megabytes: that the process may allocate.
     """
-    with _shared() if descriptor is None else socket.socket(fileno=descriptor) as proxy:
+    proxy = _shared() if descriptor is None else socket.socket(fileno=descriptor)
+    try:
         _isolate(traces, parent, megabytes)
-        try:
-            addons = Addons([addon for path in paths for addon in load_addons(path)])
-        except ScriptError as error:
-            _say(proxy, Unusable(str(error)[:LONGEST_SENTENCE]))
-            return
-        _say(proxy, Loaded(addons.hooks))
-        gc.collect()
-        gc.freeze()  # what was loaded stays: looking through it for garbage would hold messages up
-        _serve(proxy, ScriptHost(addons))
+        _run(proxy, paths)
+    except (OSError, MemoryError):  # a script has closed the socket, or taken all memory: the proxy says that
+        proxy.detach()
+        sys.exit(1)
+
+
+def _run(proxy: socket.socket, paths: Sequence[str]) -> None:
+    try:
+        addons = Addons([addon for path in paths for addon in load_addons(path)])
+    except ScriptError as error:
+        _say(proxy, Unusable(str(error)[:LONGEST_SENTENCE]))
+        return
+    _say(proxy, Loaded(addons.hooks))
+    gc.collect()
+    gc.freeze()  # what was loaded stays: looking through it for garbage would hold messages up
+    _serve(proxy, ScriptHost(addons))
 
 
 def _serve(proxy: socket.socket, host: ScriptHost) -> None:

@@ -90,8 +90,8 @@ class Waiting(Generic[T]):
         since: when it was told; ns.
         client: whose it is.
         size: bytes that are kept for it.
-        message: that waits to go on; None where nothing does.
-        token: what the message is to who asked; None likewise.
+        message: that is shown; None where it is about something else.
+        token: what the message is to who asked; None where it does not wait.
     """
 
     hook: str
@@ -205,11 +205,10 @@ class ScriptQueue(Generic[T]):
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
             if unwanted or self._size > MOST_BYTES_IN_ALL:
                 return
-        kept = None if token is None else message
         hook, size = "request" if up else "reply", len(message.data)
         self._order(
             Passing(client, up, message.data, message.now, message.time),
-            Waiting(hook, message.now, client, size, kept, token),
+            Waiting(hook, message.now, client, size, message, token),
         )
 
     def gone(self, client: int, now: int) -> None:
@@ -283,7 +282,7 @@ class ScriptQueue(Generic[T]):
 
     def holds(self, flow: Flow) -> bool:
         """Tell whether a message of a flow waits."""
-        return any(each.message is not None and each.message.flow is flow for each in self._queue)
+        return any(_is_of(each, flow) for each in self._queue)
 
     def is_full(self, client: int) -> bool:
         """Tell whether so much of a client waits that nothing more of a stream is to be read."""
@@ -299,9 +298,9 @@ class ScriptQueue(Generic[T]):
         """Let go of the messages of a flow and return them; what is decided about them counts no more."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
-            if each.message is not None and each.message.flow is flow:
+            if each.message is not None and _is_of(each, flow):
                 found.append(each.message.data)
-                self._queue[place] = replace(each, message=None, token=None)
+                self._queue[place] = replace(each, token=None)
         return found
 
     def _order(self, order: Order, waiting: Waiting[T]) -> None:
@@ -384,6 +383,11 @@ class _Kept:
 
     def __init__(self) -> None:
         self.count = self.size = 0
+
+
+def _is_of(waiting: Waiting[T], flow: Flow) -> bool:
+    """Tell whether a message of a flow waits."""
+    return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 
 def _decided(waiting: Waiting[T], answer: Answer | None) -> Iterator[ScriptDecision[T]]:
