@@ -6,6 +6,7 @@ import sys
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,6 +22,7 @@ from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
 from bcapscope.cli.signals import awaited_ends
+from bcapscope.cli.wakefulness import cannot_stay_awake
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.scriptwire import ScriptError
 from bcapscope.proxy.sockets import ListenError, NoWay
@@ -31,12 +33,22 @@ from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import FilterError
 from bcapscope.traffic.observation import Endpoint
 
+if TYPE_CHECKING:
+    from bcapscope.proxy.rules import Rules
+    from bcapscope.proxy.scriptprocess import ScriptProcess
+
 
 def _bounds(context: click.Context, parameter: click.Parameter, value: str | None) -> Bounds | None:
     try:
         return None if value is None else parse_bounds(value)
     except ValueError as error:
         raise click.BadParameter(f"{error}", context, parameter) from None
+
+
+def _warn_if_useless(context: click.Context, parameter: click.Parameter, wanted: bool) -> bool:
+    if wanted and (problem := cannot_stay_awake()):
+        narrate(f"--low-latency has no effect: {problem}")
+    return wanted
 
 
 @click.group(invoke_without_command=True, short_help="In the middle: see, record, disturb.")
@@ -78,6 +90,13 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
     show_default=True,
     help="Forget UDP clients that are silent for so long.",
 )
+@click.option(
+    "--low-latency",
+    is_flag=True,
+    callback=_warn_if_useless,
+    help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
+    "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
+)
 @click.option("--calls", is_flag=True, help="Show calls, as `calls` does; else frames, as `decode` does.")
 @click.option("--tree", "form", flag_value=Form.TREE, type=Form, help="Every field, or each call's frames.")
 @click.option("--json", "form", flag_value=Form.JSON, type=Form, help="One JSON object each.")
@@ -100,6 +119,7 @@ def command(
     record: Path | None,
     ring: Bounds | None,
     forget: float,
+    low_latency: bool,
     calls: bool,
     form: Form | None,
     wanted: str,
@@ -123,7 +143,8 @@ def command(
     never do. A script that takes longer than --script-timeout, or whose process ends, is switched off.
 
     Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
-    script not be used; 6 the capture cannot be written; 9 there is no controller of that name.
+    script not be used; 6 the capture cannot be written, or is incomplete because the disk was full or the
+    recorder stopped; 9 there is no controller of that name.
     """
     if context.invoked_subcommand is not None:
         return
@@ -147,7 +168,7 @@ def command(
             scripts = rules.start_scripts(opened)
             policy = rules.make(scripts)
             ends = opened.enter_context(awaited_ends())
-            proxy = opened.enter_context(closing(Proxy(wishes, ends, policy)))
+            proxy = opened.enter_context(closing(Proxy(wishes, ends, policy, low_latency=low_latency)))
             for line in rules.words():
                 narrate(line)
             state = {"recording": _name(record, ring), "listening": listening}
@@ -155,9 +176,7 @@ def command(
             if control is not None:
                 opened.callback(control.close)
             addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
-            if scripts is not None and policy is not None:
-                scripts.attach(policy, proxy.relay, proxy.is_asked_again)
-            proxy.start_watching(scripts.load if scripts else None)
+            _start_watching(proxy, policy, scripts)
         except (ListenError, ControlError, ScriptError) as error:
             narrate(printable(str(error)))
             sys.exit(Exit.UNREADABLE)
@@ -173,9 +192,20 @@ def command(
             )
         else:
             proxy.run(partial(_greet, proxy, greetings))
+    if proxy.lacks_recording:
+        sys.exit(Exit.UNWRITABLE)
 
 
 command.add_command(ctl)
+
+
+def _start_watching(proxy: Proxy, policy: Rules | None, scripts: ScriptProcess | None) -> None:
+    """Start the process that watches, while the scripts are loaded."""
+    if scripts is None or policy is None:
+        proxy.start_watching()
+    else:
+        scripts.attach(policy, proxy.relay, proxy.is_asked_again)
+        proxy.start_watching(scripts.load)
 
 
 def _name(record: Path | None, ring: Bounds | None) -> str | None:

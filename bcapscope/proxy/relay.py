@@ -275,7 +275,7 @@ class Relay:
         session, up, data, came = arrival
         if not note and len(actions) == 1:
             action = actions[0]
-            if action == (session.number, direction_of(up), data, ""):
+            if action == Send(session.number, direction_of(up), data):
                 left = session.send(up, data)
                 self.ring.put(up, session.number, came, left, data)
                 return

@@ -12,11 +12,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from bcapscope.faults.answers import Manners
 from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Message, Output
 from bcapscope.faults.message import Send as Sent
 from bcapscope.faults.shaper import Shaper
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_ACCESSDENIED
@@ -89,6 +92,7 @@ class Rules:
         self._numbers: dict[Conversation, int] = {}
         self._outbox: list[Action] = []
         self._messages = 0
+        self._budget = Budget()
         self._questions, self._manners = Questions(), Manners()
         self._tickets = 0
 
@@ -96,7 +100,7 @@ class Rules:
 
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client."""
-        self._ways[client] = {side: Way(client, Flow(conversation, side)) for side in Direction}
+        self._ways[client] = {side: Way(client, Flow(conversation, side), self._budget) for side in Direction}
         self._numbers[conversation] = client
         self._since[client] = now
         if self.scripts is not None:
@@ -411,7 +415,7 @@ class Rules:
         own = Work()
         self._go(way, data, now, own)
         work.actions += [
-            action._replace(note=note) if isinstance(action, Send) and not action.note else action
+            replace(action, note=note) if isinstance(action, Send) and not action.note else action
             for action in own.actions
         ]
 

@@ -59,7 +59,8 @@ def test_as_client_and_as_server_at_once() -> None:
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
         refused = run(*words)
         assert refused.code == Exit.UNARMED
-        assert "nobody said that it may: not sent without --arm" in refused.err
+        assert "the recording was not sent. It may move a robot or energise it" in refused.err
+        assert "Add --arm" in refused.err
         done = run(*words, "--arm", "-f", "function != Robot_Execute")
         assert (done.code, len(done.lines)) == (Exit.OK, 7)
         process.send_signal(signal.SIGINT)

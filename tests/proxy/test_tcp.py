@@ -9,21 +9,27 @@ import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import pytest
 
+from bcapscope.proxy.hook import Policy
 from bcapscope.proxy.poller import READ
 from bcapscope.proxy.ring import Count, Kind
 from bcapscope.proxy.tcp import TcpSession
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
+from tests.proxy.test_rules import rules
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 
 @contextmanager
-def connected() -> Iterator[tuple[socket.socket, socket.socket, Running]]:
+def connected(policy: Policy | None = None) -> Iterator[tuple[socket.socket, socket.socket, Running]]:
     """Connect a client to a server; yield both ends and the relay between them."""
     with (
         listening() as door,
-        running(port_of(door), "tcp") as proxy,
+        running(port_of(door), "tcp", policy=policy) as proxy,
         socket.create_connection(proxy.address, PATIENCE) as client,
     ):
         server, _ = door.accept()
@@ -133,6 +139,43 @@ def test_who_does_not_read_is_not_written_to_without_end() -> None:
         client.sendall(b"!")
         assert server.recv(10) == b"!"
         eventually(lambda: proxy.relay.counts[Count.BYTES_UP] == sent + 1)
+
+
+class SlowSocket(socket.socket):
+    """Takes at most 1000 bytes at a time, and none at every third call."""
+
+    calls = 0
+
+    def send(self, data: ReadableBuffer, flags: int = 0, /) -> int:
+        self.calls += 1
+        if self.calls % 3 == 0:
+            raise BlockingIOError
+        return super().send(memoryview(data)[:1000], flags)
+
+
+@pytest.mark.parametrize("up", [True, False])
+@pytest.mark.parametrize("ruled", [True, False])
+def test_each_byte_is_recorded_when_it_came_and_when_it_left(
+    monkeypatch: pytest.MonkeyPatch, up: bool, ruled: bool
+) -> None:
+    monkeypatch.setattr("bcapscope.proxy.tcp.socket.socket", SlowSocket)
+    data = b"".join(number.to_bytes(4, "big") for number in range(2500))
+    with connected(rules(clients=0) if ruled else None) as (client, server, proxy):
+        source, sink = (client, server) if up else (server, client)
+        passed = b""
+        for size in (1, 999, 1000, 1001, 9999, 10_000):
+            source.sendall(data[:size])
+            assert receive(sink, size) == data[:size]
+            passed += data[:size]
+        eventually(lambda: recorded_bytes(proxy, "left") == passed)
+        assert recorded_bytes(proxy, "came") == passed
+        assert {each.up for each in proxy.of(Kind.DATA)} == {up}
+        assert proxy.relay.counts[Count.BYTES_UP if up else Count.BYTES_DOWN] == len(passed)
+
+
+def recorded_bytes(proxy: Running, time: str) -> bytes:
+    """Return the bytes of all records that carry this time, `came` or `left`."""
+    return b"".join(record.data for record in proxy.of(Kind.DATA) if getattr(record, time))
 
 
 def test_a_reset_while_nothing_is_read_is_noticed() -> None:

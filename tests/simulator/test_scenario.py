@@ -16,6 +16,7 @@ from bcapscope.simulator.event import AnyEvent, EmergencyStop
 from bcapscope.simulator.kinematics import LIMITS
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.memory import Memory
+from bcapscope.simulator.profile import NoArgument
 from bcapscope.simulator.scenario import Over, load_scenario, read_scenario, shipped
 
 WHOLE = """
@@ -26,6 +27,7 @@ then: [underflow]
 client: {session: motion, over: tcp, mode: 0x202, options: ",WDT=100"}
 profile: cserver
 defects: [serial-zero]
+no_argument: always
 start:
   joints: [1, 2, 93, 4, 5, 6]
   mode: teach-check
@@ -64,6 +66,7 @@ def test_everything_that_can_be_said() -> None:
     assert start.limits[1:5] == LIMITS[1:5]
     assert start.limits[5] == LIMITS[5]._replace(speed=20, acceleration=30)
     assert scenario.controller.defects is Defect.SERIAL_ZERO
+    assert scenario.controller.no_argument is NoArgument.ALWAYS
     assert scenario.client.over is Over.TCP
     assert isinstance(scenario.faults[0], Drop)
     assert isinstance(scenario.in_slave_mode[0], EmergencyStop)

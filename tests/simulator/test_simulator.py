@@ -149,12 +149,6 @@ def test_every_function_answers_one_argument_or_none(function_id: int) -> None:
         assert reply.vt is not None
 
 
-def test_errors_carry_empty_but_on_rc7() -> None:
-    for name, vt in (("rc7", None), ("rc8", VT.EMPTY)):
-        reply = Operator(Desk(name)).robot("NoSuchCommand")
-        assert (reply.hresult, reply.vt) == (0x80010005, vt)
-
-
 @pytest.mark.parametrize(
     ("name", "value", "back"),
     [

@@ -69,6 +69,10 @@ PHRASES: dict[str, str] = {
     "{word} took {n} ms, and all that passes waits for it": "{word} に {n} ms かかり、その間すべての通信が待たされます",
     # watching and the recording
     "{name} is not written any more: {text}": "{name} にはもう書き込めません: {text}",
+    "the disk is full": "ディスクに空きがありません",
+    "the recording {name} removes its oldest files early": "記録 {name} は最も古いファイルを早めに削除します",
+    "{name} is incomplete": "{name} は不完全です",
+    "the recorder ended early": "記録プロセスが途中で終了しました",
     "watching has ended": "監視が終了しました",
     "the relay goes on, and nothing is recorded or shown any more": "中継は続きますが、記録と表示はもう行われません",
     "watching has not ended in time": "監視が時間内に終わりませんでした",
