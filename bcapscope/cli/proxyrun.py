@@ -190,7 +190,8 @@ class Proxy:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
                 self._courtesy = Courtesy(self._ring, idle_priority(self._watcher.pid))
-            self.relay.listen(self._ports)
+            ports, self._ports = self._ports, []
+            self.relay.listen(ports)
             greet()
             self.relay.run(self._look_around)
             self.relay.close_ports()
@@ -216,6 +217,10 @@ class Proxy:
         """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
         if self._wakefulness is not None:
             self._wakefulness.end()
+        for port in self._ports:  # it gave up before the relay had them
+            port.close()
+            port.release()
+        self._ports.clear()
         self.relay.close()
         self._link.close()
         if self._courtesy is not None:

@@ -20,7 +20,9 @@ from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.scriptwire import Loaded, ScriptError, Statement, Unpacker, Unusable, WireError
 
 MEMORY = 512
-"""Megabytes that the process may allocate unless told otherwise; Python and NumPy take some 150."""
+"""Megabytes that the process may allocate unless told otherwise. Python takes 20, NumPy on four processors 200
+and more on others, as its stacks count.
+"""
 
 LEAST_MEMORY, MOST_MEMORY = 64, 65536
 
@@ -111,18 +113,22 @@ class ScriptProcess:
             try:
                 statement = self._statements.next()
             except WireError as error:
-                raise ScriptError(f"{self.names}: its process sent an invalid message ({error})") from None
+                raise self._invalid(str(error)) from None
             if isinstance(statement, Loaded):
                 self._begin(statement.hooks)
                 return True
             if statement is not None:
-                reason = statement.reason if isinstance(statement, Unusable) else "an answer to nothing"
-                raise ScriptError(reason)
+                if isinstance(statement, Unusable):
+                    raise ScriptError(statement.reason)
+                raise self._invalid("an answer")
             left = until - time.monotonic()
             if left <= 0:
                 self._check_loading()
                 return False
             self._wait(left)
+
+    def _invalid(self, what: str) -> ScriptError:
+        return ScriptError(f"{self.names}: its process sent the proxy an invalid message ({what})")
 
     def _begin(self, hooks: frozenset[str]) -> None:
         assert self._rules is not None
@@ -177,7 +183,7 @@ class ScriptProcess:
         """End the process at once; return what is known about its end and its place in the scripts."""
         code = self._exit_code()
         self._kill()
-        return "".join(f", {text}" for text in (_how(code), self._place()) if text)
+        return "".join(f"; {text}" for text in (_how(code), self._place()) if text)
 
     def finish(self, frame: bytes, take: Callable[[bytes], bool]) -> bool:
         """Send the last order and wait until `take` returns True for what came; return False if that takes

@@ -60,7 +60,7 @@ _SETTLE = 50_000_000
 _MOST_SAID = 200
 """Sentences of the scripts that the user is told."""
 
-_OFF = "Stops pass, motion is refused, everything else passes unchanged. Restart the proxy to let motion pass"
+_OFF = "stops pass, motion is refused, everything else passes unchanged; restart the proxy to let motion pass"
 
 
 class ScriptLink(Protocol):
@@ -221,7 +221,7 @@ class ScriptQueue(Generic[T]):
         if self.is_on:
             self._await(Waiting("done", now))
             if not self._link.finish(pack(Finish()), self._is_finished) and self.is_on:
-                self._stop(f"its process did not end in time, in {self._queue[0]}", now)
+                self._stop(f"its process took too long at the end for {self._queue[0]}", now)
         self._end()
 
     # what comes of it
@@ -237,7 +237,7 @@ class ScriptQueue(Generic[T]):
                     raise WireError("an answer to nothing")
                 yield from self._take(answer, now)
         except WireError as error:
-            self._stop(f"its process sent an invalid message to the proxy ({error})", now)
+            self._stop(f"its process sent the proxy an invalid message ({error})", now)
             yield from self._undecided()
 
     def lost(self, now: int) -> Iterator[ScriptDecision[T]]:
@@ -368,7 +368,7 @@ class ScriptQueue(Generic[T]):
             self._is_told = True
             self.off_because += where
             head = f"script {self.names} is switched off: {self.off_because}"
-            self.tell(head if self._is_ending else f"{head}. {_OFF}")
+            self.tell(head if self._is_ending else f"{head}; {_OFF}")
 
     def _is_finished(self, data: bytes) -> bool:
         for _ in self.receive(data, self._head_since + self._lost_time):

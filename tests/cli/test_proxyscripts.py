@@ -120,26 +120,26 @@ def test_a_script_that_takes_for_ever_is_switched_off_and_all_but_motion_passes(
         assert "E_ACCESSDENIED" in moved.out + moved.err
         eventually(lambda: not script.runs)
         stats = dict(line.split(": ", 1) for line in run_here("proxy", "ctl", proxy.control, "stats").lines)
-        why = "it took longer than 100 ms for request (Robot_Execute CurJnt), mine.py line "
+        why = "it took longer than 100 ms for request (Robot_Execute CurJnt); mine.py line "
         assert stats["scripts"].startswith(f"off: {why}")
         said = proxy.end()
     assert f"script mine.py is switched off: {why}" in said
-    assert "Stops pass, motion is refused, everything else passes unchanged." in said
+    assert "; stops pass, motion is refused, everything else passes unchanged; " in said
     assert "guard" not in said
 
 
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("os._exit(3)", "its process ended during request (Robot_Execute CurJnt), exit code 3"),
+        ("os._exit(3)", "its process ended during request (Robot_Execute CurJnt); exit code 3"),
         (
             "import ctypes; ctypes.string_at(0)",
-            "its process ended during request (Robot_Execute CurJnt), SIGSEGV, mine.py line 6 in request",
+            "its process ended during request (Robot_Execute CurJnt); SIGSEGV; mine.py line 6 in request",
         ),
-        ("os.closerange(3, 60)", "its process ended during request (Robot_Execute CurJnt), exit code 1"),
+        ("os.closerange(3, 60)", "its process ended during request (Robot_Execute CurJnt); exit code 1"),
         (
             "[os.write(each, b'x' * 99) for each in range(3, 20) if is_socket(each)]",
-            "its process sent an invalid",
+            "its process sent the proxy an invalid message",
         ),
     ],
     ids=["exit", "crash", "close", "write"],
@@ -197,7 +197,7 @@ def test_what_a_script_does_at_the_end_has_a_limit_and_a_second_ctrl_c_waits_for
         began = time.monotonic()
         said = proxy.end()
         assert time.monotonic() - began < 20
-    assert "script mine.py is switched off: its process did not end in time, in done" in said
+    assert "script mine.py is switched off: its process took too long at the end for done" in said
     assert not script.runs
 
 

@@ -558,7 +558,7 @@ def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
 def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple[Rules, Here, list[str]]:
     """Give rules whose script loops while requests wait, and what they tell, right before it is too long."""
     here = Here(Looker())
-    here.place = ", mine.py line 7 in request"
+    here.place = "; mine.py line 7 in request"
     told: list[str] = []
     made = rules(scripts=here, transport=transport)
     here.obeys = False
@@ -582,8 +582,8 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     made.take(150 * MS)
     assert (here.ended, made.due()) == (1, None)
     assert told == [
-        "script mine.py is switched off: it took longer than 100 ms for request (Robot_Execute slvMove), "
-        "mine.py line 7 in request. Stops pass, motion is refused, everything else passes unchanged. Restart "
+        "script mine.py is switched off: it took longer than 100 ms for request (Robot_Execute slvMove); "
+        "mine.py line 7 in request; stops pass, motion is refused, everything else passes unchanged; restart "
         "the proxy to let motion pass"
     ]
 
@@ -654,12 +654,12 @@ def test_a_relay_that_always_stands_still_does_not_let_messages_wait_for_ever() 
 
 def test_the_end_of_its_process_switches_a_script_off() -> None:
     made, here, told = switched_off(request(1), request(2, "CurJnt"))
-    here.place = ", exit code 3"
+    here.place = "; exit code 3"
     made.lose_scripts(MS)
     assert sent(made.take(MS)) == request(2, "CurJnt")
     made.take(51 * MS)
-    why = "its process ended during request (Robot_Execute slvMove), exit code 3"
-    assert told[0].startswith(f"script mine.py is switched off: {why}. Stops pass")
+    why = "its process ended during request (Robot_Execute slvMove); exit code 3"
+    assert told[0].startswith(f"script mine.py is switched off: {why}; stops pass")
     assert "scripts: switched off, its process ended during request" in made.report()[-1]
 
 
@@ -669,7 +669,7 @@ def test_what_makes_no_sense_switches_a_script_off(data: bytes) -> None:
     here.take()
     made.hear_scripts(data, 0)
     assert sent(made.take(0)) == request(2, "CurJnt")
-    assert here.queue.off_because.startswith("its process sent an invalid message to the proxy")
+    assert here.queue.off_because.startswith("its process sent the proxy an invalid message")
 
 
 def test_a_client_that_goes_leaves_nothing_that_waits() -> None:
