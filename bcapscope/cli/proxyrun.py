@@ -31,7 +31,7 @@ from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import HEADER, RingWriter
 from bcapscope.proxy.sockets import reason
 from bcapscope.proxy.spec import Listener
-from bcapscope.proxy.tcp import TcpPort
+from bcapscope.proxy.tcpport import TcpPort
 from bcapscope.proxy.udp import UdpPort, UdpSession
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint

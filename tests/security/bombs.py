@@ -355,7 +355,7 @@ def commands(path: Path, folder: Path) -> dict[str, Sequence[str | Path]]:
         "decode --csv": ["decode", "--csv", path],
         "decode --tree": ["decode", "--tree", path],
         "decode --tree --full --hex": ["decode", "--tree", "--full", "--hex", path],
-        "decode -f": ["decode", "-f", "command contains x and any(args) == 3", path],
+        "decode -f": ["decode", "-f", "command contains 'x' and arg[2] contains 3", path],
         "calls": ["calls", path],
         "calls --json": ["calls", "--json", path],
         "calls --tree": ["calls", "--tree", path],
