@@ -128,7 +128,9 @@ async def _ask(reach: Reach, found: _Found) -> None:
         try:
             parent = await reach.handle(owner)
             opened = await reach.invoke(f"{owner}_GetVariable", parent, variable, "")
-            found.facts[name] = await reach.invoke("Variable_GetValue", opened)
+            value = await reach.invoke("Variable_GetValue", opened)
+            if value is not None:  # EMPTY says nothing
+                found.facts[name] = value
             await reach.invoke("Variable_Release", opened)
         except ControllerError:
             continue

@@ -113,6 +113,8 @@ PHRASES: dict[str, str] = {
     "the proxy on {word} has ended": "{word} のプロキシは終了しました",
     "the proxy on {word} ended before it answered": "{word} のプロキシは応答前に終了しました",
     "what listens on {word} is no proxy": "{word} で待ち受けているのはプロキシではありません",
+    "what listens on {word} is no proxy of this version": "{word} で待ち受けているのはこの版のプロキシではありません",
+    "what listens on {word} answers more than {n} MB": "{word} で待ち受けているものの応答が {n} MB を超えています",
     "another proxy listens for control on {name}": "別のプロキシが {name} で制御を待ち受けています",
     "{name} is there already, and no socket": "{name} はすでにあり、ソケットではありません",
     "{word} is not loopback: who controls the proxy moves the robot": "{word} はループバックではありません。プロキシを制御できればロボットを動かせます",

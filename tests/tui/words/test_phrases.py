@@ -171,7 +171,15 @@ def test_what_else_the_tester_shows() -> None:
 
 @pytest.mark.parametrize("outcome", Outcome)
 def test_how_the_player_ended(outcome: Outcome) -> None:
-    ended = Ended(outcome, "stop was asked for", Spread(), Spread(), Counts(5, retries=1, late=2), left=False)
+    ended = Ended(
+        outcome,
+        "stop was asked for",
+        Spread(),
+        Spread(),
+        Counts(5, retries=1, late=2),
+        left=False,
+        retries_expected=True,
+    )
     assert [line for line in ended_lines(ended) if not is_japanese(line.strip())] == []
 
 
