@@ -99,7 +99,11 @@ class Series(io.RawIOBase):
         self._files: deque[Path] = deque()
         self._count = 0
         self.freed = 0
-        self._open()
+        try:
+            self._open()
+        except OSError:
+            super().close()  # Python calls `close` otherwise, and there is no file to close
+            raise
         self.recording = Recording(self)
         self._begin()
 

@@ -25,6 +25,6 @@ def _english() -> Iterator[None]:
 
 
 @pytest.fixture
-def japanese(_english: None) -> None:
+def speaking_japanese(_english: None) -> None:
     """Speak Japanese."""
     speak(Language.JAPANESE)

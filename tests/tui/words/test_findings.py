@@ -19,7 +19,7 @@ from bcapscope.traffic.filters import FilterError, compile_filter
 from bcapscope.tui.words import titled, told
 from tests.cli.run import CAPTURES
 
-pytestmark = pytest.mark.usefixtures("japanese")
+pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[A-Z]\w+|slv\w+)\b")

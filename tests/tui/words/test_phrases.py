@@ -33,7 +33,7 @@ from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
 from tests.player.ways import PERIOD, swing, way
 from tests.tui.words.english import left_over
 
-pytestmark = pytest.mark.usefixtures("japanese")
+pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 BOOK = Phrasebook(

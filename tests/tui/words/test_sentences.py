@@ -43,7 +43,7 @@ from tests.cli.run import CAPTURES
 from tests.render.scenes import ROBOT, observe
 from tests.tui.words.english import left_over, untold
 
-pytestmark = pytest.mark.usefixtures("japanese")
+pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 
