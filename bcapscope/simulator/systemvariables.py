@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
 from bcapscope import __version__
 from bcapscope.protocol.functions import ObjectClass
@@ -69,9 +70,9 @@ def write(context: Context, value: Variant) -> Outcome:
     name = context.object.name.strip().upper()
     act = _ACTS.get((_owner(context.object), name))
     if act is not None:
-        if context.machine.slave.mode is not None:
+        if context.machine.slave.mode is not None and not act.in_slave_mode:
             context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
-        return act(context, value)
+        return act.command(context, value)
     if name not in _SPEEDS or not 0 < number_of(value) <= 100:
         raise RefusedError(NOT_WRITABLE)
     setattr(context.machine.speeds, _SPEEDS[name], float(number_of(value)))
@@ -149,11 +150,23 @@ def _task_name(context: Context) -> str:
     return task.name if task else ""
 
 
-_ACTS: Mapping[tuple[ObjectClass, str], Command] = MappingProxyType(
+class _Act(NamedTuple):
+    """What writing a variable does.
+
+    Attributes:
+        command: takes the value that is written as its parameter.
+        in_slave_mode: slave mode allows it, as it allows the function or command of the same effect.
+    """
+
+    command: Command
+    in_slave_mode: bool
+
+
+_ACTS: Mapping[tuple[ObjectClass, str], _Act] = MappingProxyType(
     {
-        (ObjectClass.ROBOT, "@SERVO_ON"): motor,
-        (ObjectClass.TASK, "@START"): _start_task,
-        (ObjectClass.TASK, "@STOP"): _stop_task,
+        (ObjectClass.ROBOT, "@SERVO_ON"): _Act(motor, False),
+        (ObjectClass.TASK, "@START"): _Act(_start_task, False),
+        (ObjectClass.TASK, "@STOP"): _Act(_stop_task, True),
     }
 )
 """Variables that do what a command does when they are written: Motor, Task_Start, Task_Stop."""
