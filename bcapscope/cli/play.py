@@ -61,7 +61,7 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
     show_default=True,
     help="Speed of that motion.",
 )
-@click.option("--arm", is_flag=True, help="A robot may move; else you are asked, except by the simulator.")
+@click.option("--arm", is_flag=True, help="Do not ask whether a robot may be energised and moved.")
 @click.option("--dry-run", is_flag=True, help="End after the pre-flight; nothing moves or changes.")
 @click.option(
     "--log",
@@ -95,7 +95,8 @@ def command(
 
     How the file was read and what speaks against playing it is shown first. Then, in a process of its own:
     RobSlave is started (RC7), arm taken, motor switched on, the first set point gone to, slave mode entered,
-    the set points sent, and everything left as it was found.
+    the set points sent, and everything left as it was found. The action log records the calls that energise
+    or move a robot.
 
     While it plays, s, space, Ctrl-C or Ctrl-Z lets the robot come to rest on its way; h, Escape twice or
     Ctrl-C twice halts it at once.

@@ -21,6 +21,7 @@ from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
 from bcapscope.cli.signals import awaited_ends
+from bcapscope.cli.wakefulness import cannot_stay_awake
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.sockets import ListenError, NoWay
 from bcapscope.proxy.spec import Listener, SpecError, parse_listeners
@@ -35,6 +36,12 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
         return None if value is None else parse_bounds(value)
     except ValueError as error:
         raise click.BadParameter(f"{error}", context, parameter) from None
+
+
+def _warn_if_useless(context: click.Context, parameter: click.Parameter, wanted: bool) -> bool:
+    if wanted and (problem := cannot_stay_awake()):
+        narrate(f"--low-latency has no effect: {problem}")
+    return wanted
 
 
 @click.group(invoke_without_command=True, short_help="In the middle: see, record, disturb.")
@@ -76,6 +83,13 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
     show_default=True,
     help="Forget UDP clients that are silent for so long.",
 )
+@click.option(
+    "--low-latency",
+    is_flag=True,
+    callback=_warn_if_useless,
+    help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
+    "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
+)
 @click.option("--calls", is_flag=True, help="Show calls, as `calls` does; else frames, as `decode` does.")
 @click.option("--tree", "form", flag_value=Form.TREE, type=Form, help="Every field, or each call's frames.")
 @click.option("--json", "form", flag_value=Form.JSON, type=Form, help="One JSON object each.")
@@ -98,6 +112,7 @@ def command(
     record: Path | None,
     ring: Bounds | None,
     forget: float,
+    low_latency: bool,
     calls: bool,
     form: Form | None,
     wanted: str,
@@ -118,7 +133,8 @@ def command(
     `--control ADDRESS`. What they still hold at the end is sent if it is an answer, or stops the robot.
 
     Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
-    script not be used; 6 the capture cannot be written; 9 there is no controller of that name.
+    script not be used; 6 the capture cannot be written, or is incomplete because the disk was full or the
+    recorder stopped; 9 there is no controller of that name.
     """
     if context.invoked_subcommand is not None:
         return
@@ -137,7 +153,11 @@ def command(
         check_free(record)
     policy = rules.make()
     wishes = Wishes(record, ring, look, color)
-    with awaited_ends() as ends, closing(Proxy(wishes, ends, policy)) as proxy, ExitStack() as opened:
+    with (
+        awaited_ends() as ends,
+        closing(Proxy(wishes, ends, policy, low_latency=low_latency)) as proxy,
+        ExitStack() as opened,
+    ):
         for line in rules.words():
             narrate(line)
         listening: list[str] = []
@@ -163,6 +183,8 @@ def command(
             )
         else:
             proxy.run(partial(_greet, proxy, greetings))
+    if proxy.lacks_recording:
+        sys.exit(Exit.UNWRITABLE)
 
 
 command.add_command(ctl)

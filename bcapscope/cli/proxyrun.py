@@ -20,7 +20,7 @@ from pathlib import Path
 from bcapscope.cli.courtesy import Courtesy, idle_priority
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.output import narrate
-from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes, watch
+from bcapscope.cli.proxywishes import FAREWELL, INCOMPLETE, READY, Wishes, watch
 from bcapscope.cli.screen import ERASE
 from bcapscope.cli.signals import kept_from_ends
 from bcapscope.cli.wakefulness import LightSleep, Wakefulness, passed
@@ -31,8 +31,9 @@ from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import HEADER, RingWriter
 from bcapscope.proxy.sockets import reason
 from bcapscope.proxy.spec import Listener
-from bcapscope.proxy.tcp import TcpPort
+from bcapscope.proxy.tcpport import TcpPort
 from bcapscope.proxy.udp import UdpPort, UdpSession
+from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint
 
 RING_SIZE = 32 << 20
@@ -61,15 +62,24 @@ class Proxy:
 
     Attributes:
         relay: for whoever has more to plug in before it runs.
+        lacks_recording: after `close`: a recording was wished for, and it is incomplete.
     """
 
-    def __init__(self, wishes: Wishes, ends: socket.socket, policy: Policy | None = None) -> None:
+    def __init__(
+        self,
+        wishes: Wishes,
+        ends: socket.socket,
+        policy: Policy | None = None,
+        *,
+        low_latency: bool = False,
+    ) -> None:
         """Make a relay that listens nowhere yet.
 
         Args:
             wishes: of the watcher.
             ends: from which the signals come that end programs; see `awaited_ends`.
             policy: the rules; None without.
+            low_latency: keep the machine's processors out of deep sleep while there is much traffic.
 
         Raises:
             FileRefused: there is no room for the memory that it shares with the watcher, or the system gives
@@ -89,9 +99,10 @@ class Proxy:
             self._release_memory()
             raise FileRefused(Path("the relay"), reason(error)) from None
         self._watcher: multiprocessing.process.BaseProcess | None = None
-        self._watched = False
+        self._watched = self._has_begun = False
+        self.lacks_recording = False
         self._courtesy: Courtesy | None = None
-        self._wakefulness = Wakefulness(LightSleep())
+        self._wakefulness = Wakefulness(LightSleep()) if low_latency else None
         self._ports: list[TcpPort | UdpPort] = []
         self._ending = 0.0
         self._hung_up = False
@@ -137,7 +148,7 @@ class Proxy:
             answer = b"the process that writes it has ended"
         if answer != READY:
             raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
-        self._watched = True
+        self._watched = self._has_begun = True
         self._forget_name()
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
             self.relay.watch(self._link.fileno(), lambda _: self._hear())
@@ -196,7 +207,8 @@ class Proxy:
 
     def close(self) -> None:
         """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
-        self._wakefulness.end()
+        if self._wakefulness is not None:
+            self._wakefulness.end()
         self.relay.close()
         self._link.close()
         if self._courtesy is not None:
@@ -210,8 +222,17 @@ class Proxy:
             if self._watcher.is_alive():
                 narrate("watching has not ended in time; the last part of the recording may be missing")
                 self._watcher.kill()
+                self._watcher.join(_ENDS_WITHIN)
+            if self._has_begun:
+                self._judge(self._watcher.exitcode)
             self._watcher = None
         self._release_memory()
+
+    def _judge(self, code: int | None) -> None:
+        """Decide by the exit code of the watcher whether the recording is complete."""
+        self.lacks_recording = self._wishes.record is not None and code != 0
+        if self.lacks_recording and code != INCOMPLETE:  # it could not say so itself
+            narrate(f"{printable(str(self._wishes.record))} is incomplete: the recorder ended early")
 
     def _release_memory(self) -> None:
         self._ring.release()
@@ -262,7 +283,8 @@ class Proxy:
 
     def _look_around(self) -> None:
         """Do what is due from time to time."""
-        self._wakefulness.look(passed(self._ring.counts), time.monotonic())
+        if self._wakefulness is not None:
+            self._wakefulness.look(passed(self._ring.counts), time.monotonic())
         if self._watched and self._courtesy is not None:
             self._courtesy.look(time.monotonic())
         if self._ending and time.monotonic() - self._ending > _ANSWERS_WITHIN:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
+
+import msgspec
 
 from bcapscope.faults.attempts import Attempts
 from bcapscope.faults.fault import Ending
@@ -13,7 +15,9 @@ from bcapscope.traffic.observation import Conversation, Flow, Observation, Trans
 from bcapscope.traffic.question import Questions
 
 
-class Send(NamedTuple):
+# Every message makes some of these: a struct compares by its type, which a named tuple
+# does not, and takes 0.1 µs to make (named tuple 0.4, frozen dataclass 0.9).
+class Send(msgspec.Struct, frozen=True):
     """Bytes to be sent now.
 
     Attributes:
@@ -27,7 +31,7 @@ class Send(NamedTuple):
     touched: tuple[str, ...] = ()
 
 
-class Closing(NamedTuple):
+class Closing(msgspec.Struct, frozen=True):
     """A TCP conversation to be ended now, on both sides.
 
     Attributes:
@@ -44,7 +48,7 @@ class Closing(NamedTuple):
 Output: TypeAlias = Send | Closing
 
 
-class Taken(NamedTuple):
+class Taken(msgspec.Struct, frozen=True):
     """What became of one message.
 
     Attributes:

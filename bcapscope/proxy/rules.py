@@ -11,11 +11,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
+from msgspec.structs import replace
+
 from bcapscope.faults.answers import Manners
 from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Message, Output
 from bcapscope.faults.message import Send as Sent
 from bcapscope.faults.shaper import Shaper
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_ACCESSDENIED
@@ -77,6 +80,7 @@ class Rules:
         self._numbers: dict[Conversation, int] = {}
         self._outbox: list[Action] = []
         self._messages = 0
+        self._budget = Budget()
         self._questions, self._manners = Questions(), Manners()
         self._settle_at = 0
 
@@ -85,7 +89,7 @@ class Rules:
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client."""
         told = Client(client, conversation.client, conversation.server, conversation.transport)
-        self._ways[client] = {side: Way(told, Flow(conversation, side)) for side in Direction}
+        self._ways[client] = {side: Way(told, Flow(conversation, side), self._budget) for side in Direction}
         self._numbers[conversation] = client
         self._since[client] = now
         self.addons.connected(told)
@@ -315,7 +319,7 @@ class Rules:
         own = Work()
         self._go(way, data, now, own)
         work.actions += [
-            action._replace(note=note) if isinstance(action, Send) and not action.note else action
+            replace(action, note=note) if isinstance(action, Send) and not action.note else action
             for action in own.actions
         ]
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.stream import Splitter
@@ -25,9 +28,11 @@ class Way:
         last: when the last of them came; ns.
     """
 
-    __slots__ = ("begun", "client", "flow", "last", "pieces", "splitter")
+    __slots__ = ("_budget", "begun", "client", "flow", "last", "pieces", "splitter")
 
-    def __init__(self, client: Client, flow: Flow) -> None:
+    def __init__(self, client: Client, flow: Flow, budget: Budget | None = None) -> None:
+        """Begin; `budget` counts what is held of unfinished frames of all streams."""
+        self._budget = budget
         self.client = client
         self.flow = flow
         self.splitter: Splitter | None = None
@@ -46,7 +51,7 @@ class Way:
             return
         if into_frames:
             if self.splitter is None:
-                self.splitter = Splitter(in_step=not self.begun)
+                self.splitter = Splitter(in_step=not self.begun, budget=self._budget)
             for piece in self.splitter.feed(data):
                 yield piece.item.raw
             return
@@ -148,9 +153,10 @@ def joined(actions: list[Action], way: Way) -> Sequence[Action]:
             and isinstance(last, Send)
             and not action.note
             and not last.note
-            and action[:2] == last[:2]
+            and action.client == last.client
+            and action.toward is last.toward
         ):
-            found[-1] = last._replace(data=last.data + action.data)
+            found[-1] = replace(last, data=last.data + action.data)
         else:
             found.append(action)
     return found

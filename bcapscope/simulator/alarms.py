@@ -7,7 +7,7 @@ nkawa/Denso_CobottaPro900_MQTT_Control; numbers that only a real program has are
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from bcapscope.protocol.hresult import describe
 
@@ -15,7 +15,8 @@ MOST_ACTIVE = 32
 MOST_LOGGED = 128
 
 
-class Alarm(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Alarm:
     """One error.
 
     Attributes:

@@ -15,6 +15,7 @@ from bcapscope.simulator.alarms import Alarms
 from bcapscope.simulator.arm import MS, Arm
 from bcapscope.simulator.controllog import ControlLog, Record
 from bcapscope.simulator.drive import SlaveDrive
+from bcapscope.simulator.equipment import Equipment
 from bcapscope.simulator.journey import Journey
 from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, Joints, beyond_limit
 from bcapscope.simulator.memory import Memory
@@ -24,6 +25,7 @@ from bcapscope.simulator.profile import Profile
 from bcapscope.simulator.refusals import (
     EMERGENCY_STOP,
     ERROR_IS_ACTIVE,
+    HAND_DEVIATION,
     MOTOR_IS_OFF,
     NO_TOKEN,
     NOT_AUTOMATIC,
@@ -62,6 +64,7 @@ class Start:
         errors: active ones, the oldest first.
         emergency: the emergency stop is pressed.
         arm_taken: a client that is not seen here has the arm.
+        object_width: of an object between the fingers of the hands, mm; None for no object.
         udp_clients: places on UDP that half-open clients hold.
         tcp_clients: the same on TCP.
         epoch: ns since 1970 at the time 0 of the model's clock.
@@ -80,6 +83,7 @@ class Start:
     errors: tuple[int, ...] = ()
     emergency: bool = False
     arm_taken: bool = False
+    object_width: float | None = None
     udp_clients: int = 0
     tcp_clients: int = 0
     epoch: int = 0
@@ -115,6 +119,7 @@ class Machine:
         stops: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
         stopped_by: result of the last of them.
         journey: the last ordinary motion; None if it was stopped.
+        equipment: hands and what else belongs to the controller.
     """
 
     def __init__(self, profile: Profile, start: Start | None = None, now: int = 0) -> None:
@@ -140,6 +145,7 @@ class Machine:
         self.stops = 0
         self.stopped_by = 0
         self.journey: Journey | None = None
+        self.equipment = Equipment.around(self.start.object_width)
         self._motor_at: int | None = now if self.start.motor else None
         for code in (*self.start.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
             self.alarms.raise_(code, now)
@@ -165,7 +171,7 @@ class Machine:
     def switch_motor(self, on: bool, now: int) -> int:
         """Switch the motor; return when it is done."""
         if not on:
-            self._motor_at = None
+            self._lose_power()
             self.stop(now, MOTOR_IS_OFF, told=False)
             return now
         self.check_state()
@@ -231,6 +237,7 @@ class Machine:
         """
         self.slave.leave(0 if told else code)
         self.arm.halt(now)
+        self.equipment.stop(now)
         self.stops += 1
         self.stopped_by = code
         self.journey = None
@@ -246,7 +253,7 @@ class Machine:
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
         if level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
-            self._motor_at = None
+            self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
         """Refuse a call with an error that stays active until ClearError; its effects are those of `fail`.
@@ -274,7 +281,7 @@ class Machine:
         """Turn the mode switch; leaving the automatic mode ends all motion and switches the motor off."""
         self.mode = mode
         if mode != AUTOMATIC:
-            self._motor_at = None
+            self._lose_power()
             self.stop(now, NOT_AUTOMATIC, told=False)
 
     def start_task(self, name: str) -> None:
@@ -306,11 +313,21 @@ class Machine:
                 self.fail(fault.code, fault.time)
         if log.due is not None:
             log.advance(now, self._record)
+        collision = self.equipment.hand.collides_at
+        if collision is not None and collision <= now:
+            self.equipment.hand.stop(collision, HAND_DEVIATION)
+            self.fail(HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
         """Return when time changes something by itself, in ns; None if nothing is under way."""
         slave = self.slave
-        return None if slave.mode is None or slave.is_empty else slave.next_tick
+        due = None if slave.mode is None or slave.is_empty else slave.next_tick
+        collision = self.equipment.hand.collides_at
+        return due if collision is None else collision if due is None else min(due, collision)
+
+    def _lose_power(self) -> None:
+        self._motor_at = None
+        self.equipment.lose_power()
 
     def _record(self, time: int) -> Record:
         return Record(time - self.began, self.arm.commanded(time), self.arm.actual(time))

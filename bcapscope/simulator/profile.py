@@ -12,13 +12,28 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
 
+from bcapscope.protocol.command_row import COBOTTA, COBOTTA_PRO
+from bcapscope.protocol.commands import commands
 from bcapscope.protocol.convention import ReplyReserved
 from bcapscope.protocol.responder import Defect
 from bcapscope.protocol.slavemode import Generation
 from bcapscope.protocol.variant import VT
 
-_RC8_ONLY = frozenset(
-    ("slvsendformat", "slvrecvformat", "manualreset", "resetstostate", "stostate", "takearmstate")
+_CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
+
+
+def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
+    """Return the commands that the sources name for these controllers only, in lower case."""
+    return frozenset(
+        each.name.casefold() for each in commands(function_id) if each.controllers in controllers
+    )
+
+
+_HAND = _documented_for(_CONTROLLER_EXECUTE, COBOTTA)
+_RC8_ONLY = (
+    frozenset(("slvsendformat", "slvrecvformat", "manualreset", "resetstostate", "stostate", "takearmstate"))
+    | _HAND
+    | _documented_for(_ROBOT_EXECUTE, COBOTTA, COBOTTA_PRO)
 )
 _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
@@ -47,7 +62,7 @@ class Profile:
         no_argument: replies without a value that carry no argument instead of EMPTY.
         mode_type: type of slvGetMode's result.
         real: element type of poses.
-        providers: accepted by Controller_Connect, in lower case; () where the name is ignored.
+        providers: accepted by Controller_Connect in any case; () where the name is ignored.
         needs_robslave: slave mode needs the task RobSlave.
         needs_arm: motion needs TakeArm.
         async_detector: a late set point is an error in RC7's Async modes, as the pendant may say.
@@ -82,7 +97,7 @@ _RC8 = Profile(
     no_argument=NoArgument.NEVER,
     mode_type=VT.I4,
     real=VT.R8,
-    providers=("caoprov.denso.vrc",),
+    providers=("CaoProv.DENSO.VRC",),
     needs_robslave=False,
     needs_arm=True,
     async_detector=False,
@@ -109,7 +124,14 @@ _RC7 = Profile(
 )
 
 
-_RC9 = replace(_RC8, name="rc9", title="RC9, COBOTTA PRO", providers=("caoprov.denso.vrc9",), version="1.0.0")
+_RC9 = replace(
+    _RC8,
+    name="rc9",
+    title="RC9, COBOTTA PRO",
+    providers=("CaoProv.DENSO.VRC9",),
+    lacks=_RC7_ONLY | _HAND,
+    version="1.0.0",
+)
 _CSERVER = replace(
     _RC8,
     name="cserver",

@@ -128,6 +128,7 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         errors: that are active, the oldest first.
         emergency: whether the emergency stop is pressed.
         arm_taken: whether a client that is not seen has the arm.
+        object_width: width in mm of an object between the fingers of the hands; None for no object.
         udp_clients: places on UDP that half-open clients hold, of 20.
         tcp_clients: the same on TCP.
     """
@@ -142,6 +143,7 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     errors: Annotated[tuple[ResultCode, ...], Meta(max_length=32)] = ()
     emergency: bool = False
     arm_taken: bool = False
+    object_width: Annotated[float, Meta(gt=0, le=39)] | None = None
     udp_clients: Places = 0
     tcp_clients: Places = 0
 
@@ -292,6 +294,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             errors=start.errors,
             emergency=start.emergency,
             arm_taken=start.arm_taken,
+            object_width=start.object_width,
             udp_clients=start.udp_clients,
             tcp_clients=start.tcp_clients,
             epoch=epoch,

@@ -59,10 +59,10 @@ class Process:
             time.sleep(0.01)
         return found
 
-    def end(self, number: int) -> str:
-        """Send it a signal and wait for its end; return all that it told."""
+    def end(self, number: int, code: int = 0) -> str:
+        """Send it a signal and wait for its end with an exit code; return all that it told."""
         self.popen.send_signal(number)
-        assert self.popen.wait(PATIENCE) == 0, self.err
+        assert self.popen.wait(PATIENCE) == code, self.err
         self.close()
         return self.err
 

@@ -177,6 +177,22 @@ def test_the_detector_of_rc7_is_switched_as_on_its_pendant() -> None:
     assert [("no error" in line) for line in told] == [False, True]
 
 
+def test_stderr_says_why_a_provider_is_refused_also_if_calls_are_not_shown() -> None:
+    with simulator("--quiet") as (process, port), socket.create_connection(("127.0.0.1", port), 20) as sock:
+        texts = ("", "CaoProv.Canon.N10-W02\x1b[31m", "", "Server=192.168.0.90")
+        for request in (encode(1, 0, 1, [bstr("")]), encode(2, 0, 3, [*map(bstr, texts)])):
+            sock.sendall(request)
+            reply = Frame(sock.recv(4096))
+        assert reply.code == 0x80070057
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    reason = next(line for line in err.splitlines() if "refused" in line)
+    assert reason.startswith("tcp 127.0.0.1:")
+    assert "provider 'CaoProv.Canon.N10-W02\\x1b[31m' is not simulated" in reason
+    assert "CaoProv.DENSO.VRC" in reason
+    assert "\x1b" not in err
+
+
 def test_behaviours_are_listed_with_their_sources() -> None:
     ran = run_here("sim", "--behaviours")
     assert ran.code == 0

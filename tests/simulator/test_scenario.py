@@ -179,12 +179,13 @@ def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
         load_scenario(str(tmp_path / "none.yaml"))
 
 
-def test_the_example_in_the_documentation_can_be_read() -> None:
+def test_the_examples_in_the_documentation_can_be_read() -> None:
     page = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"^```yaml\n(title:.*?)^```", page, re.DOTALL | re.MULTILINE)
-    scenario = read_scenario(example)
+    examples = re.findall(r"^```yaml\n(title:.*?)^```", page, re.DOTALL | re.MULTILINE)
+    scenarios = [read_scenario(example) for example in examples]
+    assert len(scenarios) > 1
     actions = {kind.__struct_config__.tag for part in (AnyFault, AnyEvent) for kind in get_args(part)}
-    assert {each.action for each in scenario.faults} <= actions
+    assert {each.action for scenario in scenarios for each in scenario.faults} <= actions
     assert actions - {"pass"} <= set(re.findall(r"`([a-z-]+)`", page))
 
 

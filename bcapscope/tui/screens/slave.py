@@ -17,7 +17,10 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.css.query import NoMatches
 from textual.widgets import Button, ContentSwitcher, Input, Select
 
+from bcapscope.client.action_log import LoggedConnection
+from bcapscope.client.armed_calls import ArmedCalls
 from bcapscope.errors import BcapError
+from bcapscope.player.armed_messages import ArmedMessages
 from bcapscope.player.messages import Pacing, Progress, Topic
 from bcapscope.protocol.slavemode import mode_pose_type
 from bcapscope.protocol.variant import EMPTY, VT, Variant
@@ -274,11 +277,13 @@ class SlaveScreen(Place):
         self.query_one("#slave-views", ContentSwitcher).current = "live"
         live.focus()
         received = b""
+        log = ArmedMessages(ArmedCalls(self._desk.log, LoggedConnection.of_target(run.plan.target)))
         while run.ended is None:
             for message in await self._stage.messages():
                 if isinstance(message, Progress) and message.received != received:
                     received = message.received
                     self._desk.pulse.heard(self._desk.now())
+                log.add(message)
                 answer = run.take(message)
                 if answer is not None:
                     self._stage.answer(answer)

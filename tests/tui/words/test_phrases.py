@@ -28,10 +28,12 @@ from bcapscope.render.advice import advice
 from bcapscope.render.playing import ended_lines, peer_line
 from bcapscope.render.slaverun import figure_lines
 from bcapscope.tui import words
-from bcapscope.tui.words import PHRASES, Language, speak, told
+from bcapscope.tui.words import PHRASES, told
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
 from tests.player.ways import PERIOD, swing, way
 from tests.tui.words.english import left_over
+
+pytestmark = pytest.mark.usefixtures("japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 BOOK = Phrasebook(
@@ -46,13 +48,6 @@ BOOK = Phrasebook(
         "twice": "2 回",
     }
 )
-
-
-@pytest.fixture(autouse=True)
-def _japanese() -> Iterator[None]:
-    speak(Language.JAPANESE)
-    yield
-    speak(Language.ENGLISH)
 
 
 def is_japanese(text: str) -> bool:
