@@ -198,6 +198,7 @@ _OTHERS = (
     ("hold", _A, "on RC7 too; at once, and anybody may; what is left begins anew from rest", _NONE),
     ("encoders", _A, "show what was commanded 24 ms before", f"joints behind their set points in {_SLIDES}"),
     ("formats", _O, "slvSendFormat and slvRecvFormat choose the parts of slvMove", _DRIVER),
+    ("formats", _A, "0x400 of the send format 0x620 is accepted and changes nothing", _NONE),
     ("formats", _A, "before slvRecvFormat slvMove answers a pose of the mode's type", _SLIDES),
     ("motions", _A, "follow the minimum-jerk curve, as fast as the limits of the axes allow", _NONE),
     ("motions", _A, "a line is followed like PTP; @P lets the next one begin after 70 % of the time", "ours"),
