@@ -92,6 +92,9 @@ _PROFILE = (
     ("running_result", _A, "in 32 bits that is 0000600B", _NONE),
     ("running_result", _D, "8150100D on later ones", _ERRORS),
     ("lacks", _A, "commands of other generations are not known", "who documents a command has it"),
+    ("TOOLn WORKn _ITP", _O, "are variables of RC7 only", "public RC7 clients"),
+    ("TOOLn WORKn", _A, "are the definitions of SetToolDef and SetWorkDef, six numbers", "their meaning"),
+    ("_ITP", _A, "is 0 and cannot be written", _NONE),
     ("version", _A, "@VERSION of each generation", _NONE),
     ("defects", _O, "the C server forgets the first serial and takes serial 0 for a retry", _SERVER),
 )
@@ -191,6 +194,7 @@ _OTHERS = (
     ("motor", _A, "takes 400 ms to go on", _NONE),
     ("@SERVO_ON", _O, "writing it switches the motor on or off", _DRIVER),
     ("@SERVO_ON", _A, "the call lasts as long as Motor and is refused with the same results", _NONE),
+    ("@EXTSPEED @EXTACCEL @EXTDECEL", _A, "writing them is refused in slave mode as ExtSpeed is", _NONE),
     ("task variables", _A, "writing @START and @STOP is refused as Task_Start and Task_Stop are", _NONE),
     ("arm's owner", _D, "TakeArm sets internal speed, tool and work back unless told to keep them", _SAMPLES),
     ("arm's owner", _A, "the arm is free when its client has gone", _NONE),
