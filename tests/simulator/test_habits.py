@@ -56,6 +56,8 @@ def _mixed(*values: float) -> Variant:
         variants(i4(5), bstr("@E"), bstr("J")),
         variants(i4(5), bstr("J")),
         ints(5, 2, 0),
+        variants(Variant(VT.R4, 5.0), bstr("J"), bstr("@0")),
+        row(VT.R4, (5, 2, -2)),
     ],
 )
 def test_a_pose_is_taken_in_every_notation(operator: Operator, pose: Variant) -> None:
