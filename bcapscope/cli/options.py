@@ -16,7 +16,7 @@ from bcapscope.traffic.filters import Filter, FilterError, compile_filter
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-LARGEST_SEED = 2**64 - 1
+LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
 """Calls, rounds and the like that may be asked for: years of a call each 8 ms are 100 million."""
 

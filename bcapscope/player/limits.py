@@ -14,8 +14,10 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import TypeAlias
 
+from bcapscope.protocol.numerals import read_number
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.wording import shortened
 from bcapscope.simulator.kinematics import AXIS_COUNT, LIMITS, AxisLimit, joints_of
 from bcapscope.simulator.machine import ROBOT_TYPE
 
@@ -97,8 +99,8 @@ def limited(limits: Limits, texts: Sequence[str]) -> Limits:
         ValueError: one of the texts makes no sense.
     """
     axes = dict(limits.axes)
-    for text in texts:
-        found = _LIMIT.fullmatch(text)
+    for typed in texts:
+        found, text = _LIMIT.fullmatch(typed), shortened(typed, 60)
         if not found:
             raise ValueError(f"{text!r} is no limit, {_EXAMPLES} are")
         change = _change(text, found["what"], found["value"])
@@ -109,14 +111,12 @@ def limited(limits: Limits, texts: Sequence[str]) -> Limits:
 
 def _change(text: str, what: str | None, value: str) -> dict[str, float]:
     low, dots, high = value.partition("..")
-    try:
-        numbers = [float(low), float(high)] if dots else [float(low)]
-    except ValueError:
-        numbers = []
-    if not (value.isascii() and all(abs(number) <= LARGEST for number in numbers)) or len(numbers) != (
-        1 if what else 2
-    ):
-        raise ValueError(f"{text!r}: {value!r} is no {'number' if what else 'range'}, {_EXAMPLES} are limits")
+    read = [read_number(each, -LARGEST, LARGEST) for each in ((low, high) if dots else (low,))]
+    numbers = [number for number in read if number is not None]
+    if len(numbers) != len(read) or len(numbers) != (1 if what else 2):
+        raise ValueError(
+            f"{text!r}: {shortened(value, 40)!r} is no {'number' if what else 'range'}, {_EXAMPLES} are limits"
+        )
     if what:
         if numbers[0] <= 0:
             raise ValueError(f"{text!r}: {what} has to be above 0")

@@ -256,7 +256,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     limits: Limits = Limits()
     faults: Trouble = ()
     in_slave_mode: Trouble = ()
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
 
     def __post_init__(self) -> None:
         self.fill(Memory(VT.R8))
