@@ -44,8 +44,9 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     """
     family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
     stream = transport is Transport.TCP
-    sock = socket.socket(family, socket.SOCK_STREAM if stream else socket.SOCK_DGRAM)
+    sock = None
     try:
+        sock = socket.socket(family, socket.SOCK_STREAM if stream else socket.SOCK_DGRAM)
         sock.setblocking(False)
         if family == socket.AF_INET6:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
@@ -57,7 +58,8 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         else:
             prepare_datagrams(sock)
     except OSError as error:
-        sock.close()
+        if sock is not None:
+            sock.close()
         where = f"{endpoint.host} {transport.upper()} port {endpoint.port}"
         raise ListenError(f"cannot listen on {where}: {reason(error)}") from None
     return sock

@@ -130,7 +130,7 @@ class Server:
         self._stops: list[_Connection] = []  # beyond the controller's limit, the oldest first
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        self._tidied = time.monotonic_ns()
+        self._tidied = -_TIDY_EACH  # not earlier: what the command needs to run comes before spares
         self._awake_until = 0
         self._may_be_more = True
         self._moment = 0  # before which nothing was there
@@ -138,7 +138,6 @@ class Server:
         self._udp, self._tcp = listen(host, port)
         self._datagrams, self._newcomers = self._udp.fileno(), self._tcp.fileno()
         self._receive = receiver(self._udp)
-        self._spares.fill()
         self._also: tuple[int, ...] = ()
         self._watch = Watch((), ())
         self._is_rearranged = True

@@ -22,8 +22,10 @@ def allow_descriptors(count: int) -> None:
     """Raise the limit of this process to `count`, as far as its user may; macOS gives 256."""
     if sys.platform == "win32":
         return
-    import resource  # noqa: PLC0415  # there is none on Windows
-
+    try:
+        import resource  # noqa: PLC0415  # there is none on Windows
+    except ImportError:  # there is no file descriptor left to load it with
+        return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = count if hard == resource.RLIM_INFINITY else min(count, hard)
     if soft != resource.RLIM_INFINITY and soft < most:

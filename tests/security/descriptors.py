@@ -20,7 +20,7 @@ _RENEWED_EACH = 0.01
 
 
 def attack(port: int, count: int) -> None:
-    """Keep so many TCP and as many UDP clients, every second one silent; renew those that end; never return."""
+    """Keep so many TCP clients, half of them silent, and as many UDP clients; never return."""
     streams: list[socket.socket | None] = [None] * count
     datagrams = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
     shown = False
