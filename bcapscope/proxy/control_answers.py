@@ -119,6 +119,12 @@ class Figures(msgspec.Struct, frozen=True):
     held_up_ns: Delays = Delays()
     recording: str | None = None
     listening: tuple[str, ...] = ()
+    scripts: str | None = None
+
+    @property
+    def is_script_off(self) -> bool:
+        """Whether a script was switched off."""
+        return self.scripts not in (None, "on")
 
     @property
     def ports(self) -> tuple[int, ...]:

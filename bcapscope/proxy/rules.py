@@ -8,7 +8,6 @@ its bytes pass as they come.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -20,20 +19,18 @@ from bcapscope.faults.message import Message, Output
 from bcapscope.faults.message import Send as Sent
 from bcapscope.faults.shaper import Shaper
 from bcapscope.protocol.budget import Budget
-from bcapscope.protocol.commands import call_name
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_ACCESSDENIED
 from bcapscope.proxy.guard import Guard
 from bcapscope.proxy.hook import Action, Close, Decision, LateDecision, Send
 from bcapscope.proxy.intercept import Held, Intercept
+from bcapscope.proxy.rulereport import names_of, report_lines
 from bcapscope.proxy.scriptqueue import ScriptDecision, ScriptQueue
 from bcapscope.proxy.scriptwire import Answer
 from bcapscope.proxy.unscripted import is_stop, without_motion
 from bcapscope.proxy.way import Attendance, Way, Work, joined, part
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 from bcapscope.traffic.question import Questions
-
-_MOST_NAMED = 8
 
 
 class Asked(NamedTuple):
@@ -160,7 +157,8 @@ class Rules:
 
         Answers go on, and requests that stop the robot or let go of something; all other requests do not.
         """
-        work, lost = Work(), Counter[str]()
+        work = Work()
+        lost: list[Frame | bytes] = []
         for action in self._outbox:
             if action.client == client:
                 work.actions += action.actions if isinstance(action, LateDecision) else (action,)
@@ -174,13 +172,13 @@ class Rules:
                 continue
             if direction is Direction.REQUEST and held:
                 held, left = part(way, held)
-                lost.update(map(_named, left))
+                lost += left
             for data in held:
                 self._emit(way, data, "sent on, as it ends", work)
         if lost:
             who = self._ways[client][Direction.REQUEST].flow.conversation.client
-            self.tell(f"{who} ends; of what was held of it these were not sent on: {_counted(lost)}")
-            self.lost += lost.total()
+            self.tell(f"{who} ends; of what was held of it these were not sent on: {names_of(lost)}")
+            self.lost += len(lost)
         return work.actions
 
     def gone(self, client: int, now: int) -> None:
@@ -233,18 +231,7 @@ class Rules:
 
     def report(self) -> Sequence[str]:
         """Sum up what the rules did."""
-        lines = [f"fault {name}: struck {_times(count)}" for name, count in self.shaper.counts.items()]
-        if self.guard is not None:
-            lines.append(f"guard: refused {_times(self.refused)}")
-        if self.intercept.count:
-            lines.append(f"intercept: held {_times(self.intercept.count)}")
-        if self.lost:
-            lines.append(f"held requests that were not sent on, as nobody waited any more: {self.lost}")
-        if self.scripts is not None and self.scripts.errors:
-            lines.append(f"scripts: went wrong {_times(self.scripts.errors)}")
-        if self.scripts is not None and self.scripts.off_because:
-            lines.append(f"scripts: switched off, {self.scripts.off_because}")
-        return lines
+        return report_lines(self)
 
     # for the process of the scripts
 
@@ -465,21 +452,3 @@ class Rules:
             else:
                 number = self._numbers[output.conversation]
                 work.actions.append(Close(number, output.how is Ending.RESET, note))
-
-
-def _named(lost: Frame | bytes) -> str:
-    """Name what was lost."""
-    if isinstance(lost, bytes):
-        return "piece of a stream, or bytes that are no frame"
-    return call_name(lost.code, lost.variants)[:80]
-
-
-def _counted(lost: Counter[str]) -> str:
-    more = len(lost) - _MOST_NAMED
-    return ", ".join(f"{count} {name}" for name, count in lost.most_common(_MOST_NAMED)) + (
-        f" and {more} more" if more > 0 else ""
-    )
-
-
-def _times(count: int) -> str:
-    return {0: "never", 1: "once"}.get(count, f"{count} times")

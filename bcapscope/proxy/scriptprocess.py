@@ -20,7 +20,7 @@ from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.scriptwire import Loaded, ScriptError, Statement, Unpacker, Unusable, WireError
 
 MEMORY = 512
-"""Megabytes that the process may allocate unless told otherwise. Python takes 20, NumPy on four processors 200
+"""Megabytes that the process may allocate unless told otherwise. Python takes 20, NumPy on 4 processors 200
 and more on others, as its stacks count.
 """
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bcapscope.proxy.addons import Addons
+from bcapscope.proxy.addons import Addons, Client, PassingMessage
 from bcapscope.proxy.rules import Asked, Rules
 from bcapscope.proxy.scripthost import ScriptHost
 from bcapscope.proxy.scriptqueue import LIMIT, ScriptQueue
 from bcapscope.proxy.scriptwire import Order, Unpacker, pack
+from tests.faults.traffic import request
 
 
 class Here:
@@ -67,3 +68,43 @@ class Here:
     def answer(self, rules: Rules, now: int, count: int | None = None) -> None:
         """Let answers come."""
         rules.hear_scripts(self.take(count), now)
+
+
+class Meddler:
+    """Changes, drops and answers by serial."""
+
+    def request(self, message: PassingMessage) -> None:
+        assert message.frame is not None
+        match message.frame.serial:
+            case 1:
+                message.drop()
+            case 2:
+                message.answer("E_FAIL")
+            case 3:
+                message.data = request(33)
+            case 4:
+                raise RuntimeError("oh")
+
+    def reply(self, message: PassingMessage) -> None:
+        if message.command == "CurJnt":
+            message.drop()
+
+
+class Listener:
+    """Hears what has settled, who comes and goes, and of the end."""
+
+    def __init__(self) -> None:
+        self.heard: list[object] = []
+        self.others: list[str] = []
+
+    def settled(self, call: object) -> None:
+        self.heard.append(call)
+
+    def connected(self, client: Client) -> None:
+        self.others.append(f"{client.number} {client.address}")
+
+    def gone(self, client: Client) -> None:
+        self.others.append("gone")
+
+    def done(self) -> None:
+        self.others.append("done")

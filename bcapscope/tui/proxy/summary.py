@@ -41,6 +41,8 @@ def _passed(figures: Figures) -> Iterator[str]:
 
 
 def _wrong(figures: Figures) -> Iterator[str]:
+    if figures.is_script_off:
+        yield f"{INK.problem}{say('proxy.script.off')}{INK.reset}"
     yield say("proxy.faults", count=f"{sum(figures.struck.values()):,}")
     if figures.guard:
         yield say("proxy.refused", count=f"{figures.refused:,}")
