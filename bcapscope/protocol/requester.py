@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, TypeAlias
 
@@ -49,7 +50,8 @@ def _took(attempts: tuple[Attempt, ...]) -> int:
     return attempts[-1].came[-1].time - attempts[0].sent
 
 
-class Answered(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Answered:
     """The call succeeded: `reply` carries a code that is no failure, S_OK or another."""
 
     reply: Frame
@@ -61,7 +63,8 @@ class Answered(NamedTuple):
         return _took(self.attempts)
 
 
-class Refused(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Refused:
     """The call failed: the server answered with a failure code."""
 
     reply: Frame
@@ -73,19 +76,22 @@ class Refused(NamedTuple):
         return _took(self.attempts)
 
 
-class TimedOut(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class TimedOut:
     """The call failed: no try was answered in time."""
 
     attempts: tuple[Attempt, ...]
 
 
-class Executing(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Executing:
     """The server is still at work (S_EXECUTING); the wait began again."""
 
     notice: Frame
 
 
-class Late(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Late:
     """A reply that no longer counts: to an earlier try, or to a call that is over. It was discarded.
 
     Attributes:
@@ -99,7 +105,8 @@ class Late(NamedTuple):
     sent: int
 
 
-class Stray(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Stray:
     """A reply with a serial that was not asked for lately, or bytes that are no frame. It was discarded."""
 
     item: Frame | Malformed

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from enum import Enum, Flag
 from itertools import takewhile
-from typing import NamedTuple
 
 from bcapscope.errors import TooLargeError
 from bcapscope.protocol.convention import Convention, ReplyReserved
@@ -60,7 +60,8 @@ class Verdict(Enum):
     """Another call while one is being executed; `Responder.reply` refuses it, if it is to be refused."""
 
 
-class Decision(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Decision:
     """What to do about a request.
 
     Attributes:

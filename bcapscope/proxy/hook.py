@@ -6,12 +6,16 @@ Nothing here reads a clock or a socket. Times are ns of a clock that does not go
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
+
+import msgspec
 
 from bcapscope.traffic.observation import Conversation, Direction
 
 
-class Send(NamedTuple):
+# Every message makes some of these: a struct compares by its type, which a named tuple
+# does not, and takes 0.1 µs to make (named tuple 0.4, frozen dataclass 0.9).
+class Send(msgspec.Struct, frozen=True):
     """Bytes to be sent now.
 
     Attributes:
@@ -27,7 +31,7 @@ class Send(NamedTuple):
     note: str = ""
 
 
-class Close(NamedTuple):
+class Close(msgspec.Struct, frozen=True):
     """The end of a client's connection, on both sides.
 
     Attributes:
@@ -41,23 +45,41 @@ class Close(NamedTuple):
     note: str
 
 
-Action: TypeAlias = Send | Close
+class LateDecision(msgspec.Struct, frozen=True):
+    """What becomes of something that came earlier and waited.
+
+    Attributes:
+        client: whose.
+        ticket: `Decision.ticket` of what came.
+        note: as in `Decision`.
+        actions: likewise, after those that were given out while it waited.
+    """
+
+    client: int
+    ticket: int
+    note: str
+    actions: Sequence[Send | Close]
 
 
-class Decision(NamedTuple):
+Action: TypeAlias = Send | Close | LateDecision
+
+
+class Decision(msgspec.Struct, frozen=True):
     """What becomes of something that came in.
 
     Attributes:
         note: on what came, such as "loss=5%: dropped"; "" if no rule touched it.
         actions: what is to be done at once, in order; what is for later comes from `Policy.take`.
+        ticket: names what came if it waits for a `LateDecision`; 0 if all is decided.
     """
 
     note: str
-    actions: Sequence[Action]
+    actions: Sequence[Send | Close]
+    ticket: int = 0
 
 
 class Policy(Protocol):
-    """Decides what passes. None of the methods may raise or wait."""
+    """Decides what passes. None of the methods may raise, and only `close` may wait."""
 
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client: its number, never used twice, and its conversation with the controller itself."""
@@ -71,16 +93,18 @@ class Policy(Protocol):
         The client may be gone by now.
         """
 
-    def is_full(self) -> bool:
-        """Tell whether so much is held that no stream is to be read before `take` has given out some."""
+    def is_full(self, client: int) -> bool:
+        """Tell whether so much is held that no stream of a client is to be read before `take` has given out
+        some.
+        """
 
-    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
+    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Send | Close]:
         """Take notice that a stream has ended in one direction; return what is to be done about its rest."""
 
     def hides_end(self, client: int) -> bool:
         """Tell whether neither side of a client's connection may hear of the other's end, by FIN or RST."""
 
-    def let_go(self, client: int, now: int) -> Sequence[Action]:
+    def let_go(self, client: int, now: int) -> Sequence[Send | Close]:
         """Return what is to be done at once as a client, which is still there, is about to end."""
 
     def gone(self, client: int, now: int) -> None:
@@ -92,7 +116,7 @@ class Policy(Protocol):
     def take(self, now: int) -> Sequence[Action]:
         """Return what is to be done by `now`."""
 
-    def close(self) -> None:
+    def close(self, now: int) -> None:
         """Take notice that nothing more comes."""
 
     def report(self) -> Sequence[str]:

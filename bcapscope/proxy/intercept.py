@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.faults.attempts import Attempts, Call
@@ -70,7 +71,8 @@ class Held(NamedTuple):
         return f"its client has not asked again for {(now - self.heard) / 1e9:.1f} s"
 
 
-class Considered(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Considered:
     """What becomes of a message that concerns the intercept.
 
     Attributes:
@@ -82,7 +84,8 @@ class Considered(NamedTuple):
     data: bytes | None
 
 
-class _Decided(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class _Decided:
     """What was decided about a message whose retries may still come.
 
     Attributes:
@@ -231,7 +234,7 @@ class Intercept:
 
     def _again(self, message: Message, subject: _Subject, decided: _Decided) -> Considered:
         """Let become of a retry what became of the message."""
-        self._remember(subject, decided._replace(until=message.now + RETRY_WITHIN_NS))
+        self._remember(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
         (frame,), number = message.frames, decided.number
         if decided.data is None:
             return Considered(f"intercept: sent on, as {number} was", message.data)

@@ -23,7 +23,9 @@ _RECEIVE_BUFFER = 4 << 20
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
-_BACKLOG = 32
+_BACKLOG = 1024
+"""Connections that wait to be accepted. If there are more, the system drops what a new client sends, and the
+client tries again after a second: too late for a stop."""
 
 
 class ListenError(BcapError):
@@ -105,6 +107,14 @@ def prepare_datagrams(sock: socket.socket) -> None:
         with suppress(OSError):  # beyond the usual limit only for root
             sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
     ask_for_times(sock)
+
+
+def keep_alive(sock: socket.socket) -> None:
+    """Have the system end a connection two minutes after its peer has vanished; without, it takes hours."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
+        if hasattr(socket, name):
+            sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 def drops(sock: socket.socket) -> int:

@@ -7,7 +7,7 @@ nkawa/Denso_CobottaPro900_MQTT_Control; numbers that only a real program has are
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from bcapscope.protocol.hresult import describe
 
@@ -15,7 +15,8 @@ MOST_ACTIVE = 32
 MOST_LOGGED = 128
 
 
-class Alarm(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Alarm:
     """One error.
 
     Attributes:
@@ -44,6 +45,10 @@ class Alarms:
         alarm = Alarm(code & 0xFFFFFFFF, now)
         self.active.appendleft(alarm)
         self.log.appendleft(alarm)
+
+    def is_active(self, code: int) -> bool:
+        """Return whether an error of this code (unsigned) is active."""
+        return any(alarm.code == code for alarm in self.active)
 
     def clear(self) -> None:
         """Forget the active errors; the log keeps them."""

@@ -8,7 +8,7 @@ That an axis counts as moving above `MOVING`, and the grid of 8 ms that does not
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from bcapscope.protocol.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
 from bcapscope.protocol.slaveformat import PLAIN, ReceiveFormat
@@ -25,7 +25,8 @@ MOVING = 0.01
 _SLACK = 1.000001  # rounding of single-precision set points is no excess
 
 
-class Fault(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Fault:
     """What ended slave mode.
 
     Attributes:

@@ -1,7 +1,8 @@
 """Reading and writing the variables of controller, robot and task objects.
 
-Names and types: `bcapscope.protocol.variables`. Which of the named ones can be written is documented
-nowhere; here those are that a session needs.
+Names and types: `bcapscope.protocol.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and their
+configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config). That
+the other speeds can be written is assumed.
 """
 
 from __future__ import annotations
@@ -12,16 +13,18 @@ from types import MappingProxyType
 
 from bcapscope import __version__
 from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.slavemode import PoseType
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.context import Context
+from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.simulator.context import Command, Context
 from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.machine import READY, RUNNING
 from bcapscope.simulator.memory import COUNT, LETTERS
 from bcapscope.simulator.objects import Object
-from bcapscope.simulator.outcome import RefusedError
+from bcapscope.simulator.outcome import DONE, Outcome, RefusedError
 from bcapscope.simulator.refusals import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND
+from bcapscope.simulator.robotcommands import motor
 from bcapscope.simulator.values import boolean, bstr, i4, integer_of, number_of, r4, row
 
 _NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS])([0-9]{1,9}|\*)")
@@ -50,27 +53,32 @@ def read(context: Context) -> Variant:
     place = _place(context.object)
     if place:
         return context.machine.memory.read(*place)
-    return _READERS[_owner(context.object), context.object.name.strip().upper()](context)
+    owner, name = _owner(context.object), context.object.name.strip().upper()
+    if owner is ObjectClass.ROBOT and name in context.machine.start.empty:
+        return EMPTY
+    return _READERS[owner, name](context)
 
 
-def write(context: Context, value: Variant) -> None:
-    """Write the variable of `context.object`.
+def write(context: Context, value: Variant) -> Outcome:
+    """Write the variable of `context.object`; one that acts as a command runs as long as the command.
 
     Raises:
-        RefusedError: it cannot be written, or the value does not fit.
+        RefusedError: it cannot be written, the value does not fit, or the command is refused.
     """
     place = _place(context.object)
     if place:
         context.machine.memory.write(*place, value)
-        return
+        return DONE
     name = context.object.name.strip().upper()
-    task = context.object.parent
-    if task is not None and task.kind is ObjectClass.TASK and name in ("@START", "@STOP"):
-        context.machine.tasks[task.name.casefold()] = RUNNING if name == "@START" else READY
-        return
+    act = _ACTS.get((_owner(context.object), name))
+    if act is not None:
+        if context.machine.slave.mode is not None:
+            context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
+        return act(context, value)
     if name not in _SPEEDS or not 0 < number_of(value) <= 100:
         raise RefusedError(NOT_WRITABLE)
     setattr(context.machine.speeds, _SPEEDS[name], float(number_of(value)))
+    return DONE
 
 
 def names(owner: ObjectClass) -> tuple[str, ...]:
@@ -127,6 +135,31 @@ _SPEEDS: Mapping[str, str] = {
     "@EXTACCEL": "external_acceleration",
     "@EXTDECEL": "external_deceleration",
 }
+
+
+def _start_task(context: Context, value: Variant) -> Outcome:
+    context.machine.start_task(_task_name(context))
+    return DONE
+
+
+def _stop_task(context: Context, value: Variant) -> Outcome:
+    context.machine.stop_task(_task_name(context), context.now)
+    return DONE
+
+
+def _task_name(context: Context) -> str:
+    task = context.object.parent
+    return task.name if task else ""
+
+
+_ACTS: Mapping[tuple[ObjectClass, str], Command] = MappingProxyType(
+    {
+        (ObjectClass.ROBOT, "@SERVO_ON"): motor,
+        (ObjectClass.TASK, "@START"): _start_task,
+        (ObjectClass.TASK, "@STOP"): _stop_task,
+    }
+)
+"""Variables that do what a command does when they are written: Motor, Task_Start, Task_Stop."""
 
 
 def _speed(field: str) -> Read:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -36,7 +37,8 @@ class Endpoint(NamedTuple):
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
-class Closing(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Closing:
     """How a TCP connection ended first.
 
     Attributes:
@@ -85,7 +87,7 @@ class Conversation:
         if self.closing is None:
             self.closing = Closing(by, reset, time)
         elif reset or by is not self.closing.by:
-            self.closing = self.closing._replace(over=True)
+            self.closing = replace(self.closing, over=True)
 
     def __repr__(self) -> str:
         return f"Conversation({self.client} > {self.server} {self.transport})"

@@ -13,7 +13,7 @@ from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.protocol.convention import Convention, ReplyReserved
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.hresult import E_BUSY, S_EXECUTING, S_OK
-from bcapscope.protocol.responder import Defect, Responder, Verdict
+from bcapscope.protocol.responder import Decision, Defect, Responder, Verdict
 from bcapscope.protocol.variant import VT, Variant
 
 NEW, REPEAT, RUNNING, BUSY = Verdict.NEW, Verdict.REPEAT, Verdict.RUNNING, Verdict.BUSY
@@ -95,8 +95,8 @@ def test_answer_and_notice_go_to_the_newest_packet() -> None:
     responder = Responder(replies=ReplyReserved.ECHOED)
     assert responder.receive(_request(5, 0)).verdict is NEW
     assert responder.notice() == encode(5, 0, S_EXECUTING)
-    assert responder.receive(_request(7, 5)) == (RUNNING, None)
-    assert responder.receive(_request(6, 5)) == (RUNNING, None)
+    assert responder.receive(_request(7, 5)) == Decision(RUNNING)
+    assert responder.receive(_request(6, 5)) == Decision(RUNNING)
     assert responder.running
     assert responder.notice() == encode(7, 5, S_EXECUTING)
     assert responder.answer(S_OK) == encode(7, 5, S_OK)
@@ -107,7 +107,7 @@ def test_another_call_meanwhile_is_refused_and_not_remembered() -> None:
     responder = Responder()
     responder.receive(_request(5, 0))
     other = _request(6, 0, 1)
-    assert responder.receive(other) == (BUSY, None)
+    assert responder.receive(other) == Decision(BUSY)
     assert responder.reply(other, E_BUSY) == encode(6, 0, E_BUSY)
     responder.answer(S_OK)
     assert responder.receive(other).verdict is NEW
@@ -118,7 +118,7 @@ def test_an_abandoned_call_is_not_answered_and_not_executed_again() -> None:
     assert responder.receive(_request(5, 0)).verdict is Verdict.NEW
     responder.abandon()
     assert not responder.running
-    assert responder.receive(_request(6, 5)) == (Verdict.RUNNING, None)
+    assert responder.receive(_request(6, 5)) == Decision(Verdict.RUNNING)
     assert responder.receive(_request(7, 0)).verdict is Verdict.NEW
 
 
@@ -188,7 +188,7 @@ def test_the_c_server_gives_the_old_answer_to_a_client_that_starts_anew() -> Non
 
 def test_the_c_server_answers_serial_zero_without_executing() -> None:
     responder = Responder(defects=Defect.SERIAL_ZERO)
-    assert responder.receive(_request(0, 0)) == (REPEAT, encode(0, 0, S_OK))
+    assert responder.receive(_request(0, 0)) == Decision(REPEAT, encode(0, 0, S_OK))
     assert _play(responder, (0, 0, 0)) == "NEW"
     assert _play(Responder(), (0, 0, 0)) == "NEW"
     assert _play(Responder(retries=False, defects=Defect.SERIAL_ZERO), (0, 0, 0)) == "NEW"

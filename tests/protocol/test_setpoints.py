@@ -10,7 +10,7 @@ from bcapscope.protocol.poses import AXES, Pose
 from bcapscope.protocol.setpoints import Feedback, SetPoint, UserIO, split_feedback, split_set_point
 from bcapscope.protocol.slaveformat import ReceiveFormat, SendFormat
 from bcapscope.protocol.slavemode import PoseType
-from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
+from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Value, Variant
 
 P, J, T = PoseType.P, PoseType.J, PoseType.T
 JOINTS = (1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 0.0, 0.0)
@@ -89,6 +89,17 @@ def test_a_mixed_list_of_numbers_is_a_pose() -> None:
     assert split_set_point(sent, J) == SetPoint(Pose(J, (0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5)))
 
 
+def test_a_list_of_fewer_numbers_than_any_pose_has_is_no_pose() -> None:
+    point = split_set_point(array(*(Variant(VT.R8, 0.5) for _ in range(5))), J, SendFormat())
+    assert point.pose is None
+    assert point.problems[-1] == "only 0 of 5 parts could be read"
+
+
+def test_a_damaged_row_of_as_many_bytes_as_a_pose_has_axes_is_no_pose() -> None:
+    point = split_set_point(Variant(ARRAY | VT.R8, b"12345678", 3), J)
+    assert (point.pose, point.problems) == (Pose(J, ()), ("0 numbers for a pose of type J, which has 8",))
+
+
 def test_a_lone_word_is_hand_io_unless_it_has_bits_of_mini_io() -> None:
     assert split_set_point(array(POSE, word(0x00FF0000)), J).hand_io == 0x00FF0000
     assert split_set_point(array(POSE, word(0x01000000)), J).mini_io == 0x01000000
@@ -98,6 +109,21 @@ def test_what_the_format_asks_for_and_is_not_there() -> None:
     point = split_set_point(POSE, J, SendFormat(mini_io=True), ReceiveFormat(poses=(J,)))
     assert point.pose == Pose(J, JOINTS)
     assert point.problems == ("mini_io is missing: an integer expected, the end found",)
+
+
+def test_a_bare_pose_lacks_the_user_io_that_the_result_is_to_carry() -> None:
+    point = split_set_point(POSE, J, SendFormat(), ReceiveFormat.parse(0x202))
+    assert point.pose == Pose(J, JOINTS)
+    assert point.problems == (
+        "read_offset is missing: an integer expected, the end found",
+        "read_size is missing: an integer expected, the end found",
+    )
+
+
+def test_each_kind_of_part_has_a_name() -> None:
+    point = split_set_point(array(word(7), POSE), J, SendFormat(user_io=True), ReceiveFormat())
+    assert point.problems[0] == "pose is missing: numbers expected, an integer found"
+    assert point.problems[-2] == "write_data is missing: bytes expected, numbers found"
 
 
 def test_parts_out_of_place_do_not_hide_the_others() -> None:
@@ -156,6 +182,12 @@ def test_results_of_every_receive_format(pose: int, bits: int) -> None:
             (Pose(P, tuple(range(7)), (), True), Pose(J, tuple(range(7, 15)), (), True)),
             True,
         ),
+        (
+            row(*range(18)),
+            J,
+            (Pose(T, tuple(range(10)), (), True), Pose(J, tuple(range(10, 18)), (), True)),
+            True,
+        ),
         (array(word(99), POSE), J, (Pose(J, JOINTS),), True),
         (EMPTY, J, (), False),
     ],
@@ -165,6 +197,31 @@ def test_results_whose_format_was_not_seen(
 ) -> None:
     answer = split_feedback(result, pose_type)
     assert (answer.poses, answer.guessed, answer.problems) == (poses, guessed, ())
+
+
+@pytest.mark.parametrize("current", [0, 0x040])
+@pytest.mark.parametrize("io", [0, 0x020, 0x100, 0x120, 0x200, 0x220])
+@pytest.mark.parametrize("time", [0, 0x010])
+def test_each_arrangement_of_a_result_is_guessed_from_its_parts(time: int, io: int, current: int) -> None:
+    words = [word(0x11)] * bool(io & 0x100) + [word(0x22)] * bool(io & 0x020)
+    data = [Variant.array(VT.UI1, b"\x01\x02")] * bool(io & 0x200)
+    parts = [word(9)] * bool(time) + [POSE] + data + words + [CURRENTS] * bool(current)
+    first, *second = (each.value for each in words) if words else (None,)
+    hand = second[0] if second else first  # a lone word is taken for hand I/O
+    assert split_feedback(array(*parts), J) == Feedback(
+        timestamp=9 if time else None,
+        poses=(Pose(J, JOINTS),),
+        mini_io=first if second else None,  # type: ignore[arg-type]
+        user_io=b"\x01\x02" if data else None,
+        hand_io=hand,  # type: ignore[arg-type]
+        current=(0.25,) * 8 if current else (),
+        guessed=len(parts) > 1,
+    )
+
+
+def test_a_format_without_a_pose_returns_none() -> None:
+    answer = split_feedback(array(word(9), word(0x22)), J, ReceiveFormat.parse(0x030))
+    assert answer == Feedback(timestamp=9, hand_io=0x22)
 
 
 def test_time_stamps_keep_their_unit() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -116,8 +117,8 @@ def test_what_was_not_followed_is_not_said_to_be_unanswered_or_late() -> None:
     call, stray = calls_of(play.track())[0], strays_of(play.track())[0]
     call.let_go = True
     assert CallRenderer().line(call).endswith("Robot_Execute slvMove  not followed  frame 1")
-    for found in (stray, stray._replace(call=1)):
-        line = CallRenderer().line(found._replace(overlooked=True))
+    for found in (stray, replace(stray, call=1)):
+        line = CallRenderer().line(replace(found, overlooked=True))
         assert "serial 9 may answer a call that was not followed to the end  S_OK" in line
 
 

@@ -12,7 +12,7 @@ from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.simulator.machine import Start
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import FORGOTTEN_AFTER, MOST_CLIENTS, Simulator
+from bcapscope.simulator.simulator import FORGOTTEN_AFTER, KEPT, MOST_CLIENTS, Simulator
 from bcapscope.simulator.values import bstr, i2, i4, r4, r8, row
 from tests.simulator.desk import MS, Desk, Operator, Person, ints, joints
 from tests.strategies import variants
@@ -147,12 +147,6 @@ def test_every_function_answers_one_argument_or_none(function_id: int) -> None:
         assert reply.vt is None
     else:
         assert reply.vt is not None
-
-
-def test_errors_carry_empty_but_on_rc7() -> None:
-    for name, vt in (("rc7", None), ("rc8", VT.EMPTY)):
-        reply = Operator(Desk(name)).robot("NoSuchCommand")
-        assert (reply.hresult, reply.vt) == (0x80010005, vt)
 
 
 @pytest.mark.parametrize(
@@ -441,6 +435,21 @@ def test_twenty_clients_of_each_kind() -> None:
     assert simulator.datagram("one more", request, FORGOTTEN_AFTER - 1) == []
     assert simulator.datagram("one more", request, FORGOTTEN_AFTER)
     assert simulator.datagram("another", request, FORGOTTEN_AFTER) == []
+
+
+def test_stops_find_a_place_when_all_are_taken_and_others_keep_theirs() -> None:
+    simulator = Desk().simulator
+    request, halt = encode(1, 0, 1, [bstr("")]), encode(1, 0, 70, [i4(1), bstr("")])
+    for number in range(MOST_CLIENTS):
+        assert simulator.connect(("tcp", number), 0)
+        assert simulator.datagram(("udp", number), request, 0)
+    for number in range(3 * KEPT):
+        assert simulator.datagram(("stop", number), halt, 1)
+        assert simulator.connect(("stop, TCP", number), 1, is_stop=True) is (number < KEPT)
+        assert simulator.clients <= 2 * (MOST_CLIENTS + KEPT)
+    assert simulator.datagram("one more", request, 1) == []
+    for number in range(MOST_CLIENTS):
+        assert simulator.datagram(("udp", number), halt, 1)
 
 
 def test_reset_lets_go_of_all() -> None:

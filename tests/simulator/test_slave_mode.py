@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.values import bstr, i2, i4, r8, row, variants
 from tests.simulator.desk import Desk, Operator, ints, joints
 
@@ -30,10 +31,61 @@ def send(operator: Operator, first: float) -> int:
     return operator.point(first, *HOME[1:]).hresult
 
 
-def test_slvmove_outside_of_slave_mode() -> None:
-    operator = Operator(Desk())
+def current_errors(operator: Operator) -> list[int]:
+    """Read the current errors as clients do, the newest first."""
+    count = operator.command("GetCurErrorCount").value
+    assert isinstance(count, int)
+    found = []
+    for index in range(count):
+        info = operator.command("GetCurErrorInfo", i4(index)).value
+        assert isinstance(info, tuple)
+        assert isinstance(info[0], Variant)
+        assert isinstance(info[0].value, int)
+        found.append(info[0].value & 0xFFFFFFFF)
+    newest = operator.read("@ERROR_CODE").value
+    assert isinstance(newest, int)
+    assert newest & 0xFFFFFFFF == (found[0] if found else 0)
+    return found
+
+
+@pytest.mark.parametrize("profile", sorted(PROFILES))
+def test_slvmove_outside_slave_mode_is_a_current_error(profile: str) -> None:
+    operator = Operator(Desk(profile))
     operator.ready()
+    assert current_errors(operator) == []
+    assert [send(operator, 0) for _ in range(40)] == [OUTSIDE] * 40
+    assert current_errors(operator) == [OUTSIDE]
+    assert operator.command("GetErrorLogCount").value == 1
+    assert operator.move("J(0,0,90,0,90,0)").hresult == 0x81501025
+    assert operator.command("ClearError").hresult == 0
+    assert current_errors(operator) == []
+
+
+@pytest.mark.parametrize(("profile", "stops"), [("rc7", True), ("rc8", False)])
+def test_slvmove_outside_slave_mode_is_an_error_of_level_3(profile: str, stops: bool) -> None:
+    """It ends motions and programs; the motor stays on."""
+    operator = Operator(Desk(profile))
+    operator.ready()
+    operator.move("J(90,0,90,0,90,0)", "NEXT")
+    operator.desk.wait(100)
     assert send(operator, 0) == OUTSIDE
+    operator.desk.wait(100)
+    busy = operator.get("Robot_GetVariable", operator.arm, "@BUSY_STATUS")
+    servo = operator.get("Robot_GetVariable", operator.arm, "@SERVO_ON")
+    assert operator.call("Variable_GetValue", busy).value is False
+    assert operator.call("Variable_GetValue", servo).value is True
+    assert operator.command("ClearError").hresult == 0
+    assert operator.slave(0x002).hresult == (0x80004005 if stops else 0)
+
+
+@pytest.mark.parametrize("profile", sorted(PROFILES))
+def test_another_mode_in_slave_mode_is_a_current_error(profile: str) -> None:
+    operator = started(profile)
+    assert operator.slave(0x102).hresult == REFUSED
+    assert operator.robot("slvGetMode").value == 0
+    assert current_errors(operator) == [REFUSED]
+    assert send(operator, 0) == OUTSIDE
+    assert current_errors(operator) == [OUTSIDE, REFUSED]
 
 
 @pytest.mark.parametrize(
@@ -56,15 +108,6 @@ def test_modes_by_generation(profile: str, mode: int, result: int) -> None:
     got = operator.robot("slvGetMode", bstr(""))
     assert got.value == (0 if result else mode)
     assert got.vt == (VT.I2 if profile == "rc7" else VT.I4)
-
-
-def test_rc7_answers_slvchangemode_without_argument() -> None:
-    operator = Operator(Desk("rc7"))
-    operator.ready()
-    assert operator.robot("slvChangeMode", i2(2)).vt is None
-    other = Operator(Desk("rc8"))
-    other.ready()
-    assert other.robot("slvChangeMode", i2(2)).vt == VT.EMPTY
 
 
 def test_what_must_be_ready() -> None:
@@ -183,7 +226,7 @@ def test_running_empty_while_moving_ends_slave_mode() -> None:
     operator.desk.wait(3 * 8 + 8)
     assert [send(operator, 2) for _ in range(3)] == [UNDERFLOW, OUTSIDE, OUTSIDE]
     assert operator.robot("slvGetMode").value == 0
-    assert operator.command("GetCurErrorInfo", i4(0)).value[0].value == UNDERFLOW - (1 << 32)  # type: ignore
+    assert current_errors(operator) == [OUTSIDE, UNDERFLOW]
     assert operator.slave(0x202).hresult == 0x81501025
     assert operator.command("ClearError").hresult == 0
     assert operator.slave(0x202).hresult == 0x81501003
@@ -292,7 +335,7 @@ def test_commands_that_slave_mode_refuses_end_it(command: str) -> None:
     operator = started()
     assert operator.command(command, i4(0)).hresult == REFUSED
     assert operator.point(*HOME).hresult == OUTSIDE
-    assert operator.machine_error() == REFUSED
+    assert current_errors(operator) == [OUTSIDE, REFUSED]
 
 
 def test_a_second_client_ends_the_first_ones_slave_mode() -> None:
@@ -378,9 +421,9 @@ def test_leaving_goes_to_the_last_point_first() -> None:
         send(operator, number * 0.3)
     reply = operator.slave(0)
     assert (reply.hresult, reply.ms) == (0, 48)
+    assert operator.machine_error() == 0
     assert operator.robot("slvMove", EMPTY).hresult == OUTSIDE
     assert operator.robot("CurJnt").value == pytest.approx(joints(0.6, *HOME[1:]))
-    assert operator.machine_error() == 0
 
 
 def test_motions_after_slave_mode_begin_where_it_ended() -> None:
@@ -390,6 +433,21 @@ def test_motions_after_slave_mode_begin_where_it_ended() -> None:
     operator.slave(0)
     assert operator.move("@E J(0,0,90,0,90,0)").hresult == 0
     assert operator.robot("CurJnt").value == joints(*HOME)
+
+
+@pytest.mark.parametrize("mode", [0x002, 0x102, 0x202])
+def test_slave_mode_begins_where_the_one_before_it_ended(mode: int) -> None:
+    operator = started()
+    for number in range(20):
+        send(operator, number * 0.1)
+    assert operator.slave(0).hresult == 0
+    assert operator.slave(mode).hresult == 0
+    assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
+    operator.desk.wait(100)
+    assert send(operator, 1.9) == 0
+    operator.desk.wait(100)
+    assert operator.robot("CurJnt").value == pytest.approx(joints(1.9, *HOME[1:]))
+    assert operator.machine_error() == 0
 
 
 @settings(max_examples=60, deadline=None)
@@ -421,6 +479,27 @@ def test_what_ended_slave_mode_is_not_told_after_it_was_left() -> None:
     operator = started()
     operator.desk.machine.switch_mode(1, operator.desk.now)
     assert operator.slave(0).hresult == 0
+    assert send(operator, 0) == OUTSIDE
+
+
+@pytest.mark.parametrize("clears", [False, True])
+def test_an_error_while_slave_mode_is_left_is_not_answered_later(clears: bool) -> None:
+    operator = started(mode=0x002)
+    send(operator, 0.3)
+    assert operator.send("Robot_Execute", operator.arm, bstr("slvChangeMode"), i4(0)) == []
+    operator.desk.machine.fail(0x84204051, operator.desk.now)
+    (output,) = operator.desk.wait(0)
+    assert Frame(output.data).code == 0
+    if clears:
+        assert operator.command("ClearError").hresult == 0
+    assert send(operator, 0) == OUTSIDE
+
+
+def test_a_cleared_error_is_not_answered_later() -> None:
+    operator = started()
+    other = Operator(operator.desk, "other")
+    operator.desk.machine.fail(0x84204051, operator.desk.now)
+    assert other.command("ClearError").hresult == 0
     assert send(operator, 0) == OUTSIDE
 
 

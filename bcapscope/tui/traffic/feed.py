@@ -7,8 +7,9 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, NamedTuple, TypeAlias, cast
+from typing import IO, Any, TypeAlias, cast
 
 from bcapscope.capture.callbook import Callbook
 from bcapscope.capture.journal import Journal
@@ -30,7 +31,8 @@ _GRACE = 2.0
 """Seconds that a process is given to end by itself."""
 
 
-class Doubt(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Doubt:
     """Whether more will come is not known, or it will not.
 
     Attributes:
