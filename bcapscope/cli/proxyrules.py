@@ -325,9 +325,10 @@ _OPTIONS = (
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse all that moves the robot or changes its state, and what is not known, with "
-        "E_ACCESSDENIED. Robot_Halt, slvChangeMode 0, releases and Service_Stop always pass; so does "
-        "Controller_Connect, without whose handles nothing can be read.",
+        help="Refuse requests that energise or move the robot or change its state, and unknown ones, with "
+        "E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
+        "slvChangeMode 0, releases and Service_Stop. Controller_Connect also passes: nothing can be read "
+        "without its handles.",
     ),
     click.option(
         "--block",
