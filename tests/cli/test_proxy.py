@@ -203,6 +203,7 @@ def flood(port: int, seconds: float, pause: float = 0.0) -> tuple[int, float]:
         return count, time.time()
 
 
+@pytest.mark.lifecycle
 @pytest.mark.parametrize("whom", ["relay", "watcher", "both"])
 def test_a_kill_leaves_a_recording_that_can_be_read(
     controller: tuple[int, Path], tmp_path: Path, whom: str
@@ -285,6 +286,7 @@ def left_open(port: int) -> None:
     subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE)
 
 
+@pytest.mark.lifecycle
 def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
     controller: tuple[int, Path], tmp_path: Path
 ) -> None:
@@ -305,6 +307,7 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
     assert run_here("decode", path).code == 0  # whole blocks only
 
 
+@pytest.mark.lifecycle
 def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int, Path]) -> None:
     to, _ = controller
     with proxy(to, "-q") as process:
@@ -317,6 +320,7 @@ def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int,
         process.end(signal.SIGHUP)
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/dev/shm").exists(), reason="shared memory is seen in /dev/shm")
 def test_memory_of_a_proxy_that_is_killed_goes_with_it(controller: tuple[int, Path]) -> None:
     with proxy(controller[0], "-q") as process:
@@ -327,6 +331,7 @@ def test_memory_of_a_proxy_that_is_killed_goes_with_it(controller: tuple[int, Pa
         process.end(signal.SIGINT)
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/proc").exists(), reason="processes are found by /proc")
 def test_ctrl_c_while_it_starts_ends_it_without_a_word() -> None:
     """The terminal sends it to all processes, also to the one that watches, which is just being loaded."""
@@ -392,6 +397,7 @@ def answers(port: int, seconds: float) -> bool:
         return False
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no terminals here")
 def test_a_terminal_that_nobody_reads_and_a_watcher_that_is_stopped_or_killed_hold_nothing_up(
     controller: tuple[int, Path],
@@ -421,6 +427,7 @@ def test_a_terminal_that_nobody_reads_and_a_watcher_that_is_stopped_or_killed_ho
             os.close(slave)
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no terminals here")
 def test_the_greeting_has_a_line_of_its_own_on_a_terminal() -> None:
     master, slave = os.openpty()

@@ -23,6 +23,8 @@ from bcapscope.proxy.addons import Addons, Client
 from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.spec import parse_listeners
 
+pytestmark = pytest.mark.lifecycle
+
 
 class Stubborn:
     """A process that does not end by itself."""

@@ -17,6 +17,8 @@ from bcapscope.cli.recorder import Recorder, open_capture
 from bcapscope.protocol.frame import encode
 from tests.cli.run import run
 
+pytestmark = pytest.mark.lifecycle
+
 CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
 TIME = 1_700_000_000_000_000_000
 REQUEST, REPLY = encode(7, 0, 2), encode(7, 0, 0)
