@@ -203,7 +203,6 @@ def flood(port: int, seconds: float, pause: float = 0.0) -> tuple[int, float]:
         return count, time.time()
 
 
-@pytest.mark.lifecycle
 @pytest.mark.parametrize("whom", ["relay", "watcher", "both"])
 def test_a_kill_leaves_a_recording_that_can_be_read(
     controller: tuple[int, Path], tmp_path: Path, whom: str
@@ -320,7 +319,6 @@ def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int,
         process.end(signal.SIGHUP)
 
 
-@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/dev/shm").exists(), reason="shared memory is seen in /dev/shm")
 def test_memory_of_a_proxy_that_is_killed_goes_with_it(controller: tuple[int, Path]) -> None:
     with proxy(controller[0], "-q") as process:
