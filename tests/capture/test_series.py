@@ -17,6 +17,8 @@ from bcapscope.capture.file import open_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.series import Bounds, Series, parse_bounds
 
+pytestmark = pytest.mark.lifecycle
+
 CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
 
 

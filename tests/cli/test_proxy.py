@@ -287,6 +287,7 @@ def left_open(port: int) -> None:
     subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE)
 
 
+@pytest.mark.lifecycle
 def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
     controller: tuple[int, Path], tmp_path: Path
 ) -> None:
@@ -307,6 +308,7 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
     assert run_here("decode", path).code == 0  # whole blocks only
 
 
+@pytest.mark.lifecycle
 def test_a_closed_terminal_ends_it_when_no_client_is_left(controller: tuple[int, Path]) -> None:
     to, _ = controller
     with proxy(to, "-q") as process:
@@ -329,6 +331,7 @@ def test_memory_of_a_proxy_that_is_killed_goes_with_it(controller: tuple[int, Pa
         process.end(signal.SIGINT)
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/proc").exists(), reason="processes are found by /proc")
 def test_ctrl_c_while_it_starts_ends_it_without_a_word() -> None:
     """The terminal sends it to all processes, also to the one that watches, which is just being loaded."""
@@ -394,6 +397,7 @@ def answers(port: int, seconds: float) -> bool:
         return False
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no terminals here")
 def test_a_terminal_that_nobody_reads_and_a_watcher_that_is_stopped_or_killed_hold_nothing_up(
     controller: tuple[int, Path],
@@ -423,6 +427,7 @@ def test_a_terminal_that_nobody_reads_and_a_watcher_that_is_stopped_or_killed_ho
             os.close(slave)
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no terminals here")
 def test_the_greeting_has_a_line_of_its_own_on_a_terminal() -> None:
     master, slave = os.openpty()

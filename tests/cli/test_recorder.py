@@ -90,6 +90,7 @@ def test_packets_are_made_for_a_while_only_before_the_server_looks_around(
     assert len(frames(path, path.read_bytes())[2]) == 5
 
 
+@pytest.mark.lifecycle
 def test_a_file_is_never_written_over(tmp_path: Path) -> None:
     path = tmp_path / "a.pcapng"
     path.write_bytes(b"mine")
@@ -179,6 +180,7 @@ def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(monkeypatch: pyt
     disk.runs.set()
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
 def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
     told = list[str]()
