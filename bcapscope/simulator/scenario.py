@@ -26,6 +26,7 @@ from bcapscope.faults.quantities import Duration, ResultCode
 from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import is_failure
 from bcapscope.protocol.responder import Defect
+from bcapscope.protocol.slavemode import Generation
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.event import LONGEST_NAME, AnyEvent, Joints6, Mode, Percent
 from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, beyond_limit, eight
@@ -155,7 +156,7 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for index, code in enumerate(self.errors):
             if not is_failure(code):
                 raise FieldError(("errors", index), f"{code.text} is no error")
-        known = names(ObjectClass.ROBOT)
+        known = {name for generation in Generation for name in names(ObjectClass.ROBOT, generation)}
         for index, name in enumerate(self.empty):
             if name.upper() not in known:
                 raise FieldError(("empty", index), f"the robot has no variable {name}")
