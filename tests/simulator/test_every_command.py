@@ -232,6 +232,13 @@ def test_a_command_of_another_controller_is_unknown(profile: str, name: str) -> 
     assert operator.command(name, ints(5, 100)).hresult == INVALID_COMMAND
 
 
+@pytest.mark.parametrize("profile", ["rc7", "rc8", "cserver"])
+@pytest.mark.parametrize("name", ["TwofgGrip", "twofgstop", "HandGrip"])
+def test_the_hand_of_cobotta_pro_is_unknown_to_others(profile: str, name: str) -> None:
+    operator = Operator(Desk(profile))
+    assert operator.robot(name, PARAMETERS.get(name, EMPTY)).hresult == INVALID_COMMAND
+
+
 def test_what_has_no_effect_is_listed_as_assumed() -> None:
     tables = (ROBOT_COMMANDS, CONTROLLER_COMMANDS, TASK_COMMANDS)
     ineffective = {name for table in tables for name, run in table.items() if run is accepted}
