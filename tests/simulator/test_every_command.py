@@ -37,7 +37,7 @@ DOCUMENTED: Mapping[str, tuple[str, ...]] = {
     "Comm": LATER,
     "Pallet": LATER,
 }
-"""Profiles that a row's `controllers` stands for."""
+"""Profiles of each text in a row's `controllers`."""
 
 NOT_ON_RC7 = frozenset(("StoState", "ManualReset", "TakeArmState", "ManualResetPreparation"))
 """Named for no controller, but by the sources of RC8 and later only."""
