@@ -45,7 +45,7 @@ _SLAVE_MODE_OWN = frozenset(("slvchangemode", "slvmove", "handstop", "twofgstop"
 _OTHER_CLIENTS_OWN = frozenset(
     (
         *("handmovea", "handmover", "handmoveh", "handmoveah", "handmoverh", "handmovevh"),
-        *("handchuck", "handunchuck"),
+        *("handchuck", "handunchuck", "chuck", "unchuck"),
     )
 )
 """What a client may call while another one is in slave mode (orin_bcap_python_samples

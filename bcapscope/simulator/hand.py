@@ -135,11 +135,11 @@ class Hand:
         return self._rest if now >= self._ends else self._stroke.at(now)
 
     def is_moving(self, now: int) -> bool:
-        """Tell whether the fingers move."""
+        """Return whether the fingers move."""
         return now < self._ends
 
     def holds(self, now: int) -> bool:
-        """Tell whether the fingers press on the object."""
+        """Return whether the fingers press on the object."""
         return self._force > 0 and self._touches and not self.is_moving(now)
 
     def force(self, now: int) -> float:

@@ -170,7 +170,7 @@ def _force(hand: Hand, part: Variant) -> float:
 
 
 def _is_next(rest: tuple[Variant, ...]) -> bool:
-    """Tell whether the call is not to wait; the other option seen, DetectOn, changes nothing here."""
+    """Return whether the call answers before the motion ends; the option DetectOn changes nothing here."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 

@@ -2,8 +2,8 @@
 
 `@E J(0, 0, 90, 0)`, `@P P1`, a bare array of numbers, or a VARIANT array of numbers, type, pass and extra
 axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable may stand
-for the numbers, as in `[1, "P", "@0"]`. The samples' README gives its type as VT_R4, and the samples send VT_I4.
-They also write the pass before the type.
+for the numbers, as in `[1, "P", "@0"]`; the samples send VT_I4, and their README says VT_R4. They also write
+the pass before the type.
 """
 
 from __future__ import annotations

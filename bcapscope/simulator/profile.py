@@ -30,10 +30,12 @@ def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
 
 
 _HAND = _documented_for(_CONTROLLER_EXECUTE, COBOTTA)
+_TWO_FINGER_HAND = _documented_for(_ROBOT_EXECUTE, COBOTTA_PRO)
 _RC8_ONLY = (
     frozenset(("slvsendformat", "slvrecvformat", "manualreset", "resetstostate", "stostate", "takearmstate"))
     | _HAND
-    | _documented_for(_ROBOT_EXECUTE, COBOTTA, COBOTTA_PRO)
+    | _TWO_FINGER_HAND
+    | _documented_for(_ROBOT_EXECUTE, COBOTTA)
 )
 _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
@@ -102,7 +104,7 @@ _RC8 = Profile(
     needs_arm=True,
     async_detector=False,
     running_result=0x8150100D,
-    lacks=_RC7_ONLY,
+    lacks=_RC7_ONLY | _TWO_FINGER_HAND,
     version="2.0.0",
 )
 

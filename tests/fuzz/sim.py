@@ -1,4 +1,4 @@
-"""Nonsense to a running simulator, over UDP and TCP: it goes on answering others, and nothing grows.
+"""Nonsense and every command, to a running simulator: it goes on answering others, and nothing grows.
 
 Run from the project's root as ``python -m tests.fuzz.sim SECONDS [SEED]``.
 """
@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 
 from bcapscope.client import Blocking, Robot, connect, over_tcp
 from tests.cli.proxying import Process, simulator
+from tests.fuzz.commanding import Commander
 from tests.fuzz.proxy import nonsense, state
 from tests.proxy.test_tcp import cut
 
@@ -95,14 +96,15 @@ class Honest:
 
 
 @contextmanager
-def stage(chance: random.Random) -> Iterator[tuple[Process, Hostility, Honest]]:
-    """Run a simulator with clients of both kinds; at the end it has to end by itself."""
+def stage(chance: random.Random) -> Iterator[tuple[Process, Hostility, Commander, Honest]]:
+    """Run a simulator with clients of each kind; at the end it has to end by itself."""
     with simulator() as process:
         with Blocking() as wait:
             service = wait.enter(connect(over_tcp("127.0.0.1", process.port)))
             controller = wait(service.connect("", "CaoProv.DENSO.VRC", "localhost"))
             robot = wait(controller.get_robot("Arm"))
-            yield process, Hostility(process.port, chance), Honest(wait, robot)
+            honest = Honest(wait, robot)
+            yield process, Hostility(process.port, chance), Commander(process.port, chance), honest
         print(process.end(signal.SIGINT)[-3000:])
 
 
@@ -110,20 +112,24 @@ def main() -> None:
     """Fuzz for so many seconds."""
     seconds = float(sys.argv[1])
     chance = random.Random(int(sys.argv[2]) if len(sys.argv) > 2 else 1)
-    with stage(chance) as (process, hostility, honest):
+    with stage(chance) as (process, hostility, commander, honest):
         start = shown = time.monotonic()
         while (now := time.monotonic()) - start < seconds:
             hostility.flood()
             hostility.intrude()
+            commander.command()
             honest.ask()
             if now - shown > SHOWN_EACH:
                 shown = now
-                print(_figures(now - start, process, hostility, honest), flush=True)
-        print(_figures(time.monotonic() - start, process, hostility, honest))
+                print(_figures(now - start, process, hostility, commander, honest), flush=True)
+        print(_figures(time.monotonic() - start, process, hostility, commander, honest))
 
 
-def _figures(seconds: float, process: Process, hostility: Hostility, honest: Honest) -> str:
+def _figures(
+    seconds: float, process: Process, hostility: Hostility, commander: Commander, honest: Honest
+) -> str:
     sent = f"{hostility.datagrams} datagrams {hostility.pieces} pieces"
+    sent += f" {commander.calls} commands ({commander.replies} answered in time)"
     heard = f"{honest.calls} calls answered, the longest in {honest.longest:.2f} s"
     return f"{seconds:5.0f} s {sent}; {heard}; {state(process)}"
 

@@ -37,7 +37,7 @@ DOCUMENTED: Mapping[str, tuple[str, ...]] = {
     "Comm": LATER,
     "Pallet": LATER,
 }
-"""Profiles that a row's `controllers` stands for."""
+"""Profiles of each text in a row's `controllers`."""
 
 NOT_ON_RC7 = frozenset(("StoState", "ManualReset", "TakeArmState", "ManualResetPreparation"))
 """Named for no controller, but by the sources of RC8 and later only."""
@@ -230,6 +230,13 @@ def test_each_generation_is_walked() -> None:
 def test_a_command_of_another_controller_is_unknown(profile: str, name: str) -> None:
     operator = Operator(Desk(profile))
     assert operator.command(name, ints(5, 100)).hresult == INVALID_COMMAND
+
+
+@pytest.mark.parametrize("profile", ["rc7", "rc8", "cserver"])
+@pytest.mark.parametrize("name", ["TwofgGrip", "twofgstop", "HandGrip"])
+def test_the_hand_of_cobotta_pro_is_unknown_to_others(profile: str, name: str) -> None:
+    operator = Operator(Desk(profile))
+    assert operator.robot(name, PARAMETERS.get(name, EMPTY)).hresult == INVALID_COMMAND
 
 
 def test_what_has_no_effect_is_listed_as_assumed() -> None:

@@ -254,6 +254,9 @@ def test_a_second_client_moves_the_hand_while_the_first_is_in_slave_mode() -> No
     ):
         assert second.command(command, parameter).hresult == 0
         assert first.point(0, 0, 90, 0, 90, 0, 0, 0).hresult == 0
+    hand = second.get("Controller_GetExtension", second.controller, "Hand0")
+    for command in ("UnChuck", "Chuck", "CurPos"):
+        assert second.call("Extension_Execute", hand, bstr(command), EMPTY).hresult == 0
     assert first.robot("slvGetMode").value == 0x202
 
 

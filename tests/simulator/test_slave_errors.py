@@ -1,4 +1,4 @@
-"""What ends slave mode, and who is told of it."""
+"""What ends slave mode, and which replies report it."""
 
 from __future__ import annotations
 
