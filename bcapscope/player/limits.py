@@ -114,9 +114,8 @@ def _change(text: str, what: str | None, value: str) -> dict[str, float]:
     read = [read_number(each, -LARGEST, LARGEST) for each in ((low, high) if dots else (low,))]
     numbers = [number for number in read if number is not None]
     if len(numbers) != len(read) or len(numbers) != (1 if what else 2):
-        raise ValueError(
-            f"{text!r}: {shortened(value, 40)!r} is no {'number' if what else 'range'}, {_EXAMPLES} are limits"
-        )
+        shown, kind = shortened(value, 40), "number" if what else "range"
+        raise ValueError(f"{text!r}: {shown!r} is no {kind}, {_EXAMPLES} are limits")
     if what:
         if numbers[0] <= 0:
             raise ValueError(f"{text!r}: {what} has to be above 0")

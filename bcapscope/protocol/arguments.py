@@ -26,9 +26,9 @@ MOST_NUMBERS = 65_536
 one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at 1,000,000 items of
 a packet (gui.max_tree_items)."""
 
-MOST_VALUES = 8_192
+MOST_VALUES = 2_048
 """Other values that are read of one frame: arguments, elements of VARIANT arrays and strings. Each takes some
-2 µs and 200 bytes, so that the most crafted frame holds up a proxy for less than 20 ms. The longest lists of
+2 µs and 200 bytes, so that the most crafted frame holds up a proxy for some 5 ms. The longest lists of
 real sessions are of names, a few hundred."""
 
 MOST_PROBLEMS = 100

@@ -19,7 +19,7 @@ SMALLEST_FRAME = 16
 LARGEST_FRAME = 16 * 1024 * 1024
 """What the older C client names as its limit on TCP (b-Cap.h); the present libraries name none."""
 
-LARGEST_UNPACKED = 1024 * 1024
+LARGEST_UNPACKED = 256 * 1024
 """Bytes that a compressed body may unpack to. Frames of real sessions are below 10 KiB; a body of 16 MiB
 would fit into 16 KiB of zlib, which any sender of datagrams can repeat thousands of times a second."""
 
@@ -155,6 +155,13 @@ def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
 def looks_zlib(raw: bytes) -> bool:
     """Tell whether `raw`, at least a header, is framed as version 1 frames are that are compressed."""
     return len(raw) > HEADER_SIZE + 2 and begins_zlib(raw) and raw[-2:] == b"\x01\x04"
+
+
+def packed_code(raw: bytes) -> int:
+    """Return the function id or HRESULT of a frame that `looks_zlib`, without decoding its arguments."""
+    unpacked = _unpack(raw)
+    body = raw if unpacked is None else unpacked[0]
+    return int.from_bytes(body[9:_ZLIB_BODY], "little")
 
 
 def _unpack(raw: bytes) -> tuple[bytes, list[Problem]] | None:

@@ -26,6 +26,7 @@ from bcapscope.protocol.content import (
     Content,
     Framing,
     looks_zlib,
+    packed_code,
 )
 from bcapscope.protocol.layout import Layout, Numbers
 from bcapscope.protocol.layout import find as find_layout
@@ -112,7 +113,7 @@ class Frame:
         self.note = note
         self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE(raw)
         if self.reserved == 1 and looks_zlib(raw):
-            self.code = Content.of(raw).code
+            self.code = packed_code(raw)
 
     def __repr__(self) -> str:
         return f"Frame({self.raw.hex()!r})"

@@ -111,18 +111,18 @@ def test_nesting_is_followed_to_its_bound() -> None:
 
 def test_arguments_that_claim_all_that_follows_are_not_given_it() -> None:
     """Else 64 KiB of such arguments, each holding the rest of the frame, would fill the memory."""
-    claims = bytes.fromhex("08000000 1120 FFFFFFFF 6162") * 5000
-    reader = read(claims, argc=5000)
-    assert [argument.variant.value for argument in reader.arguments] == [b"ab"] * 5000
+    claims = bytes.fromhex("08000000 1120 FFFFFFFF 6162") * 1000
+    reader = read(claims, argc=1000)
+    assert [argument.variant.value for argument in reader.arguments] == [b"ab"] * 1000
     check_arguments(tuple(Argument(v, a + 15, o + 15) for v, a, o in reader.arguments), len(claims) + 15)
 
 
 def test_arguments_that_read_on_to_the_end_are_looked_at_twice_at_most() -> None:
     """Each of these string arrays, taken at its word, reads all others as its strings."""
-    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 2_000
-    reader = read(crafted, argc=2_000)
+    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 500
+    reader = read(crafted, argc=500)
     assert {argument.variant.value for argument in reader.arguments} == {("", "")}
-    assert len(reader.arguments) == 2_000
+    assert len(reader.arguments) == 500
     assert len(reader.problems) == MOST_PROBLEMS + 1
     assert reader.problems[-1].code == "more"
 

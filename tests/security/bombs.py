@@ -141,18 +141,19 @@ def noted(packet: bytes, options: bytes) -> bytes:
     return block(6, head + packet + bytes(-len(packet) % 4) + options)
 
 
-def _command(name: str) -> bytes:
+def command(name: str) -> bytes:
+    """Return the name of a command as an argument."""
     return argument(BSTR, 1, text(name))
 
 
-_HANDLE = argument(3, 1, struct.pack("<i", 1))
+HANDLE = argument(3, 1, struct.pack("<i", 1))
 
 
 def _one_frame(content: bytes, repeats: int, *, pack: bool = True) -> Iterator[bytes]:
     """Yield slvMove requests and replies with the same content, over TCP, from eight clients."""
     for serial in range(1, repeats + 1):
         port = 20000 + serial % 8
-        request = frame(serial, EXECUTE, _HANDLE, _command("slvMove"), content)
+        request = frame(serial, EXECUTE, HANDLE, command("slvMove"), content)
         reply = frame(serial, 0, content)
         for data, down in ((request, False), (reply, True)):
             raw = compressed(data) if pack else data
@@ -172,7 +173,7 @@ def plain(name: str, size: int, repeats: int) -> Iterator[bytes]:
 def packed_datagrams(size: int, repeats: int) -> Iterator[bytes]:
     """Yield unanswered requests over UDP, each of which unpacks to `size` bytes, all kept open."""
     content = payload("empty elements", size)
-    raw = compressed(frame(0, EXECUTE, _HANDLE, _command("x"), content))
+    raw = compressed(frame(0, EXECUTE, HANDLE, command("x"), content))
     assert len(raw) < 65000, len(raw)
     for serial in range(1, repeats + 1):
         yield ip(raw[:5] + struct.pack("<H", serial % 65536) + raw[7:], port=20000 + serial % 4)
@@ -220,7 +221,7 @@ def answered_calls(repeats: int, size: int, code: int) -> Iterator[bytes]:
     body = argument(ARRAY | UI1, size, bytes(size))
     for number in range(repeats):
         serial, port = 1 + number % 65000, 20000 + number % 40
-        yield ip(frame(serial, EXECUTE, _HANDLE, _command("slvMove"), body), port=port)
+        yield ip(frame(serial, EXECUTE, HANDLE, command("slvMove"), body), port=port)
         yield ip(frame(serial, code, body), port=port, down=True)
 
 
@@ -229,7 +230,7 @@ def long_names(repeats: int, size: int) -> Iterator[bytes]:
     for serial in range(1, repeats + 1):
         name = argument(BSTR, 1, text(f"{serial}" + "\u4e00" * (size // 2)))
         at = serial * 40 * MEGABYTE
-        execute = compressed(frame(serial, EXECUTE, _HANDLE, name, argument(EMPTY, 0, b"")))
+        execute = compressed(frame(serial, EXECUTE, HANDLE, name, argument(EMPTY, 0, b"")))
         connect = compressed(frame(serial, CONNECT, name, name, name, name))
         handle = frame(serial, 0, argument(3, 1, struct.pack("<i", serial)))
         yield from stream(execute, 20000, at)
@@ -240,7 +241,7 @@ def long_names(repeats: int, size: int) -> Iterator[bytes]:
 
 def retries(repeats: int, size: int) -> Iterator[bytes]:
     """Yield one call with ever more large retries and replies."""
-    body = frame(1, EXECUTE, _HANDLE, _command("x"), argument(ARRAY | UI1, size, bytes(size)))
+    body = frame(1, EXECUTE, HANDLE, command("x"), argument(ARRAY | UI1, size, bytes(size)))
     for number in range(repeats):
         serial = 1 + number % 65000
         yield ip(body[:5] + struct.pack("<HH", serial, 1 if number else 0) + body[9:], port=20000)
@@ -252,7 +253,7 @@ def open_calls(repeats: int, size: int, conversations: int) -> Iterator[bytes]:
     """Yield calls that are never answered, from many clients."""
     for number in range(repeats):
         body = argument(ARRAY | UI1, size, bytes(size))
-        raw = frame(1 + number % 65000, EXECUTE, _HANDLE, _command("x"), body)
+        raw = frame(1 + number % 65000, EXECUTE, HANDLE, command("x"), body)
         yield ip(raw, port=10000 + number % conversations)
 
 
@@ -261,7 +262,7 @@ def conversations(count: int, calls: int) -> Iterator[bytes]:
     number = itertools.count(1)
     for serial in range(1, calls + 1):
         for port in range(1024, 1024 + count):
-            yield ip(frame(serial, next(number) * 7919 % 2**31, _HANDLE), port=port)
+            yield ip(frame(serial, next(number) * 7919 % 2**31, HANDLE), port=port)
 
 
 def forms(count: int, size: int) -> Iterator[bytes]:
@@ -273,7 +274,7 @@ def forms(count: int, size: int) -> Iterator[bytes]:
         elements = [value(vt, 1, b"\x39\x30"[: widths[vt]]) for vt in (types * rest)[:rest]]
         nested = argument(ARRAY | VARIANT, len(elements), b"".join(elements))
         serial = 1 + number % 65000
-        yield ip(frame(serial, EXECUTE, _HANDLE, _command("slvMove"), nested), port=20000)
+        yield ip(frame(serial, EXECUTE, HANDLE, command("slvMove"), nested), port=20000)
         yield ip(frame(serial, 0, nested), port=20000, down=True)
 
 
@@ -282,7 +283,7 @@ def comments(packets: int, size: int) -> Iterator[bytes]:
     yield SECTION + INTERFACE
     notes = option(1, b"\xe4\xb8\x80" * (min(size, 65000) // 3)) * max(size // 65000, 1)
     for serial in range(1, packets + 1):
-        yield noted(ip(frame(serial % 65000, 22, _HANDLE), port=20000), notes)
+        yield noted(ip(frame(serial % 65000, 22, HANDLE), port=20000), notes)
 
 
 def interfaces(count: int, size: int) -> Iterator[bytes]:
@@ -291,20 +292,20 @@ def interfaces(count: int, size: int) -> Iterator[bytes]:
     one = block(1, struct.pack("<HHI", 101, 0, 0) + option(2, b"\xe4\xb8\x80" * (size // 3)))
     for _ in range(count):
         yield one
-    yield noted(ip(frame(1, 22, _HANDLE), port=20000), b"")
+    yield noted(ip(frame(1, 22, HANDLE), port=20000), b"")
 
 
 def absurd_blocks() -> Iterator[bytes]:
     """Yield a pcapng with a block of 16 MB, then one that claims 4 GB; its section claims 2^63 bytes."""
     yield block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, 2**63 - 1)) + INTERFACE
     yield block(5, bytes(16 * MEGABYTE - 12))
-    yield noted(ip(frame(1, 22, _HANDLE), port=20000), b"")
+    yield noted(ip(frame(1, 22, HANDLE), port=20000), b"")
     yield struct.pack("<II", 6, 0xFFFFFFFC) + bytes(1000)
 
 
 def zeros(size: int) -> Iterator[bytes]:
     """Yield one packet, then zeros: records that say nothing."""
-    yield from pcap([ip(frame(1, 22, _HANDLE), port=20000)])
+    yield from pcap([ip(frame(1, 22, HANDLE), port=20000)])
     for _ in range(size // MEGABYTE):
         yield bytes(MEGABYTE)
 
@@ -385,7 +386,7 @@ def write_apart(path: Path, name: str, scale: float) -> None:
     )
 
 
-def attack(folder: Path, scale: float, wanted: str = "", command: str = "") -> Iterator[tuple[str, Ended]]:
+def attack(folder: Path, scale: float, wanted: str = "", only: str = "") -> Iterator[tuple[str, Ended]]:
     """Let every command read every bomb whose name contains `wanted`; yield how each ended."""
     for name in bombs(scale):
         if wanted not in name:
@@ -393,7 +394,7 @@ def attack(folder: Path, scale: float, wanted: str = "", command: str = "") -> I
         path = folder / "bomb.pcap.gz"
         write_apart(path, name, scale)
         for words, argv in commands(path, folder).items():
-            if command in (words, ""):
+            if only in (words, ""):
                 yield f"{name}: {words}", run_measured(argv, patience=600)
 
 
@@ -403,10 +404,10 @@ def main() -> None:
         path, name, scale = sys.argv[2:]
         write(Path(path), bombs(float(scale))[name]())
         return
-    wanted, command = (*sys.argv[1:], "", "")[:2]
+    wanted, only = (*sys.argv[1:], "", "")[:2]
     failed = 0
     with tempfile.TemporaryDirectory() as name:
-        for what, ended in attack(Path(name), float(os.environ.get("BOMB_SCALE", "1")), wanted, command):
+        for what, ended in attack(Path(name), float(os.environ.get("BOMB_SCALE", "1")), wanted, only):
             bad = ended.peak >= MEMORY_LIMIT
             failed += bad
             print(

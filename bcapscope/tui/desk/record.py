@@ -69,6 +69,11 @@ class Record:
     subject: Opened | None = None
 
     @property
+    def size(self) -> int:
+        """Bytes of the packets."""
+        return sum(len(each.item.raw) for each in self.packets)
+
+    @property
     def sent(self) -> tuple[Observation, ...]:
         """What went out."""
         return tuple(each for each in self.packets if each.flow.direction is Direction.REQUEST)

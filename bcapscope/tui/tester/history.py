@@ -21,6 +21,10 @@ MOST = 20_000
 """Calls that are kept; the oldest go first."""
 
 
+MOST_BYTES = 32 << 20
+"""Bytes of their packets; a tenth of the calls goes where there are more, but never the latest."""
+
+
 class HistoryLines(Lines):
     """The calls that are wanted, the latest last."""
 
@@ -112,6 +116,7 @@ class HistoryPanel(Vertical):
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._records: list[Record] = []
+        self._bytes = 0
         self._wants = chooser("")
 
     def compose(self) -> ComposeResult:
@@ -119,11 +124,20 @@ class HistoryPanel(Vertical):
         yield CheckedLine("history-filter", chooser, say("tester.filter"))
         yield HistoryLines()
 
+    @property
+    def _is_full(self) -> bool:
+        count = len(self._records)
+        return count > MOST or (self._bytes > MOST_BYTES and count > 1)
+
     def add(self, record: Record) -> None:
         """Take a call that has ended."""
         self._records.append(record)
-        if len(self._records) > MOST:
-            del self._records[: MOST // 10]
+        self._bytes += record.size
+        if self._is_full:
+            while self._is_full:
+                oldest = self._records[: len(self._records) // 10 or 1]
+                del self._records[: len(oldest)]
+                self._bytes -= sum(each.size for each in oldest)
             self._fill()
         elif self._wants(record):
             self.query_one(HistoryLines).add(record)

@@ -17,6 +17,7 @@ from bcapscope.tui.widgets.packet import PacketView
 from bcapscope.tui.words import say
 
 MOST = 2000
+MOST_BYTES = 16 << 20
 """Packets that are kept where they are not overwritten; the oldest go first."""
 
 
@@ -72,6 +73,8 @@ class PacketBox(Vertical):
             self._packets = []
         self._packets += [(seen, question) for seen in packets]
         del self._packets[:-MOST]
+        while sum(len(seen.item.raw) for seen, _ in self._packets) > MOST_BYTES and len(self._packets) > 1:
+            del self._packets[: len(self._packets) // 10 or 1]
         self._at = max(0, len(self._packets) - (len(packets) if show_first else 1))
         self._show()
 
