@@ -20,7 +20,7 @@ from pathlib import Path
 from bcapscope.cli.courtesy import Courtesy, idle_priority
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.output import narrate
-from bcapscope.cli.proxywishes import FAREWELL, INCOMPLETE, READY, Wishes, watch
+from bcapscope.cli.proxywishes import BEGIN, FAREWELL, INCOMPLETE, READY, Wishes, watch
 from bcapscope.cli.screen import ERASE
 from bcapscope.cli.signals import kept_from_ends
 from bcapscope.cli.wakefulness import LightSleep, Wakefulness, passed
@@ -110,7 +110,7 @@ class Proxy:
         self._wakefulness = Wakefulness(LightSleep()) if low_latency else None
         self._ports: list[TcpPort | UdpPort] = []
         self._ending = 0.0
-        self._hung_up = False
+        self._hung_up = self._asked_again = False
         self._goodbyes: list[tuple[int, str, list[str]]] = []
 
     def listen(self, listener: Listener, forget_after: int) -> Endpoint:
@@ -128,8 +128,12 @@ class Proxy:
         self._ports += ports
         return address
 
-    def start_watching(self) -> None:
+    def start_watching(self, load: Callable[[float], bool] | None = None) -> None:
         """Start the process that watches, and wait until it does.
+
+        Args:
+            load: waits so many seconds for what else has to begin, and tells whether it has. Nothing is
+                recorded before, but the process is loaded meanwhile.
 
         Raises:
             FileRefused: the recording cannot be written, or no process be started.
@@ -144,6 +148,9 @@ class Proxy:
             raise FileRefused(Path("the process that watches"), reason(error)) from None
         self._watcher = watcher
         self._other_end.close()
+        while load is not None and not load(_GLANCE):
+            self._end_early()
+        self._say(BEGIN)
         until = time.monotonic() + _BEGINS_WITHIN
         while not self._link.poll(_GLANCE) and time.monotonic() < until:
             self._end_early()
@@ -188,7 +195,8 @@ class Proxy:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
                 self._courtesy = Courtesy(self._ring, idle_priority(self._watcher.pid))
-            self.relay.listen(self._ports)
+            ports, self._ports = self._ports, []
+            self.relay.listen(ports)
             greet()
             self.relay.run(self._look_around)
             self.relay.close_ports()
@@ -196,7 +204,7 @@ class Proxy:
             self._say_goodbye()
             self.relay.close()
             if self.relay.policy is not None:
-                self.relay.policy.close()
+                self.relay.policy.close(time.monotonic_ns())
                 for line in self.relay.policy.report():
                     self.relay.tell(line)
             if not self._watched:
@@ -214,6 +222,10 @@ class Proxy:
         """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
         if self._wakefulness is not None:
             self._wakefulness.end()
+        for port in self._ports:  # it gave up before the relay had them
+            port.close()
+            port.release()
+        self._ports.clear()
         self.relay.close()
         self._link.close()
         if self._courtesy is not None:
@@ -222,7 +234,7 @@ class Proxy:
             if not self._watched:  # it has not begun, or has ended
                 self._watcher.kill()
             until = time.monotonic() + _ENDS_WITHIN
-            while self._watcher.is_alive() and time.monotonic() < until and not self._is_asked_again():
+            while self._watcher.is_alive() and time.monotonic() < until and not self.is_asked_again():
                 self._watcher.join(_GLANCE)
             if self._watcher.is_alive():
                 narrate("watching has not ended in time; the last part of the recording may be missing")
@@ -259,11 +271,12 @@ class Proxy:
             self._ends.recv(1)
             raise KeyboardInterrupt
 
-    def _is_asked_again(self) -> bool:
+    def is_asked_again(self) -> bool:
         """Tell whether it is to end at once, now that it ends; a closed terminal asks for nothing."""
         with suppress(BlockingIOError):
-            return any(number != getattr(signal, "SIGHUP", None) for number in self._ends.recv(16))
-        return False
+            if any(number != getattr(signal, "SIGHUP", None) for number in self._ends.recv(16)):
+                self._asked_again = True
+        return self._asked_again
 
     def _signalled(self, _: int) -> None:
         """End; when the terminal is closed, go on without it until no client is left."""
@@ -335,7 +348,7 @@ class Proxy:
             session = self.relay.sessions.get(number)
             if not isinstance(session, UdpSession):
                 continue
-            if self._is_asked_again():
+            if self.is_asked_again():
                 until = 0.0
             client, controller = session.conversation.client, session.conversation.server
             answered = session.leave([bytes.fromhex(request) for request in requests], until)

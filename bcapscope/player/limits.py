@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite
+from math import inf
 from typing import TypeAlias
 
 from bcapscope.protocol.poses import AXES
@@ -26,6 +26,9 @@ FASTEST = {"deg": 1500.0, "mm": 15_000.0}
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _NOTHING = AxisLimit(-inf, inf, inf, inf)
+LARGEST = 1e9
+"""The most that a limit may be, in mm or degrees and seconds; a robot has a millionth of it."""
+
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
 )
@@ -110,7 +113,9 @@ def _change(text: str, what: str | None, value: str) -> dict[str, float]:
         numbers = [float(low), float(high)] if dots else [float(low)]
     except ValueError:
         numbers = []
-    if not all(isfinite(number) for number in numbers) or len(numbers) != (1 if what else 2):
+    if not (value.isascii() and all(abs(number) <= LARGEST for number in numbers)) or len(numbers) != (
+        1 if what else 2
+    ):
         raise ValueError(f"{text!r}: {value!r} is no {'number' if what else 'range'}, {_EXAMPLES} are limits")
     if what:
         if numbers[0] <= 0:

@@ -9,11 +9,11 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from bcapscope.proxy.admission import Places
 from bcapscope.proxy.entrance import Entrance
-from bcapscope.proxy.hook import Action, Policy, Send
+from bcapscope.proxy.hook import Action, Close, LateDecision, Policy, Send
 from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisely
 from bcapscope.proxy.ring import Count, Kind, RingWriter
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
@@ -129,6 +129,7 @@ class Relay:
         self._stopped = self._closed = False
         self._parted: list[tuple[int, bytes, int]] = []
         self.spares = SpareDescriptors(_SPARE_DESCRIPTORS)
+        self._undecided: dict[int, _Arrival] = {}
 
     def listen(self, ports: Iterable[Port]) -> None:
         """Take clients from these ports."""
@@ -263,6 +264,8 @@ class Relay:
         """Forget a client; that is told soon, behind what came of it and could not be passed on any more."""
         if self.sessions.pop(session.number, None) is not None:
             self.places[session.conversation.transport].leave(session.number)
+            self.note_undecided(session, True)
+            self.note_undecided(session, False)
             self._parted.append((session.number, _encoded(why), time.time_ns()))
             if self.policy is not None:
                 self.policy.gone(session.number, time.monotonic_ns())
@@ -274,12 +277,28 @@ class Relay:
     def rule(self, session: Session, up: bool, data: bytes, came: int) -> None:
         """Ask the rules what becomes of something that came, and do it."""
         assert self.policy is not None
-        direction = direction_of(up)
-        decision = self.policy.receive(session.number, direction, data, time.monotonic_ns())
-        note, actions = decision.note, decision.actions
+        decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
+        arrival = _Arrival(session, up, data, came)
+        if decision.ticket:
+            self._undecided[decision.ticket] = arrival
+            self._perform(decision.actions)
+        else:
+            self.note_undecided(session, up)  # that came before
+            self._settle(arrival, decision.note, decision.actions)
+
+    def note_undecided(self, session: Session, up: bool) -> None:
+        """Note what came of a direction and still waits, so that what is noted next stands behind it."""
+        for ticket, each in list(self._undecided.items()) if self._undecided else ():
+            if each.session is session and each.up is up:
+                del self._undecided[ticket]
+                self.ring.put(up, session.number, each.came, 0, each.data)
+
+    def _settle(self, arrival: _Arrival, note: str, actions: Sequence[Send | Close]) -> None:
+        """Note something that came, and do what was decided about it."""
+        session, up, data, came = arrival
         if not note and len(actions) == 1:
             action = actions[0]
-            if action == Send(session.number, direction, data):
+            if action == Send(session.number, direction_of(up), data):
                 left = session.send(up, data)
                 self.ring.put(up, session.number, came, left, data)
                 return
@@ -315,7 +334,14 @@ class Relay:
             session = self.sessions.get(action.client)
             if session is None:
                 continue
-            if isinstance(action, Send):
+            if isinstance(action, LateDecision):
+                arrival = self._undecided.pop(action.ticket, None)
+                if arrival is None:  # it is noted, without what became of it
+                    self.counts[Count.RULED] += bool(action.note)
+                    self._perform(action.actions)
+                else:
+                    self._settle(arrival, action.note, action.actions)
+            elif isinstance(action, Send):
                 up = action.toward is Direction.REQUEST
                 left = session.send(up, action.data)
                 if left:
@@ -384,6 +410,15 @@ class Relay:
 def is_told(count: int) -> bool:
     """Tell whether the user hears of what may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
     return count & (count - 1) == 0
+
+
+class _Arrival(NamedTuple):
+    """Something that came; `came` is when, ns since 1970."""
+
+    session: Session
+    up: bool
+    data: bytes
+    came: int
 
 
 def _encoded(note: str) -> bytes:

@@ -136,8 +136,9 @@ class TcpSession:
         return left if sent == len(data) else 0
 
     def passed_on(self, up: bool) -> None:
-        """Pass the end of a direction on, if it has ended."""
+        """Pass the end of a direction on, if it has ended; else read on what was not read meanwhile."""
         self._shut(self._up if up else self._down)
+        self._want()
 
     def close(self, reset_both: bool, why: str) -> None:
         """Close both connections, after what rules still give out of what they held."""
@@ -171,6 +172,7 @@ class TcpSession:
 
     def _note(self, how: Kind, half: _Half, cause: bytes = b"", *, came: int = 0, left: int = 0) -> None:
         """Tell how a direction has ended."""
+        self._relay.note_undecided(self, half.up)
         self._relay.ring.must(how, self.number, cause, came, left=left, up=half.up)
 
     def _send_last(self, half: _Half) -> None:
@@ -279,7 +281,7 @@ class TcpSession:
             self._pass_on(half, memoryview(data), came)
             return
         relay.rule(self, half.up, bytes(data), came)
-        if relay.policy.is_full():
+        if relay.policy.is_full(self.number):
             self._want()
 
     def _finish(self, half: _Half) -> None:
@@ -363,7 +365,7 @@ class TcpSession:
     def _reads(self, half: _Half) -> bool:
         """Tell whether more may be read: never while a peer does not take what there is."""
         policy = self._relay.policy
-        if policy is not None and policy.is_full():
+        if policy is not None and policy.is_full(self.number):
             return False
         most = 0 if policy is None else MOST_PENDING
         if half.up and policy is not None and len(self._down.pending) > most:

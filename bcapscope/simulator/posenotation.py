@@ -97,7 +97,7 @@ def pass_of(part: Variant) -> int:
 
 
 def pass_of_text(text: str | None) -> int:
-    """Read what stands behind the `@` of a pass: `P`, `E` or a number; None is 0."""
+    """Read what follows the `@` of a pass: `P`, `E` or a number; None is 0."""
     if text is None:
         return 0
     return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)

@@ -16,7 +16,7 @@ from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.slavemode import PoseType
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.simulator.context import Command, Context
 from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.machine import READY, RUNNING
@@ -53,7 +53,10 @@ def read(context: Context) -> Variant:
     place = _place(context.object)
     if place:
         return context.machine.memory.read(*place)
-    return _READERS[_owner(context.object), context.object.name.strip().upper()](context)
+    owner, name = _owner(context.object), context.object.name.strip().upper()
+    if owner is ObjectClass.ROBOT and name in context.machine.start.empty:
+        return EMPTY
+    return _READERS[owner, name](context)
 
 
 def write(context: Context, value: Variant) -> Outcome:

@@ -252,6 +252,18 @@ class Ended:
     seconds: float
 
 
+# The peak that the system accounts for a process counts from its fork on, when it still shared the memory
+# of its parent. The launcher is small, so a parent that is large does not count.
+_LAUNCHER = """
+import os, resource, subprocess, sys
+account = int(sys.argv[1])
+os.set_inheritable(account, False)
+code = subprocess.call(sys.argv[2:])
+os.write(account, b"%d" % resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+sys.exit(code if code >= 0 else 128 - code)
+"""
+
+
 def run_measured(words: Sequence[str | Path], stdin: Path | None = None, patience: float = PATIENCE) -> Ended:
     """Run ``bcapscope`` with `words` to its end.
 
@@ -260,8 +272,16 @@ def run_measured(words: Sequence[str | Path], stdin: Path | None = None, patienc
     """
     argv = [sys.executable, "-m", "bcapscope", *map(str, words)]
     began = time.monotonic()
-    with open(stdin or os.devnull, "rb") as source:
-        process = subprocess.Popen(argv, stdin=source, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    peak_read, peak_write = os.pipe()
+    with open(stdin or os.devnull, "rb") as source, open(peak_write, "wb") as account:
+        process = subprocess.Popen(
+            [sys.executable, "-S", "-c", _LAUNCHER, str(peak_write), *argv],
+            stdin=source,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            pass_fds=(account.fileno(),),
+            start_new_session=True,
+        )
     watch = MemoryWatch(process.pid)
     outputs: dict[str, bytes] = {}
     readers = [
@@ -271,11 +291,17 @@ def run_measured(words: Sequence[str | Path], stdin: Path | None = None, patienc
     for reader in readers:
         reader.start()
     try:
-        code, peak = _wait(process, patience)
+        code = process.wait(patience)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        raise AssertionError(f"still running after {patience:.0f} s: {argv[2:]}") from None
     finally:
         watch.close()
-    for reader in readers:
-        reader.join(PATIENCE)
+        for reader in readers:
+            reader.join(PATIENCE)
+        with open(peak_read, "rb") as accounted:
+            peak = int(accounted.read() or b"0") / 1024
     err = outputs["err"].decode(errors="replace")
     assert "Traceback" not in err, err[-3000:]
     return Ended(code, outputs["out"], err, max(peak, watch.peak), time.monotonic() - began)
@@ -288,20 +314,6 @@ def _drain(name: str, pipe: IO[bytes] | None, outputs: dict[str, bytes]) -> None
         while data := pipe.read(65536):
             kept += data[: max(0, 1_000_000 - len(kept))]
     outputs[name] = bytes(kept)
-
-
-def _wait(process: subprocess.Popen[bytes], patience: float) -> tuple[int, float]:
-    """Wait for the end; return the exit code and the peak in MB that the system accounted."""
-    until = time.monotonic() + patience
-    while time.monotonic() < until:
-        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-        if pid:
-            process.returncode = os.waitstatus_to_exitcode(status)
-            return process.returncode, usage.ru_maxrss / 1024
-        time.sleep(0.01)
-    process.kill()
-    process.wait()
-    raise AssertionError(f"still running after {patience:.0f} s: process {process.pid}")
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from bcapscope.tui.screens.palette import all_commands
 from bcapscope.tui.screens.place import Place
 from bcapscope.tui.settings import load
 from bcapscope.tui.widgets.topbar import TopBar
-from bcapscope.tui.words import Language, speak
+from bcapscope.tui.words import Language
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, make, shown, until
 
@@ -172,7 +172,6 @@ def test_japanese_labels() -> None:
         assert {command.name for command in all_commands(made.screen, made)} >= {"終了", "テーマ: ダーク"}
 
     drive(made := app(language=Language.JAPANESE), act)
-    speak(Language.ENGLISH)
 
 
 def test_the_theme_is_remembered(tmp_path: Path) -> None:

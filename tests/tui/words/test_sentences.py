@@ -35,13 +35,15 @@ from bcapscope.render.statistics import statistics_lines
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.desk.saved import SavedError, load
-from bcapscope.tui.words import Language, speak, told
+from bcapscope.tui.words import told
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import Story, stage
 from tests.cli.run import CAPTURES
 from tests.render.scenes import ROBOT, observe
 from tests.tui.words.english import left_over, untold
+
+pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 
@@ -53,7 +55,7 @@ ROOMS = {
     "player": "checks checks_motion process project reading realtime records resampling slvmoves station "
     "table timing yamltext",
     "protocol": "arguments content stream",
-    "proxy": "control control_client farewell guard intercept relay tcp udp vigil",
+    "proxy": "control control_client farewell guard intercept relay scriptprocess scriptqueue tcp udp vigil",
     "render": "advice line preflight slave slave_controller slave_motion slave_timing slaverun statistics",
     "traffic": "filter_tokens filters",
 }
@@ -75,13 +77,6 @@ UNSEEN = {
     ],  # of the command line, before there is a screen
 }
 """What is no sentence."""
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _japanese() -> Iterator[None]:
-    speak(Language.JAPANESE)
-    yield
-    speak(Language.ENGLISH)
 
 
 @pytest.mark.parametrize("module", MODULES)
