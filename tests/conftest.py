@@ -1,4 +1,4 @@
-"""What all tests share: settings of hypothesis, golden files.
+"""What all tests share: settings of hypothesis, golden files, a check that no test changes the next one.
 
 ``pytest --hypothesis-profile=deep`` tries fifty times as much, ``pytest --golden-write`` writes the golden
 files anew.
@@ -7,12 +7,14 @@ files anew.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.leftovers import nothing_left
 
 # A busy machine is no failure: pytest's own time-out bounds a test.
 settings.register_profile(
@@ -30,6 +32,13 @@ _GOLDEN = Path(__file__).parent / "golden"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--golden-write", action="store_true", help="write golden files instead of comparing")
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left() -> Iterator[None]:
+    """Fail a test that leaves the process changed."""
+    with nothing_left():
+        yield
 
 
 @pytest.fixture

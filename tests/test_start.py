@@ -12,7 +12,7 @@ import pytest
 import bcapscope
 
 HEAVY = {"numpy", "orjson", "rich", "scapy", "textual"}
-SCAPY_USERS = {"bcapscope.capture.layer", "bcapscope.capture.live"}
+SCAPY_USERS = {"bcapscope.capture.layer", "bcapscope.capture.sniffer"}
 
 # Imports every module named on the command line in turn and tells which was the first to bring scapy along.
 _FIRST_WITH_SCAPY = """
@@ -51,6 +51,7 @@ def _imported_by(*args: str) -> set[str]:
     return {line.rpartition("|")[2].strip().partition(".")[0] for line in lines}
 
 
+@pytest.mark.lifecycle
 def test_help_imports_nothing_heavy() -> None:
     imported = _imported_by("--help")
     assert "bcapscope" in imported
@@ -61,6 +62,7 @@ def test_version_imports_nothing_heavy() -> None:
     assert not _imported_by("--version") & HEAVY
 
 
+@pytest.mark.lifecycle
 def test_ctrl_c_while_it_is_loaded_ends_it_without_a_word() -> None:
     argv = [sys.executable, "-c", _CTRL_C_WHILE_LOADED]
     done = subprocess.run(argv, capture_output=True, text=True, check=False)

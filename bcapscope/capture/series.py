@@ -16,9 +16,9 @@ from bcapscope.capture.recording import Recording
 
 _UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _TIMES = {"s": 1, "min": 60, "h": 3600, "d": 86400}
-_BOUNDS = re.compile(r"(\d+)x(.+)", re.ASCII)
-_SIZE = re.compile(r"(\d+)([kMGT]?)B", re.ASCII)
-_TIME = re.compile(r"(\d+)(s|min|h|d)", re.ASCII)
+_BOUNDS = re.compile(r"(\d{1,6})x(.+)", re.ASCII)
+_SIZE = re.compile(r"(\d{1,12})([kMGT]?)B", re.ASCII)
+_TIME = re.compile(r"(\d{1,8})(s|min|h|d)", re.ASCII)
 _SMALLEST = 10_000
 """Bytes; the least that a file of a ring may be limited to."""
 
@@ -99,7 +99,11 @@ class Series(io.RawIOBase):
         self._files: deque[Path] = deque()
         self._count = 0
         self.freed = 0
-        self._open()
+        try:
+            self._open()
+        except OSError:
+            super().close()  # Python calls `close` otherwise, and there is no file to close
+            raise
         self.recording = Recording(self)
         self._begin()
 

@@ -19,6 +19,8 @@ from bcapscope.cli.way import Way, way
 from bcapscope.player.limits import UNKNOWN, limited
 from bcapscope.player.messages import Pacing, Plan
 from bcapscope.player.preflight import check
+from bcapscope.protocol.numerals import read_integer
+from bcapscope.protocol.wording import shortened
 
 _HIGHEST_MODE = 0x303
 _NEW_FILE = click.Path(path_type=Path)
@@ -29,12 +31,9 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
     text = value.casefold()
     if text in list(Pacing):
         return Pacing(text)
-    try:
-        number = int(text, 0)
-    except ValueError:
-        number = 0
-    if not 0 < number <= _HIGHEST_MODE:
-        raise click.BadParameter(f"{value!r} is neither sync, async nor a number such as 0x202")
+    number = read_integer(text, 1, _HIGHEST_MODE)
+    if number is None:
+        raise click.BadParameter(f"{shortened(value, 40)!r} is neither sync, async nor a number up to 0x303")
     return number
 
 

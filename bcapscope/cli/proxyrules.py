@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
+from bcapscope.cli import options
 from bcapscope.cli.output import echo, narrate
 
 if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
@@ -316,13 +317,18 @@ _OPTIONS = (
         callback=_reader(_rule_file),
         help="Faults from a file: a list `faults`, each with `action` and the words of --help-faults.",
     ),
-    click.option("--seed", type=int, help="Of all chance: the same seed and traffic give the same faults."),
+    click.option(
+        "--seed",
+        type=options.Whole(0, options.LARGEST_SEED),
+        help="Of all chance: the same seed and traffic give the same faults.",
+    ),
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse all that moves the robot or changes its state, and what is not known, with "
-        "E_ACCESSDENIED. Robot_Halt, slvChangeMode 0, releases and Service_Stop always pass; so does "
-        "Controller_Connect, without whose handles nothing can be read.",
+        help="Refuse requests that energise or move the robot or change its state, and unknown ones, with "
+        "E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
+        "slvChangeMode 0, releases and Service_Stop. Controller_Connect also passes: nothing can be read "
+        "without its handles.",
     ),
     click.option(
         "--block",

@@ -31,13 +31,17 @@ from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import HEADER, RingWriter
 from bcapscope.proxy.sockets import reason
 from bcapscope.proxy.spec import Listener
-from bcapscope.proxy.tcp import TcpPort
+from bcapscope.proxy.tcpport import TcpPort
 from bcapscope.proxy.udp import UdpPort, UdpSession
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint
+from bcapscope.transport.descriptors import allow_descriptors
 
 RING_SIZE = 32 << 20
 """Bytes: twenty seconds of four robots with a set point each millisecond, if nobody watched at all."""
+
+_DESCRIPTORS = 1024
+"""Files that may be open: two for a TCP client, one for a UDP client and for one that is silent so far."""
 
 _GLANCE = 0.05
 _BEGINS_WITHIN = 30.0
@@ -87,6 +91,7 @@ class Proxy:
         """
         self._wishes = wishes
         self._ends = ends
+        allow_descriptors(_DESCRIPTORS)
         self._memory = _share(HEADER + RING_SIZE)
         self._is_named = True
         assert self._memory.buf is not None

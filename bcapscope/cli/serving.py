@@ -21,7 +21,8 @@ from bcapscope.cli.signals import awaited_ends, end_in_order
 from bcapscope.player.realtime import undisturbed
 from bcapscope.render.service import reason_line, report_line
 from bcapscope.simulator.conversation import Report
-from bcapscope.simulator.server import Answerer, ListenError, Server, serve
+from bcapscope.simulator.listening import ListenError
+from bcapscope.simulator.server import Answerer, Server, serve
 from bcapscope.simulator.simulator import Peer
 
 

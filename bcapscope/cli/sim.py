@@ -10,6 +10,7 @@ from collections.abc import Callable
 import click
 import msgspec
 
+from bcapscope.cli import options
 from bcapscope.cli.attended import announce, attended_option
 from bcapscope.cli.behaviours import list_behaviours
 from bcapscope.cli.output import narrate
@@ -55,7 +56,11 @@ _HELP = (
     callback=list_behaviours,
     help="List what it does as real controllers do, how sure we are, and the sources; end.",
 )
-@click.option("--seed", type=int, help="Of what a scenario draws by lot, instead of its own.")
+@click.option(
+    "--seed",
+    type=options.Whole(0, options.LARGEST_SEED),
+    help="Of what a scenario draws by lot, instead of its own.",
+)
 @click.option(
     "--defect",
     "defects",
@@ -75,7 +80,7 @@ _HELP = (
 @click.option(
     "-p",
     "--port",
-    type=click.IntRange(0, 65535),
+    type=options.Whole(0, 65535),
     default=5007,
     show_default=True,
     help="For UDP and TCP; 0 takes one that is free.",

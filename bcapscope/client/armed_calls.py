@@ -11,12 +11,14 @@ from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.traffic.question import question_of
 
 _WHO = "user"
+_FUNCTION_ID = 9
 
 
 class ArmedCalls:
     """Picks the calls that need arming out of all frames of a connection.
 
-    Of set points that follow one another the first is logged as any other call, then their number.
+    Of set points that follow one another the first is logged as any other call, then their number. A set
+    point that is repeated before any reply is a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
@@ -24,6 +26,7 @@ class ArmedCalls:
         self._log = log
         self._connection = connection
         self._set_points = 0
+        self._unanswered = b""
 
     def observe(self, seen: Observation) -> None:
         """Take a frame, as the observer of a session."""
@@ -35,11 +38,13 @@ class ArmedCalls:
             return
         frame = Frame(raw)
         if not sent:
+            self._unanswered = b""
             self._log.received(self._connection, frame, at)
             return
         if (question_of(frame).command or "").casefold() == "slvmove":
-            self._set_points += 1
-            self._log.sent(self._connection, frame, at, _WHO, wanted=self._set_points == 1)
+            is_retry, self._unanswered = raw[_FUNCTION_ID:] == self._unanswered, raw[_FUNCTION_ID:]
+            self._set_points += not is_retry
+            self._log.sent(self._connection, frame, at, _WHO, wanted=self._set_points == 1 and not is_retry)
             return
         wanted = needs_arming(frame.code, frame.variants)
         if wanted:

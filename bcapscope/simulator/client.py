@@ -49,8 +49,8 @@ _OTHER_CLIENTS_OWN = frozenset(
     )
 )
 """What a client may call while another one is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py); the client in slave mode may not (issue 13 of
-DENSORobot/denso_robot_ros)."""
+others/bcapslavemove_handmove_COBOTTA.py). That the client in slave mode may not is assumed (issue 13 of
+DENSORobot/denso_robot_ros: the hand cannot move while slave mode moves the arm)."""
 
 
 class Client:

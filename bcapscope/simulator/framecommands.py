@@ -25,7 +25,9 @@ from bcapscope.simulator.refusals import BAD_INDEX
 from bcapscope.simulator.values import i4, integer_of, items_of, nth, number_of, numbers_of, row
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
-_NOWHERE: Frame = (0.0,) * 6
+NOWHERE: Frame = (0.0,) * 6
+"""A tool or work that was never defined."""
+
 _UNREACHABLE = -1
 _MOST_PLACES = 32767
 """Rows, columns and layers of a pallet; assumed."""
@@ -84,7 +86,7 @@ def convert_work(context: Context, parameter: Variant) -> Outcome:
     items = items_of(parameter)
     pose = _position(context, nth(items, 0))
     works = context.machine.equipment.works
-    source, target = (works.get(_frame_number(nth(items, index)), _NOWHERE) for index in (1, 2))
+    source, target = (works.get(frame_number(integer_of(nth(items, index))), NOWHERE) for index in (1, 2))
     values = seen_from(target, moved_in_tool(source, pose))
     return Answer(value=row(context.machine.profile.real, (*values, _fig(pose))))
 
@@ -92,7 +94,9 @@ def convert_work(context: Context, parameter: Variant) -> Outcome:
 def tool_definition(context: Context, parameter: Variant) -> Outcome:
     """Run GetToolDef."""
     tools = context.machine.equipment.tools
-    return Answer(value=row(context.machine.profile.real, tools.get(_frame_number(parameter), _NOWHERE)))
+    return Answer(
+        value=row(context.machine.profile.real, tools.get(frame_number(integer_of(parameter)), NOWHERE))
+    )
 
 
 def _define(frames: Callable[[Context], dict[int, Frame]]) -> Command:
@@ -100,18 +104,20 @@ def _define(frames: Callable[[Context], dict[int, Frame]]) -> Command:
         items, machine = items_of(parameter), context.machine
         if machine.profile.needs_arm and machine.owner != context.client:
             raise RefusedError(E_ARM_NOT_TAKEN)
-        number = _frame_number(nth(items, 0))
-        if number == 0:
-            raise RefusedError(BAD_INDEX)
+        number = frame_number(integer_of(nth(items, 0)), first=1)
         frames(context)[number] = _position(context, nth(items, 1))[:6]
         return DONE
 
     return run
 
 
-def _frame_number(part: Variant) -> int:
-    number = integer_of(part)
-    if not 0 <= number < MOST_FRAMES:
+def frame_number(number: int, first: int = 0) -> int:
+    """Return the number of a tool or work.
+
+    Raises:
+        RefusedError: it is below `first` or too large.
+    """
+    if not first <= number < MOST_FRAMES:
         raise RefusedError(BAD_INDEX)
     return number
 

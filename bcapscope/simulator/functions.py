@@ -69,7 +69,7 @@ def _check_name(context: Context, kind: ObjectClass, name: str, option: str) -> 
     """Refuse a name that the controller has nothing of; any name does for its one robot."""
     machine, folded = context.machine, name.casefold()
     if kind is ObjectClass.VARIABLE:
-        systemvariables.check(context.object.kind, name)
+        systemvariables.check(context.object.kind, name, machine.profile.generation)
     elif kind in _NAMED and folded not in _NAMED[kind](context):
         raise RefusedError(OBJECT_NOT_FOUND)
     elif kind is ObjectClass.FILE and folded not in machine.files:
@@ -243,7 +243,7 @@ _OF_ALL: Mapping[str, Handler] = {
     "Release": release,
     "Disconnect": release,
     "GetVariableNames": lambda context, arguments: Answer(
-        value=names(systemvariables.names(context.object.kind))
+        value=names(systemvariables.names(context.object.kind, context.machine.profile.generation))
     ),
 }
 """By the verb that several classes have."""

@@ -101,7 +101,7 @@ def suck(context: Context, parameter: Variant) -> Outcome:
 
 
 def stop(context: Context, parameter: Variant) -> Outcome:
-    """Run HandStop: a motion under way answers 835002FF, the vacuum hand lets go."""
+    """Run HandStop: a motion under way answers 835002FF, the vacuum goes off."""
     equipment = context.machine.equipment
     equipment.hand.stop(context.now, HAND_STOPPED)
     equipment.vacuum = 0.0

@@ -62,6 +62,7 @@ class Start:
         tasks: programs that are loaded.
         running: those of them that run.
         errors: active ones, the oldest first.
+        empty: names of variables of the robot that answer EMPTY, in capitals.
         emergency: the emergency stop is pressed.
         arm_taken: a client that is not seen here has the arm.
         object_width: of an object between the fingers of the hands, mm; None for no object.
@@ -81,6 +82,7 @@ class Start:
     tasks: tuple[str, ...] = (ROBSLAVE, "Pro1")
     running: tuple[str, ...] = ()
     errors: tuple[int, ...] = ()
+    empty: tuple[str, ...] = ()
     emergency: bool = False
     arm_taken: bool = False
     object_width: float | None = None

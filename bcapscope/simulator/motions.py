@@ -11,7 +11,7 @@ import re
 from types import MappingProxyType
 from typing import NamedTuple
 
-from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL, E_ROBOTISBUSY
+from bcapscope.protocol.hresult import E_INVALIDARG, E_ROBOTISBUSY
 from bcapscope.protocol.variant import Variant
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Commands, Context
@@ -34,7 +34,8 @@ IS_STOPPING = 0x83201404
 LONGEST_TIME = 3_600_000
 """ms; ours."""
 
-_PTP, _LINE = 1, 2
+_PTP, _LINE, _CIRCLE, _FREE_CURVE = 1, 2, 3, 4
+_BETWEEN_POSES = re.compile(r",\s*(?=[@PJT])", re.IGNORECASE)
 _GIVEN = re.compile(r"\b(SPEED|S|ACCEL|DECEL|TIME)\s*=\s*([^\s,]+)")
 _VARIABLE = re.compile(r"([IFD])([0-9]{1,9})")
 _AXES = re.compile(
@@ -44,15 +45,32 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: Context, interpolation: Variant, pose: Variant, option: Variant) -> Outcome:
-    """Run Robot_Move; a line is followed like PTP here.
+    """Run Robot_Move; lines and circles are followed like PTP here, and free curves hold no points.
 
     Raises:
-        RefusedError: circles and free curves, among the reasons of every motion.
+        RefusedError: there is no such interpolation, among the reasons of every motion.
     """
-    if integer_of(interpolation) not in (_PTP, _LINE):
-        raise RefusedError(E_NOTIMPL)
-    target = parse_target(pose, context.machine.memory.read)
-    return run_motion(context, target, text_of(option))
+    kind, read = integer_of(interpolation), context.machine.memory.read
+    if kind == _CIRCLE:
+        targets = [parse_target(each, read) for each in _poses(pose)]
+        if len(targets) != 2:
+            raise RefusedError(E_INVALIDARG)
+        context.machine.check_reach(targets[0].joints)
+        return run_motion(context, targets[1], text_of(option))
+    if kind == _FREE_CURVE:
+        if integer_of(pose) < 1:
+            raise RefusedError(E_INVALIDARG)
+        return run_motion(context, Target(context.machine.arm.goal, 0), text_of(option))
+    if kind not in (_PTP, _LINE):
+        raise RefusedError(E_INVALIDARG)
+    return run_motion(context, parse_target(pose, read), text_of(option))
+
+
+def _poses(pose: Variant) -> tuple[Variant, ...]:
+    """Take the poses of a circle apart: `P1, @E P2`, or an array of two."""
+    if not isinstance(pose.value, str):
+        return items_of(pose)
+    return tuple(map(bstr, _BETWEEN_POSES.split(pose.value[:LONGEST])))
 
 
 def drive(

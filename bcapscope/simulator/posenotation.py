@@ -2,7 +2,8 @@
 
 `@E J(0, 0, 90, 0)`, `@P P1`, a bare array of numbers, or a VARIANT array of numbers, type, pass and extra
 axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable may stand
-for the numbers, as in `[1, "P", "@0"]`, and the samples also write the pass before the type.
+for the numbers, as in `[1, "P", "@0"]`. The samples' README gives its type as VT_R4, and the samples send VT_I4.
+They also write the pass before the type.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def pass_of(part: Variant) -> int:
 
 
 def pass_of_text(text: str | None) -> int:
-    """Read what stands behind the `@` of a pass: `P`, `E` or a number; None is 0."""
+    """Read what follows the `@` of a pass: `P`, `E` or a number; None is 0."""
     if text is None:
         return 0
     return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
@@ -141,7 +142,7 @@ def _is_number(item: Variant) -> bool:
 
 def _is_index(items: tuple[Variant, ...]) -> bool:
     """Tell a variable's number, type and pass from the numbers of a pose, of which there are six at least."""
-    return 1 < len(items) <= 4 and isinstance(items[0].value, int)
+    return 1 < len(items) <= 4 and _is_number(items[0])
 
 
 def _written(type_: PoseType | None, numbers: tuple[float, ...], passing: int) -> WrittenPose:

@@ -23,8 +23,10 @@ from msgspec import Meta
 from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldError, read_document
 from bcapscope.faults.fault import AnyFault
 from bcapscope.faults.quantities import Duration, ResultCode
+from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import is_failure
 from bcapscope.protocol.responder import Defect
+from bcapscope.protocol.slavemode import Generation
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.event import LONGEST_NAME, AnyEvent, Joints6, Mode, Percent
 from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, beyond_limit, eight
@@ -34,6 +36,7 @@ from bcapscope.simulator.outcome import RefusedError
 from bcapscope.simulator.profile import PROFILES, NoArgument, Profile
 from bcapscope.simulator.refusals import BAD_INDEX
 from bcapscope.simulator.simulator import MOST_CLIENTS
+from bcapscope.simulator.systemvariables import names
 from bcapscope.simulator.values import boolean, bstr, r8, row
 from bcapscope.traffic.filter_tokens import nearest
 
@@ -126,6 +129,7 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         speed: external speed in percent, as set on the pendant.
         type_name: of the robot.
         errors: that are active, the oldest first.
+        empty: names of variables of the robot that answer EMPTY, such as @CURRENT_ANGLE.
         emergency: whether the emergency stop is pressed.
         arm_taken: whether a client that is not seen has the arm.
         object_width: width in mm of an object between the fingers of the hands; None for no object.
@@ -141,6 +145,7 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     speed: Percent = 100.0
     type_name: Name = ROBOT_TYPE
     errors: Annotated[tuple[ResultCode, ...], Meta(max_length=32)] = ()
+    empty: Names = ()
     emergency: bool = False
     arm_taken: bool = False
     object_width: Annotated[float, Meta(gt=0, le=39)] | None = None
@@ -151,6 +156,10 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for index, code in enumerate(self.errors):
             if not is_failure(code):
                 raise FieldError(("errors", index), f"{code.text} is no error")
+        known = {name for generation in Generation for name in names(ObjectClass.ROBOT, generation)}
+        for index, name in enumerate(self.empty):
+            if name.upper() not in known:
+                raise FieldError(("empty", index), f"the robot has no variable {name}")
 
 
 class Tasks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -248,7 +257,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     limits: Limits = Limits()
     faults: Trouble = ()
     in_slave_mode: Trouble = ()
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
 
     def __post_init__(self) -> None:
         self.fill(Memory(VT.R8))
@@ -292,6 +301,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             tasks=self.tasks.loaded,
             running=self.tasks.running,
             errors=start.errors,
+            empty=tuple(name.upper() for name in start.empty),
             emergency=start.emergency,
             arm_taken=start.arm_taken,
             object_width=start.object_width,

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from bcapscope.protocol.frame import Frame, Malformed
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.variant import VT
+from bcapscope.protocol.wording import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MOST_KINDS = 4096
@@ -92,12 +93,7 @@ def _learn(request: Frame, beginning: bytes) -> Question:
 def _read(request: Frame) -> Question:
     arguments = request.arguments
     value = arguments[1].variant.value if len(arguments) > 1 else None
-    return Question(request.code, shortened(value) if isinstance(value, str) else None)
-
-
-def shortened(name: str) -> str:
-    """Return a name in at most `LONGEST_NAME` characters and an ellipsis."""
-    return name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}…"
+    return Question(request.code, shortened(value, LONGEST_NAME) if isinstance(value, str) else None)
 
 
 class Questions:

@@ -149,6 +149,15 @@ class Scope(KeyOrder):
             }
         self.inks = inks
 
+    def on_load(self) -> None:
+        """Start tasks in turn on every Python.
+
+        From Python 3.12 on, Textual's `App.run_async` has each task run at once. The first screen is then
+        mounted before it is on the stack, and the first `Input` in it ends the program with a
+        ScreenStackError.
+        """
+        asyncio.get_running_loop().set_task_factory(None)
+
     def on_mount(self) -> None:
         """Listen to signals, tell what was wrong with the settings."""
         self._listen()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import io
 import resource
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +16,8 @@ import pytest
 from bcapscope.capture.file import open_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.series import Bounds, Series, parse_bounds
+
+pytestmark = pytest.mark.lifecycle
 
 CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
 
@@ -67,6 +71,20 @@ def test_a_file_that_is_there_is_kept(tmp_path: Path) -> None:
     (tmp_path / "a.pcapng").write_bytes(b"mine")
     with pytest.raises(FileExistsError):
         Series(tmp_path / "a.pcapng")
+
+
+@pytest.mark.parametrize("path", ["there/a.pcapng", "missing/a.pcapng"])
+def test_a_file_that_cannot_be_opened_leaves_nothing_to_close(tmp_path: Path, path: str) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "a.pcapng").touch()
+    source = (
+        "import sys\nfrom pathlib import Path\nfrom bcapscope.capture.series import Series\n"
+        "try:\n    Series(Path(sys.argv[1]))\nexcept OSError:\n    print('refused')\n"
+    )
+    # Python older than 3.13 keeps errors of a finalizer to itself except in development mode.
+    argv = [sys.executable, "-X", "dev", "-c", source, str(tmp_path / path)]
+    done = subprocess.run(argv, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("refused\n", "")
 
 
 def test_a_file_of_a_ring_is_too_large_by_less_than_a_packet_however_many_are_flushed_at_once(

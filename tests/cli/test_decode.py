@@ -133,6 +133,7 @@ def test_frames_of_a_pipe_are_shown_as_they_come() -> None:
         assert done.stderr.read() == b"3 frames in 3 packets\n"
 
 
+@pytest.mark.lifecycle
 def test_a_closed_pipe_ends_quietly(tmp_path: Path) -> None:
     many = tmp_path / "many.pcap"
     data = (CAPTURES / "exchanges.pcap").read_bytes()
@@ -159,6 +160,7 @@ def test_a_truncated_capture_gives_all_before_the_cut(tmp_path: Path, kept: int)
     assert "byte" in sentence
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full on this system")
 @pytest.mark.parametrize("style", [[], ["--json"], ["--csv"], ["--tree"]])
 def test_a_full_disk_is_told_in_one_sentence(style: list[str]) -> None:
@@ -303,6 +305,7 @@ def test_an_unknown_interface_is_said() -> None:
     assert "there is no interface nosuch0" in done.err
 
 
+@pytest.mark.lifecycle
 @pytest.mark.parametrize(
     ("redirection", "code"), [(">&-", Exit.UNWRITABLE), ("2>&-", Exit.UNWRITABLE), ("<&-", Exit.USAGE)]
 )

@@ -9,6 +9,8 @@ import pytest
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.files import FileRefused, NewFile, check_free
 
+pytestmark = pytest.mark.lifecycle
+
 
 def test_a_file_has_its_name_when_it_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"

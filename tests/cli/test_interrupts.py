@@ -19,6 +19,8 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.interrupts import Interrupts
 from tests.cli.run import CAPTURES, run_here
 
+pytestmark = pytest.mark.lifecycle
+
 LIMIT = 30.0
 SESSION = CAPTURES / "slave-session.pcapng"
 

@@ -198,6 +198,7 @@ class Terminal:
         return code
 
 
+@pytest.mark.lifecycle
 def test_questions_and_keys_on_a_terminal(port: int, gentle: Path) -> None:
     away = ("Robot_Execute TakeArm", "Robot_Execute Motor i4[]:1,0", 'Robot_Move 1 "@E J(5,0,90,0,90,0)"')
     calls = [word for call in away for word in ("--exec", call)]
@@ -214,6 +215,7 @@ def test_questions_and_keys_on_a_terminal(port: int, gentle: Path) -> None:
     assert terminal.close() == 0
 
 
+@pytest.mark.lifecycle
 @pytest.mark.parametrize("keys", ["\x03", "\x1a"])
 def test_ctrl_c_and_ctrl_z_bring_the_robot_to_rest(port: int, gentle: Path, keys: str) -> None:
     words = ("play", str(gentle), "127.0.0.1", "-p", str(port), "--tcp", "--mode", "async", "--loop", "500")

@@ -24,6 +24,8 @@ from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.spec import parse_listeners
 from tests.proxy.scripting import Here
 
+pytestmark = pytest.mark.lifecycle
+
 
 class Stubborn:
     """A process that does not end by itself."""

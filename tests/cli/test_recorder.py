@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Callable
 from io import BytesIO, FileIO, RawIOBase
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import pytest
 
@@ -88,6 +90,7 @@ def test_packets_are_made_for_a_while_only_before_the_server_looks_around(
     assert len(frames(path, path.read_bytes())[2]) == 5
 
 
+@pytest.mark.lifecycle
 def test_a_file_is_never_written_over(tmp_path: Path) -> None:
     path = tmp_path / "a.pcapng"
     path.write_bytes(b"mine")
@@ -177,6 +180,7 @@ def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(monkeypatch: pyt
     disk.runs.set()
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
 def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
     told = list[str]()
@@ -191,3 +195,22 @@ def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
     assert not recorder._basket.blocks
     assert not recorder.close()
     assert told == ["a\\x1b.pcapng is not written any more: no space left on device"]
+
+
+def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path) -> None:
+    class SmallDisk(FileIO):
+        def write(self, data: Any, /) -> int:
+            room = 5001 - self.tell()
+            if not room:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data[:room])
+
+    told = list[str]()
+    recorder = Recorder(SmallDisk(tmp_path / "a.pcapng", "x"), "a.pcapng", told.append)
+    while not told:
+        recorder.datagram(CLIENT, SERVER, REQUEST, TIME)
+        recorder.idle()
+        time.sleep(0.001)
+    assert not recorder.close()
+    with captured(str(tmp_path / "a.pcapng")) as capture:
+        assert len(list(capture)) > 10

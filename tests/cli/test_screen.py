@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.lifecycle
+
 _SCREEN = """
 import sys, time
 from bcapscope.cli import screen

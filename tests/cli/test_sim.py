@@ -51,6 +51,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
         assert time.monotonic() < end
 
 
+@pytest.mark.lifecycle
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_answers_logs_and_ends(number: signal.Signals) -> None:
     with simulator("--profile", "rc7") as (process, port):
@@ -62,6 +63,7 @@ def test_it_answers_logs_and_ends(number: signal.Signals) -> None:
         assert err.startswith("1 calls; 0 datagrams")
 
 
+@pytest.mark.lifecycle
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_in_order_as_soon_as_it_listens(number: signal.Signals) -> None:
     with simulator() as (process, _):
@@ -94,6 +96,7 @@ def test_a_stdout_that_nobody_reads_holds_no_client_up() -> None:
     ), told
 
 
+@pytest.mark.lifecycle
 def test_it_goes_on_when_the_reader_of_its_log_has_gone() -> None:
     with simulator() as (process, port):
         assert process.stdout is not None

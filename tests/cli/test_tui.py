@@ -13,6 +13,8 @@ import pytest
 
 from tests.cli.run import CAPTURES
 
+pytestmark = pytest.mark.lifecycle
+
 pty = pytest.importorskip("pty", reason="there are no pseudo-terminals here")
 
 LIMIT = 40.0

@@ -56,6 +56,7 @@ def test_no_proxy_is_there(tmp_path: Path) -> None:
     assert ran.err.count("\n") == 1
 
 
+@pytest.mark.lifecycle
 def test_the_proxy_ends_with_its_terminal(tmp_path: Path) -> None:
     near, far = pty.openpty()
     spec = ["tui", "--proxy", "--listen", "127.0.0.1:0", *TO]

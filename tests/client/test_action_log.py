@@ -209,6 +209,8 @@ def test_only_armed_calls_are_logged_and_set_points_are_counted(tmp_path: Path) 
         calls.add_frame(True, frame.raw, TIME)
         calls.add_frame(False, encode(frame.serial, 0, 0, ()), TIME)
     calls.add_frame(True, b"\x01", TIME)
+    calls.add_frame(True, execute("slvMove", Variant(VT.I4, 1), 107).raw, TIME)
+    calls.add_frame(True, execute("slvMove", Variant(VT.I4, 1), 108).raw, TIME)
     calls.end_set_points()
     lines = disk.lines()
     assert [(line["sent"], line.get("set_points")) for line in lines if "sent" in line] == [
@@ -217,6 +219,6 @@ def test_only_armed_calls_are_logged_and_set_points_are_counted(tmp_path: Path) 
         ("Robot_Execute slvMove", 100),
         ("Robot_Execute Motor", None),
         ("Robot_Execute slvMove", None),
-        ("Robot_Execute slvMove", 1),
+        ("Robot_Execute slvMove", 2),
     ]
     assert [line["received"] for line in lines if "received" in line] == ["S_OK"] * 4

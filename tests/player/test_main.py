@@ -22,6 +22,8 @@ from bcapscope.player.realtime import Grade
 from bcapscope.protocol.convention import Convention
 from tests.player.simulated import TARGET, ScriptedDesk, Stage
 
+pytestmark = pytest.mark.lifecycle
+
 
 def test_files_are_written_without_priority(monkeypatch: pytest.MonkeyPatch) -> None:
     urgent = False

@@ -8,6 +8,8 @@ import pytest
 
 from bcapscope.player.newfile import new_file
 
+pytestmark = pytest.mark.lifecycle
+
 
 @pytest.mark.parametrize("data", [b"", b"something"])
 def test_a_file_to_which_nothing_was_written_goes(data: bytes, tmp_path: Path) -> None:

@@ -33,6 +33,8 @@ from bcapscope.simulator.server import Server
 from bcapscope.simulator.simulator import Simulator
 from tests.player.simulated import wave
 
+pytestmark = pytest.mark.lifecycle
+
 M = TypeVar("M", bound=Message)
 PATIENCE = 30.0
 

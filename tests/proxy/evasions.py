@@ -37,7 +37,7 @@ _ON = (
     ("Motor", Variant(VT.BSTR, "1")),
     ("slvChangeMode", Variant(VT.I4, 0x102)),
     ("TakeArm", Variant.array(VT.I4, (0, 0))),
-    ("ExtSpeed", Variant.array(VT.R8, (100.0, 100.0, 100.0))),
+    ("ExtSpeed", Variant.array(VT.R8, (40.0, 40.0, 40.0))),
     ("slvMove", Variant.array(VT.R8, (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0))),
 )
 

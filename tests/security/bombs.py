@@ -355,7 +355,7 @@ def commands(path: Path, folder: Path) -> dict[str, Sequence[str | Path]]:
         "decode --csv": ["decode", "--csv", path],
         "decode --tree": ["decode", "--tree", path],
         "decode --tree --full --hex": ["decode", "--tree", "--full", "--hex", path],
-        "decode -f": ["decode", "-f", "command contains x and any(args) == 3", path],
+        "decode -f": ["decode", "-f", "command contains 'x' and arg[2] contains 3", path],
         "calls": ["calls", path],
         "calls --json": ["calls", "--json", path],
         "calls --tree": ["calls", "--tree", path],
@@ -366,8 +366,8 @@ def commands(path: Path, folder: Path) -> dict[str, Sequence[str | Path]]:
         "slave --json": ["slave", "--json", path],
         "diagnose": ["diagnose", path],
         "diagnose --json": ["diagnose", "--json", path],
-        "report": ["report", path, "-o", folder / "report.html"],
-        "extract": ["extract", path, "-o", folder / "extract.csv"],
+        "report": ["report", path, "--force", "-o", folder / "report.html"],
+        "extract": ["extract", path, "--force", "-o", folder / "extract.csv"],
     }
 
 

@@ -7,6 +7,7 @@ It also reports the round trips of an honest client as a ratio to those without 
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -22,7 +23,7 @@ from typing import IO
 from bcapscope.client import Blocking, connect, over_tcp, over_udp
 from bcapscope.protocol.frame import encode, parse_datagram
 from bcapscope.protocol.variant import VT, Variant
-from tests.cli.proxying import Process
+from tests.cli.proxying import Process, proxy, simulator
 
 MEMORY_LIMIT = 300.0
 """MB that no process may exceed."""
@@ -114,25 +115,34 @@ class HonestClient:
 def halt_delay(port: int, transport: str) -> float:
     """Send Robot_Halt as the first frame of a new client; return the seconds until its reply.
 
-    Over UDP the request is repeated every 50 ms, as clients do. Any result code counts: it proves that the
-    request reached the controller.
+    Over UDP the request is repeated every 50 ms, as clients do; over TCP the client connects again if its
+    connection is reset. Any result code counts: it proves that the request reached the controller.
     """
-    request = encode(1, 0, _ROBOT_HALT, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
     began = time.perf_counter()
+    while not _is_halt_answered(port, transport):
+        assert time.perf_counter() - began < PATIENCE, "Robot_Halt was not answered"
+    return time.perf_counter() - began
+
+
+def _is_halt_answered(port: int, transport: str) -> bool:
+    request = encode(1, 0, _ROBOT_HALT, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
     kind = socket.SOCK_STREAM if transport == "tcp" else socket.SOCK_DGRAM
+    until = time.perf_counter() + PATIENCE
     with socket.socket(socket.AF_INET, kind) as client:
         client.settimeout(PATIENCE if transport == "tcp" else 0.05)
-        client.connect(("127.0.0.1", port))
-        while True:
-            client.send(request)
-            try:
-                reply = client.recv(4096)
-            except TimeoutError:
-                assert time.perf_counter() - began < PATIENCE, "Robot_Halt was not answered"
-                continue
-            assert reply, "the connection was closed before Robot_Halt was answered"
-            assert parse_datagram(reply)
-            return time.perf_counter() - began
+        try:
+            client.connect(("127.0.0.1", port))
+            while time.perf_counter() < until:
+                client.send(request)
+                try:
+                    reply = client.recv(4096)
+                except TimeoutError:
+                    continue
+                assert not reply or parse_datagram(reply)
+                return bool(reply)
+        except ConnectionError:
+            time.sleep(0.01)
+    return False
 
 
 class MemoryWatch:
@@ -185,6 +195,44 @@ def _high_water_mark(pid: int) -> float:
     return int(lines["VmHWM"].split()[0]) / 1024 if "VmHWM" in lines else 0.0
 
 
+def processor_time(pid: int) -> float:
+    """Return the seconds of processor time that a process has taken; 0 if it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextmanager
+def proxied(*words: str, descriptors: int | None = None) -> Iterator[Process]:
+    """Run ``bcapscope proxy`` with options in front of a simulator; yield the proxy."""
+    with simulator() as controller, proxy(controller.port, *words, descriptors=descriptors) as process:
+        yield process
+
+
+@contextmanager
+def attacker(module: str, *words: object) -> Iterator[None]:
+    """Run the ``attack`` of a module in a process of its own, which prints a line once it is under way."""
+    argv = [sys.executable, "-m", module, "attack", *map(str, words)]
+    with subprocess.Popen(argv, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline(), "the attacker did not start"
+            yield
+            assert process.poll() is None, "the attacker gave up"
+        finally:
+            process.kill()
+
+
+def allow_descriptors(count: int) -> int:
+    """Let this process open `count` files if the system does; return how many it may open."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = count if hard == resource.RLIM_INFINITY else min(count, hard)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    return most
+
+
 @dataclass(frozen=True)
 class Ended:
     """A command that ran to its end.
@@ -204,6 +252,18 @@ class Ended:
     seconds: float
 
 
+# The peak that the system accounts for a process counts from its fork on, when it still shared the memory
+# of its parent. The launcher is small, so a parent that is large does not count.
+_LAUNCHER = """
+import os, resource, subprocess, sys
+account = int(sys.argv[1])
+os.set_inheritable(account, False)
+code = subprocess.call(sys.argv[2:])
+os.write(account, b"%d" % resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+sys.exit(code if code >= 0 else 128 - code)
+"""
+
+
 def run_measured(words: Sequence[str | Path], stdin: Path | None = None, patience: float = PATIENCE) -> Ended:
     """Run ``bcapscope`` with `words` to its end.
 
@@ -212,8 +272,16 @@ def run_measured(words: Sequence[str | Path], stdin: Path | None = None, patienc
     """
     argv = [sys.executable, "-m", "bcapscope", *map(str, words)]
     began = time.monotonic()
-    with open(stdin or os.devnull, "rb") as source:
-        process = subprocess.Popen(argv, stdin=source, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    peak_read, peak_write = os.pipe()
+    with open(stdin or os.devnull, "rb") as source, open(peak_write, "wb") as account:
+        process = subprocess.Popen(
+            [sys.executable, "-S", "-c", _LAUNCHER, str(peak_write), *argv],
+            stdin=source,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            pass_fds=(account.fileno(),),
+            start_new_session=True,
+        )
     watch = MemoryWatch(process.pid)
     outputs: dict[str, bytes] = {}
     readers = [
@@ -223,11 +291,17 @@ def run_measured(words: Sequence[str | Path], stdin: Path | None = None, patienc
     for reader in readers:
         reader.start()
     try:
-        code, peak = _wait(process, patience)
+        code = process.wait(patience)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        raise AssertionError(f"still running after {patience:.0f} s: {argv[2:]}") from None
     finally:
         watch.close()
-    for reader in readers:
-        reader.join(PATIENCE)
+        for reader in readers:
+            reader.join(PATIENCE)
+        with open(peak_read, "rb") as accounted:
+            peak = int(accounted.read() or b"0") / 1024
     err = outputs["err"].decode(errors="replace")
     assert "Traceback" not in err, err[-3000:]
     return Ended(code, outputs["out"], err, max(peak, watch.peak), time.monotonic() - began)
@@ -242,20 +316,6 @@ def _drain(name: str, pipe: IO[bytes] | None, outputs: dict[str, bytes]) -> None
     outputs[name] = bytes(kept)
 
 
-def _wait(process: subprocess.Popen[bytes], patience: float) -> tuple[int, float]:
-    """Wait for the end; return the exit code and the peak in MB that the system accounted."""
-    until = time.monotonic() + patience
-    while time.monotonic() < until:
-        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-        if pid:
-            process.returncode = os.waitstatus_to_exitcode(status)
-            return process.returncode, usage.ru_maxrss / 1024
-        time.sleep(0.01)
-    process.kill()
-    process.wait()
-    raise AssertionError(f"still running after {patience:.0f} s: process {process.pid}")
-
-
 @dataclass(frozen=True)
 class Outcome:
     """One attack on one command."""
@@ -267,6 +327,8 @@ class Outcome:
     """Seconds until Robot_Halt of a new client was answered, by transport."""
     peak: float
     """MB."""
+    busy: float = 0.0
+    """Share of one processor that the command took during the attack."""
 
     @property
     def ratio(self) -> float:
@@ -280,7 +342,7 @@ class Outcome:
         return (
             f"{self.name}: p99 {self.quiet.p99 * 1e3:.2f} -> {self.attacked.p99 * 1e3:.2f} ms "
             f"(x{self.ratio:.1f}), longest {self.attacked.longest * 1e3:.0f} ms; "
-            f"Robot_Halt {halts}; {self.peak:.0f} MB"
+            f"Robot_Halt {halts}; {self.peak:.0f} MB; {self.busy:.0%} of a processor"
         )
 
     def check(self) -> None:
@@ -297,6 +359,7 @@ def under_attack(
     seconds: float = 5.0,
     transport: str = "tcp",
     halts: Sequence[str] = TRANSPORTS,
+    code: int = 0,
 ) -> Outcome:
     """Measure an honest client without and with an attack, and Robot_Halt during it.
 
@@ -307,6 +370,7 @@ def under_attack(
         seconds: how long the honest client is measured, each time.
         transport: of the honest client, which connects before the attack begins.
         halts: transports over which new clients send Robot_Halt during the attack.
+        code: exit code of the command when it is interrupted after the attack.
 
     Raises:
         AssertionError: a limit was exceeded, the honest client failed, or the command ended badly.
@@ -316,14 +380,16 @@ def under_attack(
         try:
             quiet = client.measure(seconds)
             with attack(process.port):
+                before, began = processor_time(process.popen.pid), time.monotonic()
                 attacked = client.measure(seconds)
+                busy = (processor_time(process.popen.pid) - before) / (time.monotonic() - began)
                 halt = {each: halt_delay(process.port, each) for each in halts}
             memory.sample()
         finally:
             client.close()
-        err = process.end(signal.SIGINT)
+        err = process.end(signal.SIGINT, code)
     assert "Traceback" not in err, err[-3000:]
-    outcome = Outcome(name, quiet, attacked, halt, memory.peak)
+    outcome = Outcome(name, quiet, attacked, halt, memory.peak, busy)
     print(outcome.line, flush=True)
     outcome.check()
     return outcome

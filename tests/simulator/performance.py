@@ -63,6 +63,10 @@ class Performance:
         self.desk = Desk.of(playbook.scenario)
         self.names = first_names(profile)
         self.speakers = {name: Speaker(*how) for name, how in playbook.clients.items()}
+        self.connect()
+
+    def connect(self) -> None:
+        """Connect the clients that use TCP."""
         for name, speaker in self.speakers.items():
             assert not speaker.tcp or self.desk.answerer.connect(name, self.desk.now)
 
@@ -75,10 +79,10 @@ class Performance:
         if step.subject == "wait":
             number, unit = step.words
             assert unit == "ms"
-            self._deliver(self.desk.wait(float(number)))
+            self.deliver(self.desk.wait(float(number)))
         elif step.subject == "controller":
             event: AnyEvent = read_document(step.words[0], AnyEvent)  # type: ignore[arg-type]  # a union
-            self._deliver(event.happen(self.desk.simulator, self.desk.now))
+            self.deliver(event.happen(self.desk.simulator, self.desk.now))
         else:
             for repetition in range(step.times):
                 self._speak(step, repetition)
@@ -110,12 +114,15 @@ class Performance:
             speaker.asked = speaker.serial
             speaker.serial += 1
             if fate != "request lost":
-                self._deliver(self._take(step.subject, raw))
+                self.deliver(self.transmit(step.subject, raw))
+            if step.verb == "abandons":
+                speaker.serial -= 1  # the Python client advances it only with a reply
             if fate:
-                self._deliver(self.desk.wait(TIMEOUT))
+                self.deliver(self.desk.wait(TIMEOUT))
                 speaker.inbox.clear()
 
-    def _take(self, name: str, raw: bytes) -> list[Output]:
+    def transmit(self, name: str, raw: bytes) -> list[Output]:
+        """Send a request of a client to the controller; return what is to be delivered."""
         answerer, now = self.desk.answerer, self.desk.now
         return (
             answerer.segment(name, raw, now) if self.speakers[name].tcp else answerer.datagram(name, raw, now)
@@ -128,10 +135,11 @@ class Performance:
             if due is None or due > end:
                 raise Wrong(f"{step.place}: {' '.join(step.words)}: no reply")
             self.desk.now = max(due, self.desk.now + 1)
-            self._deliver(self.desk.answerer.advance(self.desk.now))
+            self.deliver(self.desk.answerer.advance(self.desk.now))
         return frame
 
-    def _deliver(self, outputs: list[Output]) -> None:
+    def deliver(self, outputs: list[Output]) -> None:
+        """Bring the clients what the controller sends."""
         for peer, data in outputs:
             self.speakers[str(peer)].inbox.append(Frame(data))
 

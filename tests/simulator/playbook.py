@@ -11,6 +11,7 @@ one before, and `#` begins a comment. ``profiles:`` names the profiles that the 
     act, reply lost: Robot_Execute $arm "CurJnt" - => r8[8] | rc7 r4[8]
     act sends: Robot_Move $arm i4:1 "J(90,0,90,0,90,0)" ""
     act gets: => 83201404 EMPTY
+    act abandons: Robot_Execute $arm "CurJnt" -     sent, but the serial is used again
     wait: 100 ms
     controller: {action: emergency-stop}    an event, as in a scenario
 
@@ -18,10 +19,10 @@ Arguments: ``"text"`` is VT_BSTR, ``-`` is EMPTY, ``$name`` is a value that an e
 ``( a b )`` is an array of VARIANT. All else is read by `bcapscope.protocol.notation.parse`. ``{a+bn}`` is a
 number that grows with each repetition n = 0, 1, 2, ...
 
-Replies: ``none`` is no argument, ``EMPTY`` is one EMPTY, ``$name`` stores an I4. Eight hexadecimal digits are a
-result other than S_OK. ``i4``, ``bstr``, ``r8[8]`` and ``r8[]`` give only the type and the number of elements;
-``i4:5``, ``"text"`` and ``r8[]:1,2`` give the value too. ``in 400 ms`` is how long the call takes. After ``|``
-comes what other profiles answer.
+Replies: ``none`` is no argument, ``EMPTY`` is one EMPTY, ``$name`` stores an I4. Eight hexadecimal digits are
+a result other than S_OK. ``i4``, ``bstr``, ``r8[8]`` and ``r8[]`` give only the type and the number of
+elements; ``i4:5``, ``"text"`` and ``r8[]:1,2`` give the value too. ``in 400 ms`` is how long the call takes.
+After ``|`` comes what other profiles answer.
 """
 
 from __future__ import annotations
@@ -69,11 +70,11 @@ class Step:
     Attributes:
         place: file and line.
         subject: name of the client, or `wait` or `controller`.
-        verb: `calls`, `sends` or `gets` of a client.
+        verb: `calls`, `sends`, `gets` or `abandons` of a client.
         times: so often.
         fates: what becomes of the first attempts: `request lost`, `reply lost`.
         words: the function and its arguments, or what happens.
-        reply: the one of the profile; None for `sends`, `wait` and `controller`.
+        reply: the one of the profile; None where none is waited for.
     """
 
     place: str
@@ -103,15 +104,15 @@ def playbooks() -> Iterator[tuple[str, str]]:
     """Yield each playbook's name with each profile that it has steps for."""
     for path in sorted(FOLDER.glob("*.play")):
         for profile in sorted(PROFILES):
-            if read(path.stem, profile).steps:
+            if read(path, profile).steps:
                 yield path.stem, profile
 
 
-def read(name: str, profile: str) -> Playbook:
+def read(path: Path, profile: str) -> Playbook:
     """Read the steps of a playbook that are for a profile."""
     scenario, clients, steps = ["title: x", f"profile: {profile}"], {}, []
     concerned = True
-    for place, line in _lines(FOLDER / f"{name}.play"):
+    for place, line in _lines(path):
         head, _, rest = line.partition(":")
         if line.startswith("%"):
             scenario.append(line[1:].strip())

@@ -76,9 +76,7 @@ def test_servo_on_takes_only_what_says_on_or_off(value: Variant) -> None:
     assert operator.call("Variable_GetValue", variable).value is False
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("@SERVO_ON", True), ("@SERVO_ON", False), ("@START", 1), ("@STOP", 1)]
-)
+@pytest.mark.parametrize(("name", "value"), [("@SERVO_ON", True), ("@SERVO_ON", False), ("@START", 1)])
 def test_a_variable_that_acts_is_refused_in_slave_mode_as_its_command_is(name: str, value: object) -> None:
     operator = Operator(Desk())
     task = operator.get("Controller_GetTask", operator.controller, "Pro1")
@@ -106,3 +104,20 @@ def test_writing_start_and_stop_is_starting_and_stopping_a_task() -> None:
     assert operator.slave(0).hresult == 0
     assert operator.call("Variable_PutValue", stop, i4(1)).hresult == 0
     assert operator.slave(0x002).hresult == 0x80004005
+
+
+@pytest.mark.parametrize(("profile", "mode", "after"), [("rc7", 0x002, 0), ("rc8", 0x202, 0x202)])
+def test_writing_stop_is_allowed_in_slave_mode_as_task_stop_is(profile: str, mode: int, after: int) -> None:
+    """It stops RobSlave, without which there is no slave mode on RC7."""
+    for by_variable in (True, False):
+        operator = Operator(Desk(profile))
+        task = operator.get("Controller_GetTask", operator.controller, "RobSlave")
+        stop = operator.get("Task_GetVariable", task, "@STOP")
+        operator.ready()
+        assert operator.slave(mode).hresult == 0
+        if by_variable:
+            assert operator.call("Variable_PutValue", stop, i4(1)).hresult == 0
+        else:
+            assert operator.call("Task_Stop", task, i4(1), bstr("")).hresult == 0
+        assert operator.robot("slvGetMode").value == after
+        assert operator.machine_error() == 0

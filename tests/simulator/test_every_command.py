@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bcapscope.protocol.commands import Command, commands
-from bcapscope.protocol.hresult import E_NOTIMPL
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.hresult import E_NOTIMPL, S_EXECUTING
 from bcapscope.protocol.variant import EMPTY, VT, Variant, vt_name
 from bcapscope.simulator.behaviours import BEHAVIOURS, Certainty
 from bcapscope.simulator.context import accepted
@@ -17,6 +20,7 @@ from bcapscope.simulator.refusals import INVALID_COMMAND
 from bcapscope.simulator.robotcommands import ROBOT_COMMANDS
 from bcapscope.simulator.values import boolean, bstr, i4, r8, row, variants
 from tests.simulator.desk import Desk, Operator, ints
+from tests.strategies import variants as any_variant
 
 CONTROLLER, EXTENSION, ROBOT, TASK = 17, 28, 64, 87
 
@@ -191,6 +195,28 @@ def test_a_documented_command_is_answered(profile: str, known: Command) -> None:
 def _on_rc7(types: set[str]) -> set[str]:
     """RC7 answers poses in single precision."""
     return types | {each.replace("VT_R8|", "VT_R4|") for each in types}
+
+
+NUMBERS = st.integers(-3, 110).map(i4) | st.floats(allow_nan=False).map(r8) | st.booleans().map(boolean)
+TEXTS = st.sampled_from((HOME, POSE, "P1", "@E", "@P 10", "J", "", "SPEED=F1,NEXT", "(1,5)", "1")).map(bstr)
+LIKELY = st.recursive(
+    NUMBERS | TEXTS,
+    lambda inner: st.lists(inner, max_size=9).map(lambda each: variants(*each)),
+    max_leaves=12,
+)
+"""Parameters that are nearly right."""
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from([known for profile, known in CASES if profile == "rc8"]), any_variant() | LIKELY)
+def test_any_parameter_is_answered_or_refused(known: Command, parameter: Variant) -> None:
+    operator = Operator(Desk("rc8", Start(motor=True, object_width=12.0)), tcp=True)
+    operator.ready()
+    function, target = _target(operator, known)
+    raw = operator.send(function, target, bstr(known.name), parameter) + operator.desk.wait(3_700_000)
+    replies = [Frame(output.data) for output in raw if Frame(output.data).code != S_EXECUTING]
+    assert len(replies) == 1
+    assert replies[0].code not in (E_NOTIMPL, INVALID_COMMAND)
 
 
 def test_each_generation_is_walked() -> None:

@@ -56,6 +56,8 @@ def _mixed(*values: float) -> Variant:
         variants(i4(5), bstr("@E"), bstr("J")),
         variants(i4(5), bstr("J")),
         ints(5, 2, 0),
+        variants(Variant(VT.R4, 5.0), bstr("J"), bstr("@0")),
+        row(VT.R4, (5, 2, -2)),
     ],
 )
 def test_a_pose_is_taken_in_every_notation(operator: Operator, pose: Variant) -> None:
@@ -81,6 +83,35 @@ def test_a_pose_is_taken_in_every_notation(operator: Operator, pose: Variant) ->
 )
 def test_what_is_no_pose_is_refused(operator: Operator, pose: Variant, result: int) -> None:
     assert operator.call("Robot_Move", operator.arm, i4(1), pose, bstr("")).hresult == result
+
+
+def _move(operator: Operator, interpolation: int, pose: Variant) -> int:
+    return operator.call("Robot_Move", operator.arm, i4(interpolation), pose, bstr("")).hresult
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [
+        bstr("J(5, 0, 90, 0, 90, 0), @E J(10, 0, 90, 0, 90, 0)"),
+        bstr("J4,J5"),
+        Variant.array(VT.BSTR, ("J4", "@E J5")),
+        variants(variants(row(VT.R8, HOME), bstr("J")), variants(row(VT.R8, TURNED), bstr("J"), bstr("@E"))),
+    ],
+)
+def test_a_circle_goes_to_its_second_pose(operator: Operator, poses: Variant) -> None:
+    operator.write("J4", row(VT.R8, HOME))
+    operator.write("J5", row(VT.R8, TURNED))
+    assert _move(operator, 3, poses) == 0
+    assert _angle(operator) == joints(*TURNED)
+
+
+def test_a_circle_needs_two_poses_within_reach_and_a_curve_its_number(operator: Operator) -> None:
+    assert _move(operator, 3, bstr("J(5, 0, 90, 0, 90, 0)")) == 0x80070057
+    assert _move(operator, 3, bstr("J(171, 0, 90, 0, 90, 0), J(0, 0, 90, 0, 90, 0)")) == 0x83204071
+    assert _move(operator, 4, i4(1)) == 0
+    assert _move(operator, 4, i4(0)) == 0x80070057
+    assert _move(operator, 5, bstr("J(5, 0, 90, 0, 90, 0)")) == 0x80070057
+    assert _angle(operator) == joints(*HOME)
 
 
 # options

@@ -25,7 +25,7 @@ from bcapscope.tui.screens.palette import all_commands
 from bcapscope.tui.screens.place import Place
 from bcapscope.tui.settings import load
 from bcapscope.tui.widgets.topbar import TopBar
-from bcapscope.tui.words import Language, speak
+from bcapscope.tui.words import Language
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, make, shown, until
 
@@ -65,6 +65,7 @@ def test_keys_lead_from_screen_to_screen() -> None:
     drive(made := app(), act)
 
 
+@pytest.mark.lifecycle
 def test_an_error_of_ours_ends_the_screen_and_lets_go_of_everything(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,6 +107,7 @@ def test_a_screen_that_was_left_takes_the_theme_that_is_chosen_elsewhere() -> No
     drive(made := app(), act)
 
 
+@pytest.mark.lifecycle
 def test_nothing_is_left_of_it_when_it_has_ended() -> None:
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("f3")
@@ -172,7 +174,6 @@ def test_japanese_labels() -> None:
         assert {command.name for command in all_commands(made.screen, made)} >= {"終了", "テーマ: ダーク"}
 
     drive(made := app(language=Language.JAPANESE), act)
-    speak(Language.ENGLISH)
 
 
 def test_the_theme_is_remembered(tmp_path: Path) -> None:
@@ -207,6 +208,7 @@ def test_settings_that_cannot_be_written_are_told(tmp_path: Path) -> None:
     drive(made := app(tmp_path / "file" / "screen.yaml"), act)
 
 
+@pytest.mark.lifecycle
 def test_what_is_to_be_let_go_of_is_before_the_end_the_last_first() -> None:
     done = []
 
@@ -224,6 +226,7 @@ def test_what_is_to_be_let_go_of_is_before_the_end_the_last_first() -> None:
     assert done == ["b", "a"]
 
 
+@pytest.mark.lifecycle
 def test_what_does_not_let_go_does_not_keep_the_screen_open(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bcapscope.tui.app.CLOSING_LIMIT", 0.05)
 
@@ -237,6 +240,7 @@ def test_what_does_not_let_go_does_not_keep_the_screen_open(monkeypatch: pytest.
     drive(made := app(), act)
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has neither")
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
 def test_signals_close_in_order(tmp_path: Path, number: signal.Signals) -> None:

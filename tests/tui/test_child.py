@@ -13,6 +13,8 @@ from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.tui.child import Child, ChildError
 
+pytestmark = pytest.mark.lifecycle
+
 LIMIT = 60.0
 SERVICE_START = encode(1, 0, 1, [Variant(VT.BSTR, "")])
 

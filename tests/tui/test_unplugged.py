@@ -257,6 +257,7 @@ def recorded(path: Path) -> Iterator[tuple[str, str, object]]:
                 yield client, command or function_name(item.code), values[2].value if command else None
 
 
+@pytest.mark.lifecycle
 @pytest.mark.parametrize("way", ["closed", "hung up"])
 def test_the_terminal_is_closed_while_the_player_plays(tmp_path: Path, way: str) -> None:
     """The robot comes to rest, slave mode is left, everything is let go, and nothing is left running."""

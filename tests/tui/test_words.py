@@ -112,11 +112,9 @@ def test_the_environment_chooses(environment: dict[str, str], language: Language
 
 def test_what_is_spoken_changes() -> None:
     speak(Language.JAPANESE)
-    try:
-        assert say("shell.quit") == "終了"
-        assert say("traffic.lost", count=3) == "3 パケット欠落"
-    finally:
-        speak(Language.ENGLISH)
+    assert say("shell.quit") == "終了"
+    assert say("traffic.lost", count=3) == "3 パケット欠落"
+    speak(Language.ENGLISH)
     assert say("shell.quit") == "Quit"
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bcapscope.proxy.control_answers import Delays, Figures
 from bcapscope.proxy.ring import SET_POINT
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
-from bcapscope.tui.proxy.standing import Delays, Figures
 from bcapscope.tui.words import say
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import pytest
 
 from bcapscope.tui.desk.builtin import BuiltIn, builtin_simulator
-from bcapscope.tui.words import Language, speak
 
 
 @pytest.fixture(scope="module")
@@ -15,9 +14,3 @@ def simulator() -> Iterator[BuiltIn]:
     """Run the built-in simulator."""
     with builtin_simulator() as place:
         yield place
-
-
-@pytest.fixture(autouse=True)
-def _english() -> None:
-    """Let the desk speak English, whatever a test before has spoken in this process."""
-    speak(Language.ENGLISH)

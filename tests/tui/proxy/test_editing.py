@@ -8,17 +8,11 @@ from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.variant import ARRAY, VT, Variant
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 from bcapscope.tui.proxy.editing import edited, proposal
-from bcapscope.tui.words import Language, speak
 
 ENDS = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
 FLOW = Flow(Conversation(*ENDS, Transport.UDP, "the proxy"), Direction.REQUEST)
 HANDLE, COMMAND, MODE = Variant(VT.I4, 2), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 258)
 MESSAGE = encode(9, 0, 64, [HANDLE, COMMAND, MODE])
-
-
-@pytest.fixture(autouse=True)
-def _english() -> None:
-    speak(Language.ENGLISH)
 
 
 @pytest.mark.parametrize(

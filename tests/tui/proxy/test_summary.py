@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.tui.proxy.standing import Figures
+from bcapscope.proxy.control_answers import Figures
 from bcapscope.tui.proxy.summary import summary
 from bcapscope.tui.words import Language, speak
 

@@ -15,7 +15,7 @@ from bcapscope.capture.file import open_capture
 from bcapscope.capture.packetfile import PacketWriter
 from bcapscope.tui.settings import load
 from bcapscope.tui.widgets.viewbar import ViewBar
-from bcapscope.tui.words import Language, speak
+from bcapscope.tui.words import Language
 from tests.cli.run import CAPTURES, run
 from tests.tui.pilot import drive, until
 from tests.tui.pilot import shown as drawn
@@ -311,4 +311,3 @@ def test_japanese() -> None:
             assert "呼び出し 1 の要求" in text
 
         drive(app, act)
-    speak(Language.ENGLISH)

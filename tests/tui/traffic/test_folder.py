@@ -15,6 +15,8 @@ import pytest
 from bcapscope.tui.traffic.folder import Folder
 from tests.cli.run import CAPTURES
 
+pytestmark = pytest.mark.lifecycle
+
 LIMIT = 30.0
 _SCREEN = """
 from bcapscope.tui.traffic.feed import Feed

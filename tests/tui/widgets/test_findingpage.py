@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import pytest
 from textual.pilot import Pilot
 
 from bcapscope.protocol.wording import display_width
@@ -17,12 +14,6 @@ from tests.analysis.plays import SCENES
 from tests.analysis.scenes import stage
 from tests.tui.pilot import shown
 from tests.tui.widgets.stage import on_stage, scope
-
-
-@pytest.fixture(autouse=True)
-def _english_again() -> Iterator[None]:
-    yield
-    speak(Language.ENGLISH)
 
 
 def test_nothing_of_a_finding_is_cut_off() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,19 +16,14 @@ from bcapscope.render.verdict import verdict
 from bcapscope.traffic.exchange import Role
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import FilterError, compile_filter
-from bcapscope.tui.words import Language, speak, titled, told
+from bcapscope.tui.words import titled, told
 from tests.cli.run import CAPTURES
+
+pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[A-Z]\w+|slv\w+)\b")
 """What a translation neither loses nor changes: result codes, modes, times, and names of the vendor."""
-
-
-@pytest.fixture(autouse=True)
-def _japanese() -> Iterator[None]:
-    speak(Language.JAPANESE)
-    yield
-    speak(Language.ENGLISH)
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)

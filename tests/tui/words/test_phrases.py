@@ -28,10 +28,12 @@ from bcapscope.render.advice import advice
 from bcapscope.render.playing import ended_lines, peer_line
 from bcapscope.render.slaverun import figure_lines
 from bcapscope.tui import words
-from bcapscope.tui.words import PHRASES, Language, speak, told
+from bcapscope.tui.words import PHRASES, told
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
 from tests.player.ways import PERIOD, swing, way
 from tests.tui.words.english import left_over
+
+pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 BOOK = Phrasebook(
@@ -46,13 +48,6 @@ BOOK = Phrasebook(
         "twice": "2 回",
     }
 )
-
-
-@pytest.fixture(autouse=True)
-def _japanese() -> Iterator[None]:
-    speak(Language.JAPANESE)
-    yield
-    speak(Language.ENGLISH)
 
 
 def is_japanese(text: str) -> bool:
@@ -151,7 +146,7 @@ def messages() -> Iterator[str]:
 
 
 @pytest.mark.parametrize(
-    ("note", "japanese"),
+    ("note", "translation"),
     [
         ("loss=5%: dropped", "loss=5%: 破棄"),
         (
@@ -166,8 +161,8 @@ def messages() -> Iterator[str]:
         ("intercept: edited after 1.2 s", "保留: 1.2 s 後に変更して送信"),
     ],
 )
-def test_what_a_proxy_did_to_a_packet(note: str, japanese: str) -> None:
-    assert told(note) == japanese
+def test_what_a_proxy_did_to_a_packet(note: str, translation: str) -> None:
+    assert told(note) == translation
 
 
 def test_what_else_the_tester_shows() -> None:
@@ -176,7 +171,15 @@ def test_what_else_the_tester_shows() -> None:
 
 @pytest.mark.parametrize("outcome", Outcome)
 def test_how_the_player_ended(outcome: Outcome) -> None:
-    ended = Ended(outcome, "stop was asked for", Spread(), Spread(), Counts(5, retries=1, late=2), left=False)
+    ended = Ended(
+        outcome,
+        "stop was asked for",
+        Spread(),
+        Spread(),
+        Counts(5, retries=1, late=2),
+        left=False,
+        retries_expected=True,
+    )
     assert [line for line in ended_lines(ended) if not is_japanese(line.strip())] == []
 
 

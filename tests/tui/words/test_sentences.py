@@ -35,13 +35,15 @@ from bcapscope.render.statistics import statistics_lines
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.desk.saved import SavedError, load
-from bcapscope.tui.words import Language, speak, told
+from bcapscope.tui.words import told
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import Story, stage
 from tests.cli.run import CAPTURES
 from tests.render.scenes import ROBOT, observe
 from tests.tui.words.english import left_over, untold
+
+pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 
@@ -75,13 +77,6 @@ UNSEEN = {
     ],  # of the command line, before there is a screen
 }
 """What is no sentence."""
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _japanese() -> Iterator[None]:
-    speak(Language.JAPANESE)
-    yield
-    speak(Language.ENGLISH)
 
 
 @pytest.mark.parametrize("module", MODULES)
