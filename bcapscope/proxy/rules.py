@@ -251,15 +251,8 @@ class Rules:
         """Yield who is there."""
         for number, ways in self._ways.items():
             up, down = ways[Direction.REQUEST], ways[Direction.RESPONSE]
-            yield Attendance(
-                number,
-                up.flow.conversation,
-                self._since[number],
-                up.pieces,
-                up.last,
-                down.pieces,
-                down.last,
-            )
+            counts = up.pieces, up.last, down.pieces, down.last
+            yield Attendance(number, up.flow.conversation, self._since[number], *counts)
 
     def changed(self, now: int) -> None:
         """Take notice that faults or the intercept have changed; what was kept for them only goes on."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import median
 
 from tests.bench.proxy import free_port, percentile, running, trips
+from tests.cli.proxying import proxy
 
 RUNS, TRIPS, PACE = 3, 1000, 0.008
 
@@ -35,10 +36,8 @@ def main() -> None:
             ways[f"script: {name}"] = "--script", str(path)
         for _ in range(RUNS):
             for name, words in ways.items():
-                port = free_port()
-                spec = "--listen", f"udp:127.0.0.1:{port}", "--to", f"127.0.0.1:{server}", "-q", *words
-                with running(sys.executable, "-m", "bcapscope", "proxy", *spec, settle=8.0):
-                    found.setdefault(name, []).append(trips(port, TRIPS, PACE))
+                with proxy(server, "-q", *words) as relay:
+                    found.setdefault(name, []).append(trips(relay.port, TRIPS, PACE))
     for name, runs in found.items():
         p50, p99 = (median(percentile(run, share) for run in runs) for share in (0.5, 0.99))
         print(f"{name:26} p50 {p50:6.0f} µs  p99 {p99:7.0f} µs")
