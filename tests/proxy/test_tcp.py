@@ -142,7 +142,7 @@ def test_who_does_not_read_is_not_written_to_without_end() -> None:
 
 
 class SlowSocket(socket.socket):
-    """Takes at most 1000 bytes at a time, and none at every third call."""
+    """Takes 1000 bytes, then 1, then none, and so on."""
 
     calls = 0
 
@@ -150,7 +150,7 @@ class SlowSocket(socket.socket):
         self.calls += 1
         if self.calls % 3 == 0:
             raise BlockingIOError
-        return super().send(memoryview(data)[:1000], flags)
+        return super().send(memoryview(data)[: 1000 if self.calls % 3 == 1 else 1], flags)
 
 
 @pytest.mark.parametrize("up", [True, False])
@@ -295,6 +295,40 @@ def test_what_is_sent_last_is_told() -> None:
         assert [(each.kind, each.up, each.came, each.left > 0) for each in sent] == [
             (Kind.DATA, True, 0, True)
         ]
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_what_is_not_taken_at_the_end_is_told(monkeypatch: pytest.MonkeyPatch, up: bool) -> None:
+    with standing() as (_, _, proxy, session):
+        monkeypatch.setattr(socket.socket, "send", lambda sock, data, flags=0: 3)
+        (session._up if up else session._down).pending += b"the last"
+        session.close(False, "the proxy ended")
+        proxy.relay.close()
+        whose = "the controller" if up else "the client"
+        proxy.look()
+        assert f"5 bytes were not taken by {whose} any more" in proxy.told()
+        assert [each.data for each in proxy.of(Kind.DATA) if each.up is up][-1] == b"the"
+
+
+@pytest.mark.parametrize("by_reset", [True, False])
+def test_both_directions_are_noted_as_ended_by_the_relay_once(by_reset: bool) -> None:
+    with standing() as (client, server, proxy, session):
+        session._up.pending += b"the last"
+        session.close(by_reset, "why")
+        proxy.relay.close()
+        proxy.look()
+        kind, other = (Kind.RESET, Kind.END) if by_reset else (Kind.END, Kind.RESET)
+        ends = [(each.up, each.came, each.left > 0, each.data) for each in proxy.of(kind)]
+        assert ends == [(True, 0, True, b"why"), (False, 0, True, b"why")]
+        assert not proxy.of(other)
+        assert session.send(True, b"too late") == 0
+        if by_reset:  # nothing of what was pending is sent before it
+            for sock in (client, server):
+                with pytest.raises(ConnectionResetError):
+                    sock.recv(10)
+        else:
+            assert receive(server, 99) == b"the last"
+            assert client.recv(10) == b""
 
 
 def test_what_came_and_could_not_be_passed_on_any_more_is_told_before_its_client_is_forgotten() -> None:
