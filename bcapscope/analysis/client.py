@@ -26,6 +26,7 @@ MOST_DEPARTED = 32
 A_WHILE = 50_000_000
 """A call that takes longer than this, in nanoseconds, may still run when the next one is sent."""
 
+_LARGEST_POINT = 8192  # bytes of request, retries and reply; real ones have some hundred each
 RECENT_POINTS = 64
 """Set points looked at when one was refused: half a second at 8 ms."""
 
@@ -193,7 +194,11 @@ class Client:
         self.calls += 1
         self.answered += 1
         self.last = call
-        self.points.append(call)
+        self._keep_point(call)
+
+    def _keep_point(self, call: Exchange) -> None:
+        if call.weight <= _LARGEST_POINT:
+            self.points.append(call)
 
     def learn(self, call: Exchange) -> None:
         """Take a settled call into account, the one that `thing` is about."""
@@ -207,14 +212,14 @@ class Client:
         is_point = command_of(call.question) == "slvmove"
         if reply is None:
             if is_point and self.mode:
-                self.points.append(call)
+                self._keep_point(call)
             return
         self.answered += 1
         code = reply.item.code
         if is_failure(code):
             self._learn_failure(call, code)
         elif is_point:
-            self.points.append(call)
+            self._keep_point(call)
         else:
             self._learn_success(call)
 

@@ -15,6 +15,9 @@ from bcapscope.traffic.exchange import Exchange
 MOST_CALLS = 1024
 """Calls that are no set points, remembered for each controller."""
 
+MOST_BYTES = 1 << 20
+"""Bytes of their frames."""
+
 MOST_WAITING = 16
 """Stays without set points, of each controller."""
 
@@ -34,7 +37,8 @@ class Controller:
 
     def __init__(self) -> None:
         self.clue: Clue = NO_CLUE
-        self.calls: deque[Exchange] = deque(maxlen=MOST_CALLS)
+        self.calls: deque[Exchange] = deque()
+        self._weight = 0
         self.waiting: dict[Key, Course] = {}
         self.tried: Exchange | None = None
         self.mode_told: tuple[int | None, str] = (None, "")
@@ -46,6 +50,13 @@ class Controller:
         """Return what is known now, for a stay in this mode."""
         value, known_by = mode
         return Setting(value, known_by, self.clue, self._send, self._receive, self._position)
+
+    def remember(self, call: Exchange) -> None:
+        """Keep a call that is no set point; the oldest are forgotten where there are too many."""
+        self.calls.append(call)
+        self._weight += call.weight
+        while self.calls and (len(self.calls) > MOST_CALLS or self._weight > MOST_BYTES):
+            self._weight -= self.calls.popleft().weight
 
     def between(self, begin: int, end: int) -> list[Exchange]:
         """Return the calls that were asked at that time or answered in it, in order of time."""

@@ -228,7 +228,7 @@ class SlaveWatcher:
     def _other(self, call: Exchange) -> None:
         controller = self._controller(call)
         controller.clue = better(controller.clue, clue_of_call(call))
-        controller.calls.append(call)
+        controller.remember(call)
         function_id, command = call.question
         refused = call.reply is not None and is_failure(call.reply.item.code)
         if function_id in _ENDS and not refused:

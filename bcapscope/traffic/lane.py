@@ -50,11 +50,8 @@ MOST_HELD = 65536
 client tries without end (start-jsk/denso b-Cap.c): every 20 ms, it is there in 20 minutes. The call that goes
 beyond is let go with those before it, and what else comes of it begins another."""
 
-_EVENT_COST = 512
-"""Bytes that each of these costs beside its content."""
-
-_HEAVY = 64 * 1024
-"""Bytes of a settled call that are not kept for the sake of the next call's."""
+_EVENT_COST = 512  # bytes that each of these costs beside its content
+_HEAVY = 64 * 1024  # bytes; a settled call with more is not kept for the sake of the next one
 
 MOST_PAST = 1024
 """Serials of settled calls: at least as many are known, at most twice."""
@@ -404,10 +401,9 @@ class Lane:
         while overtaking and overtaking[0][0] <= exchange.call:
             overtaking.popleft()
         exchange.habits = self._habits
-        weight = exchange.weight
-        self.weight -= weight
-        self._budget.held -= weight
-        if weight > _HEAVY and exchange is self._newest:
+        self.weight -= exchange.weight
+        self._budget.held -= exchange.weight
+        if exchange.weight > _HEAVY and exchange is self._newest:
             self._newest = None
         if exchange.question.function_id in _OPENERS:
             self._follow_handles(exchange)

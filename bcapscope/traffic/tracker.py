@@ -17,9 +17,9 @@ MOST_OPEN = 8192
 conversation's is let go. Where four clients send a set point each 2 ms and get no answer, those are older
 than a second, after which a reply would be late, so that they count as unanswered."""
 
-MOST_BYTES = 64 * 1024 * 1024
+MOST_BYTES = 32 * 1024 * 1024
 """Bytes of all frames of open calls, with what keeping them costs; when there are more, the older half of the
-calls is let go of the conversation that holds most. That is two calls whose request and reply have the
+calls is let go of the conversation that holds most. That is one call whose request and reply have the
 largest size."""
 
 SWEEP_NS = 50_000_000
