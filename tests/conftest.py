@@ -6,8 +6,10 @@ files anew.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -20,6 +22,10 @@ settings.register_profile(
 )
 settings.register_profile("deep", settings.get_profile("fast"), max_examples=2000)
 settings.load_profile("fast")
+
+# The action log of what tests send is not the user's; programs that tests start inherit this.
+_STATE = TemporaryDirectory(prefix="bcapscope-tests-", ignore_cleanup_errors=True)
+os.environ["XDG_STATE_HOME"] = _STATE.name
 
 _GOLDEN = Path(__file__).parent / "golden"
 

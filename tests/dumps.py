@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable, Iterator
+
+from bcapscope.capture.hextext import HexPacket, read_hex_text
+
+
+def packets_in(text: str) -> list[HexPacket]:
+    """Find the packets in a text."""
+    return list(read_hex_text(lines_of(text)))
+
+
+def lines_of(text: str) -> list[str]:
+    """Split a text at any kind of line end."""
+    return re.split("\r\n|\n|\r", text)
 
 
 def rows(data: bytes, width: int = 16) -> Iterator[tuple[int, bytes]]:

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from bcapscope.capture.file import open_capture
-from bcapscope.capture.hextext import read_hex_text
 from bcapscope.capture.observer import Observer
 from bcapscope.player.limits import SIMULATED
 from bcapscope.player.preflight import check
@@ -18,6 +17,7 @@ from bcapscope.player.resampling import resample
 from bcapscope.protocol.frame import Frame, Malformed
 from bcapscope.simulator.kinematics import HOME, pose_of
 from bcapscope.traffic.observation import Direction, Observation, Transport
+from tests.dumps import packets_in
 from tests.samples.catalogue import SAMPLES, files
 from tests.samples.guide import DUMPS
 
@@ -121,7 +121,7 @@ def test_the_retry_story() -> None:
 
 def test_damaged_dumps_are_the_same_as_text_and_as_datagrams() -> None:
     printed = [bytes.fromhex(dump.printed) for dump in DUMPS]
-    text = read_hex_text((FOLDER / "damaged-dumps.txt").read_text())
+    text = packets_in((FOLDER / "damaged-dumps.txt").read_text())
     assert [packet.data for packet in text] == printed
     assert [packet.direction is Direction.REQUEST for packet in text] == [dump.client for dump in DUMPS]
     assert [frame.raw for _, frame in frames("damaged-dumps.pcap")] == printed

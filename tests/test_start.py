@@ -12,7 +12,7 @@ import pytest
 import bcapscope
 
 HEAVY = {"numpy", "orjson", "rich", "scapy", "textual"}
-SCAPY_USERS = {"bcapscope.capture.layer", "bcapscope.capture.live"}
+SCAPY_USERS = {"bcapscope.capture.layer", "bcapscope.capture.sniffer"}
 
 # Imports every module named on the command line in turn and tells which was the first to bring scapy along.
 _FIRST_WITH_SCAPY = """

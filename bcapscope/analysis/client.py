@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias, TypeVar
 
 from bcapscope.analysis.generation import NO_CLUE, better, clue_of_call
 from bcapscope.protocol.functions import FUNCTIONS, ID, ObjectClass
-from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, ends_slave_mode, is_failure
+from bcapscope.protocol.hresult import ends_slave_mode, is_failure
 from bcapscope.protocol.slavemode import Generation, SlaveMode, mode_value, slave_mode
 from bcapscope.protocol.variant import Value, Variant
 from bcapscope.traffic.exchange import Exchange
@@ -244,7 +244,7 @@ class Client:
             self.robslave_missing = call
         if not ends_slave_mode(code):
             return
-        if self.failure is None and code != E_NOT_IN_SLAVE_MODE:
+        if self.failure is None:
             self.failure, self.error_read = call, False
         if self.mode != 0:
             self.mode, self.mode_end = 0, call

@@ -9,6 +9,7 @@ from bcapscope.capture.counts import Counts
 from bcapscope.capture.sides import begins_frame, server_by_port
 from bcapscope.capture.talk import Sighting, Talk, endpoints, reverse
 from bcapscope.capture.tcp import FIN, RST, SYN, Connection, Segment
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import SMALLEST_FRAME, Frame
 from bcapscope.traffic.observation import Flow, Transport
 
@@ -24,10 +25,10 @@ class _Call:
 
     __slots__ = ("connection", "doubtful", "ends", "keys", "talk")
 
-    def __init__(self, key: bytes) -> None:
+    def __init__(self, key: bytes, budget: Budget) -> None:
         self.keys = (key, reverse(key)) if key != reverse(key) else (key,)
         self.ends = endpoints(key)
-        self.connection = Connection()
+        self.connection = Connection(budget)
         self.talk: Talk | None = None
         self.doubtful = 0  # segments taken in before it was sure that they are b-CAP
 
@@ -39,6 +40,7 @@ class Connections:
         """Take the ports on which servers listen, and where to count what is something else."""
         self._ports = ports
         self._counts = counts
+        self._budget = Budget()
         self._calls: OrderedDict[bytes, tuple[_Call, int]] = OrderedDict()
         self._contradictions = 0
         self._latest: _Call | None = None
@@ -104,7 +106,7 @@ class Connections:
                 self._calls.move_to_end(each)
 
     def _begin(self, key: bytes) -> tuple[_Call, int]:
-        call = _Call(key)
+        call = _Call(key, self._budget)
         source, destination = call.ends
         server = server_by_port(self._ports, source.port, destination.port)
         if server is not None:
@@ -122,7 +124,8 @@ class Connections:
         if call.talk is None and segment.data:
             call.talk = _recognise(call, sender, segment)
             if call.talk is None:
-                call.connection = Connection()
+                call.connection.close(time, packet)
+                call.connection = Connection(self._budget)
                 self._counts.not_bcap += 1
                 return []
         said = call.connection.receive(sender, segment, time, packet)
@@ -141,7 +144,8 @@ class Connections:
     def _reject(self, call: _Call) -> None:
         """Go back to not knowing what this is."""
         self._counts.not_bcap += call.doubtful
-        call.talk, call.connection, call.doubtful = None, Connection(), 0
+        call.connection.close(0, 0)
+        call.talk, call.connection, call.doubtful = None, Connection(self._budget), 0
 
     def _end(self, call: _Call, time: int, packet: int) -> list[tuple[Flow, Sighting]]:
         for key in set(call.keys):  # one and the same in a forged packet from an end to itself

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from copy import copy
+from operator import itemgetter
+
 from bcapscope.capture.hexline import Hex
 from bcapscope.traffic.observation import Direction
 
 LARGEST_REPEAT = 64 * 1024
 """Bytes that an asterisk may stand for."""
+
+LARGEST_BLOCK = 256 * 1024
+"""Bytes of rows that are taken together, many frames of real sessions; those of a longer dump are cut
+apart."""
+
+MOST_ROWS = 16 * 1024
+"""Rows that are taken together: as many bytes where each row has 16."""
 
 _LARGEST_HOLE = 4096
 """Bytes by which the offset of a row may be ahead and the row still belong to those before it."""
@@ -63,6 +74,11 @@ class Block:
         return self._count // 2
 
     @property
+    def is_full(self) -> bool:
+        """Whether no more rows may be added before it is split."""
+        return self.size >= LARGEST_BLOCK or len(self._rows) >= MOST_ROWS
+
+    @property
     def data(self) -> bytes:
         """The bytes; half a byte at the end is left out."""
         if self._data is None:
@@ -80,6 +96,33 @@ class Block:
         self.alone = self.alone and row.alone
         self.marked = self.marked or row.marked
         self.paused = False
+
+    def split(self, place: int) -> Block:
+        """Cut the block and return the rest, to which rows are added as they would be to this one.
+
+        Args:
+            place: offset of the rest; 0, or one that leaves too many rows, for the last row, which is noted
+            then.
+        """
+        first = bisect_right(self._rows, 2 * place, key=itemgetter(0)) - 1
+        note = ""
+        if not place or len(self._rows) - first > MOST_ROWS // 2:
+            first = len(self._rows) - 1
+            place = self._rows[first][0] // 2
+            note = f"belongs to the bytes before line {self._rows[first][1]}, of which there are too many"
+        digits, rows = self.digits, self._rows[first:]
+        rest = copy(self)
+        rest._rows = [(max(count - 2 * place, 0), line) for count, line in rows]
+        rest._parts, rest._count = [], 0
+        last = 2 * place + rest._rows[-1][0]
+        rest._append(digits[2 * place : last])
+        rest._append(digits[last:])
+        rest._skipped += place
+        rest.notes = [note] if note else []
+        self._rows = self._rows[: first + (rows[0][0] < 2 * place)]
+        self._parts, self._count = [], 0
+        self._append(digits[: 2 * place])
+        return rest
 
     def extend(self, other: Block) -> None:
         """Put all rows of another block behind these."""

@@ -6,9 +6,8 @@ says about them. Prose, tables and words that look like hex are left aside.
 
 from __future__ import annotations
 
-import re
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from bcapscope.capture.captions import caption_direction, tidy
@@ -19,13 +18,12 @@ from bcapscope.capture.sides import PORTS, evidence
 from bcapscope.protocol.content import EOT, HEADER_SIZE, SOH
 from bcapscope.protocol.frame import parse_bytes
 from bcapscope.protocol.repair import LONGEST_SEARCHED, repair
-from bcapscope.protocol.shape import reach, stated_length
+from bcapscope.protocol.shape import LARGEST_LIKELY, reach, stated_length
 from bcapscope.traffic.observation import Direction
 
 MOST_REPEATED = 1024 * 1024
 """Bytes that all asterisks of a text may stand for, so that a short text cannot fill the memory."""
 
-_LINE_END = re.compile("\r\n|\n|\r")
 _UDP, _TCP = 17, 6
 _SERIAL = slice(5, 7)
 
@@ -51,24 +49,38 @@ class HexPacket(NamedTuple):
     notes: tuple[str, ...]
 
 
-def read_hex_text(text: str) -> list[HexPacket]:
-    """Find the packets in a text, in their order; [] where there is no hex. Never raises."""
+def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
+    """Find the packets in the lines of a text, in their order; none where there is no hex.
+
+    Each packet comes once the lines behind it tell that it is complete.
+
+    Raises:
+        CaptureError: as `lines` does.
+    """
+    packets = (packet for block in _joined(_blocks(lines)) for packet in _packets(block))
+    return _with_serials_compared(packets)
+
+
+def _blocks(lines: Iterable[str]) -> Iterator[Block]:
+    """Yield the blocks of a text, what turns out to be no hex included."""
     reader = _Reader()
-    for number, line in enumerate(_LINE_END.split(text), 1):
+    for number, line in enumerate(lines, 1):
         reader.read(number, read_line(line))
-    packets = [packet for block in _joined(reader.blocks) for packet in _packets(block)]
-    return list(_with_serials_compared(packets))
+        yield from reader.complete()
+    if reader.last is not None:
+        yield reader.last
 
 
 class _Reader:
     """Puts the hex of lines together to blocks.
 
     Attributes:
-        blocks: in the order of the text, what turns out to be no hex included.
+        last: the latest block, which further lines may belong to.
     """
 
     def __init__(self) -> None:
-        self.blocks: list[Block] = []
+        self.last: Block | None = None
+        self._complete: list[Block] = []
         self._open: Block | None = None
         self._caption = ""
         self._said: Direction | None = None
@@ -91,6 +103,11 @@ class _Reader:
             elif self._open is not None:
                 self._open.repeats = min(LARGEST_REPEAT, self._room)
 
+    def complete(self) -> list[Block]:
+        """Return the blocks that nothing is added to any more, each once."""
+        complete, self._complete = self._complete, []
+        return complete
+
     def _words(self, number: int, words: str) -> None:
         said = caption_direction(words)
         follows = self._heard and number - self._caption_line <= 1 and self._said is not None
@@ -106,16 +123,16 @@ class _Reader:
         elif not (piece.alone or piece.marked) and len(piece.digits) < 2 * FEWEST:
             self._few(number, piece)
         elif self._open is not None and not self._open.paused:
-            self._open.add(number, piece)
+            self._add(self._open, number, piece)
         else:
             self._begin(number, piece)
 
     def _dump_row(self, number: int, piece: Hex) -> None:
         """Go on with the last block if the offset fits; characters that were wrapped may stand between."""
-        last = self.blocks[-1] if self.blocks else None
+        last = self.last
         if last is not None and last.indent == piece.indent and self._reach(last, piece.offset, number):
-            last.add(number, piece)
             self._open, self._heard = last, False
+            self._add(last, number, piece)
         else:
             self._begin(number, piece)
 
@@ -140,14 +157,32 @@ class _Reader:
         if tail and tail[0] == number - 1 and piece.alone and not piece.offset and not _begins(piece.digits):
             block.add(*tail)
         block.add(number, piece)
-        self.blocks.append(block)
-        self._open, self._heard, self._tail = block, False, None
+        self._follow(block)
+        self._heard, self._tail = False, None
+
+    def _add(self, block: Block, number: int, piece: Hex) -> None:
+        """Add a row to the last block; of a full one, only the frame that is not complete goes on."""
+        block.add(number, piece)
+        if block.is_full:
+            self._follow(block.split(_last_begun(block)))
+
+    def _follow(self, block: Block) -> None:
+        """Go on with another block."""
+        if self.last is not None:
+            self._complete.append(self.last)
+        self.last = self._open = block
 
     def _end(self, number: int, digits: str) -> None:
         if self._open is not None and self._open.offset and self._reach(self._open, digits, number):
             self._open = None
         else:
             self._hex(number, Hex(digits, "", 0, True, False, True, True))
+
+
+def _last_begun(block: Block) -> int:
+    """Return where in a full block the last frame begins; 0 if that would leave too much."""
+    start = _cuts(block.data, [place for place, _ in block.lines()])[-1] if _is_frame(block.data) else 0
+    return start if block.size - start <= LARGEST_LIKELY else 0
 
 
 def _begins(digits: str) -> bool:
@@ -166,7 +201,7 @@ def _missing(data: bytes) -> int:
     return max(length - len(last), 0) if length else 0
 
 
-def _joined(blocks: list[Block]) -> Iterator[Block]:
+def _joined(blocks: Iterable[Block]) -> Iterator[Block]:
     """Put together what only blank lines separate, and leave aside what is no hex after all."""
     pending: Block | None = None
     for block in blocks:
@@ -294,7 +329,7 @@ def _by_ports(segment: bytes) -> Direction | None:
     return Direction.RESPONSE if source else Direction.REQUEST
 
 
-def _with_serials_compared(packets: list[HexPacket]) -> Iterator[HexPacket]:
+def _with_serials_compared(packets: Iterable[HexPacket]) -> Iterator[HexPacket]:
     """Add a note to each reply whose serial no request before it has."""
     asked: set[int] = set()
     last = 0

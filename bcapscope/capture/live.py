@@ -2,30 +2,30 @@
 
 On Linux from a packet socket (packet(7)), which tells what scapy's hides: time stamps to the nanosecond,
 which packets of the loopback interface are seen a second time, and how many were lost. Elsewhere through
-scapy, which knows libpcap and BPF.
+scapy, which knows libpcap and BPF, in a process of its own.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import struct
+import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from typing import Protocol
 
-from bcapscope.capture.link import ETHERNET, LINUX_COOKED
+from bcapscope.capture.link import LINUX_COOKED
 from bcapscope.capture.packet import Interface, Packet
+from bcapscope.capture.sniffer import RECORD, WAIT, Kind
 from bcapscope.errors import CaptureError
 from bcapscope.transport.arrival import CONTROL, ask_for_times, kernel_time
 
 ANY = "any"
 """All interfaces at once, as tcpdump calls it (Linux)."""
 
-WAIT = 0.25
-"""Seconds that a read waits at most, so that an interrupt is never kept waiting on any system."""
-
+_ENDS_WITHIN = 5.0
 _LARGEST_PACKET = 262144
 _BUFFER_SIZE = 16 * 1024 * 1024  # some 50,000 frames, in case this process is not given the CPU for a while
 _ETH_P_ALL = 3
@@ -70,7 +70,7 @@ def open_live(name: str) -> LiveCapture:
     if name not in known and (name != ANY or sys.platform != "linux"):
         raise CaptureError(f"there is no interface {name}; there are: {', '.join(known)}")
     try:
-        return _PacketSocket(name) if sys.platform == "linux" else _ScapySocket(name)
+        return _PacketSocket(name) if hasattr(socket, "AF_PACKET") else _Sniffer(name)
     except PermissionError as error:
         raise CaptureError(_how_to_be_allowed(name)) from error
     except OSError as error:
@@ -138,34 +138,61 @@ class _PacketSocket:
             yield kernel_time(ancillary, 0), header + data, len(header) + len(data), interface, ()
 
 
-class _ScapySocket:
-    """Other systems: what scapy listens with there."""
+class _Sniffer:
+    """Other systems: what scapy listens with there, in a process of its own; see `capture.sniffer`."""
 
     lost = 0
 
     def __init__(self, name: str) -> None:
-        from scapy.all import Scapy_Exception, conf, resolve_iface  # noqa: PLC0415 - takes a second
-
+        self._name = name
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "bcapscope.capture.sniffer", name],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
         try:
-            self._socket = resolve_iface(name).l2listen()(iface=name)
-        except Scapy_Exception as error:
-            raise CaptureError(f"cannot capture on {name}: {error}") from error
-        self._interface = Interface(conf.l2types.layer2num.get(self._socket.LL, ETHERNET), name)
+            self._interface = Interface(self._ready(), name)
+        except BaseException:
+            self.__exit__()
+            raise
 
-    def __enter__(self) -> _ScapySocket:
+    def _ready(self) -> int:
+        """Wait until it captures; return the link type."""
+        kind, linktype, data = self._record()
+        if kind == Kind.FORBIDDEN:
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+        if kind != Kind.READY:
+            raise CaptureError(f"cannot capture on {self._name}: {data.decode('utf-8', 'replace')}")
+        return linktype
+
+    def _record(self) -> tuple[int, int, bytes]:
+        """Read a record; one that says so where the process has ended."""
+        assert self._process.stdout is not None
+        head = self._process.stdout.read(RECORD.size)
+        if len(head) < RECORD.size:
+            return Kind.ENDED, 0, b"the capturing process has ended"
+        kind, number, length = RECORD.unpack(head)
+        return kind, number, self._process.stdout.read(length)
+
+    def __enter__(self) -> _Sniffer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._socket.close()
+        """End the process: it ends by itself when nobody reads, and is killed if it does not."""
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        try:
+            self._process.wait(_ENDS_WITHIN)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
     def __iter__(self) -> Iterator[Packet]:
         while True:
-            if not self._socket.select([self._socket], WAIT):
-                continue
-            try:
-                _, data, seconds = self._socket.recv_raw()
-            except OSError as error:
-                raise CaptureError(f"capturing on {self._interface.name} ended: {error.strerror}") from error
-            if data is not None:
-                when = time.time_ns() if seconds is None else round(seconds * 1_000_000_000)
-                yield when, bytes(data), len(data), self._interface, ()
+            kind, when, data = self._record()
+            if kind == Kind.PACKET:
+                yield when, data, len(data), self._interface, ()
+            elif kind != Kind.ALIVE:
+                reason = data.decode("utf-8", "replace")
+                raise CaptureError(f"capturing on {self._name} ended: {reason}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Collection, Iterable, Iterator
+from sys import getsizeof
 
 from bcapscope.capture.connections import Connections
 from bcapscope.capture.counts import Counts
@@ -23,6 +24,9 @@ CONVERSATIONS_LIMIT = 10_000
 
 COMMENTS_LIMIT = 4096
 """Packets whose comments are kept, which is until those who look at their frames have had time to ask."""
+
+COMMENTS_BYTES = 4 * 1024 * 1024
+"""Bytes of all these comments; beyond that the oldest are forgotten, but for those of the latest packet."""
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
@@ -54,6 +58,7 @@ class Observer:
         """
         self.counts = Counts()
         self.comments: dict[int, tuple[str, ...]] = {}
+        self._comments_size = 0
         self.ended = 0
         self._conversations: dict[Conversation, None] = {}
         self._leg = leg
@@ -118,9 +123,13 @@ class Observer:
             raise broken
 
     def _keep(self, packet: int, comments: tuple[str, ...]) -> None:
-        if len(self.comments) >= COMMENTS_LIMIT:
-            del self.comments[next(iter(self.comments))]
         self.comments[packet] = comments
+        self._comments_size += sum(map(getsizeof, comments))
+        while len(self.comments) > COMMENTS_LIMIT or (
+            len(self.comments) > 1 and self._comments_size > COMMENTS_BYTES
+        ):
+            oldest = self.comments.pop(next(iter(self.comments)))
+            self._comments_size -= sum(map(getsizeof, oldest))
 
     def _observation(self, number: int, flow: Flow, sighting: Sighting) -> Observation:
         began, time, packet, item = sighting

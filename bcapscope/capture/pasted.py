@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
 
 from bcapscope.capture.hextext import HexPacket, read_hex_text
 from bcapscope.protocol.damage import explain
@@ -17,32 +17,37 @@ from bcapscope.traffic.observation import (
 )
 
 
-class Pasted(NamedTuple):
-    """What a text holds.
-
-    Attributes:
-        observations: a packet each; of their times nothing is known, so all are 0.
-        comments: what is to be said of a packet beside its problems, by its number.
-    """
-
-    observations: list[Observation]
-    comments: dict[int, tuple[str, ...]]
-
-
-def observe_text(text: str) -> Pasted:
-    """Find the packets in a text; nothing is found where it has no hex. Never raises.
+class Pasted:
+    """The packets of a text, in their order; of their times nothing is known, so all are 0.
 
     A damaged frame has among its problems what probably happened to it, worded as a guess.
+
+    Attributes:
+        count: packets so far.
+        comments: what is to be said of the latest packet beside its problems, by its number.
     """
-    ends = Endpoint("client", 0), Endpoint("server", 0)
-    conversation = Conversation(*ends, Transport.UNKNOWN, "the text")
-    flows = {direction: Flow(conversation, direction) for direction in Direction}
-    found = Pasted([], {})
-    for number, packet in enumerate(read_hex_text(text), 1):
-        flow = flows[packet.direction or Direction.REQUEST]
-        found.observations.append(Observation(number, 0, 0, flow, _item(packet), number))
-        found.comments[number] = _comments(packet)
-    return found
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        """Take the lines of the text, which are read while the packets are taken."""
+        self.count = 0
+        self.comments: dict[int, tuple[str, ...]] = {}
+        self._lines = lines
+
+    def __iter__(self) -> Iterator[Observation]:
+        """Yield the packets.
+
+        Raises:
+            CaptureError: as the lines do.
+        """
+        ends = Endpoint("client", 0), Endpoint("server", 0)
+        conversation = Conversation(*ends, Transport.UNKNOWN, "the text")
+        flows = {direction: Flow(conversation, direction) for direction in Direction}
+        for number, packet in enumerate(read_hex_text(self._lines), 1):
+            flow = flows[packet.direction or Direction.REQUEST]
+            self.count = number
+            self.comments.clear()
+            self.comments[number] = _comments(packet)
+            yield Observation(number, 0, 0, flow, _item(packet), number)
 
 
 def _item(packet: HexPacket) -> Frame | Malformed:

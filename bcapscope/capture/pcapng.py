@@ -9,6 +9,7 @@ from typing import NamedTuple
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.source import Source
 from bcapscope.errors import CaptureError
+from bcapscope.protocol.wording import counted
 
 MAGIC = b"\x0a\x0d\x0d\x0a"
 """Type of the section header block, the same in both byte orders."""
@@ -18,6 +19,12 @@ BLOCK_LIMIT = 16 * 1024 * 1024
 
 INTERFACES_LIMIT = 65536
 """Interfaces of one section: as many as the obsolete packet block could number."""
+
+LONGEST_NAME = 128
+"""Characters of an interface's name that are kept."""
+
+COMMENTS_SIZE = 65_535
+"""Bytes of one packet's comments that are read: as many as one comment may have."""
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes
@@ -170,7 +177,7 @@ class _Section:
         name, factor, divisor, offset = "", 1000, 1, 0
         for code, value in self._options(body, 8):
             if code == _NAME:
-                name = value.decode("utf-8", "replace")
+                name = value[: 4 * LONGEST_NAME].decode("utf-8", "replace")[:LONGEST_NAME]
             elif code == _RESOLUTION and value:
                 factor, divisor = _unit(value[0])
             elif code == _OFFSET:
@@ -199,10 +206,19 @@ class _Section:
         stop = 20 + kept
         if stop > len(body):
             raise _Damage(f"a packet claims {kept} bytes, its block has room for {len(body) - 20}")
-        options = self._options(body, stop + 3 & ~3)
-        comments = tuple(value.decode("utf-8", "replace") for code, value in options if code == _COMMENT)
         time = (high << 32 | low) * factor // divisor + offset
-        return time, body[20:stop], original, interface, comments
+        return time, body[20:stop], original, interface, self._comments(body, stop + 3 & ~3)
+
+    def _comments(self, body: bytes, position: int) -> tuple[str, ...]:
+        found, room, more = [], COMMENTS_SIZE, 0
+        for code, value in self._options(body, position):
+            if code == _COMMENT:
+                room -= len(value)
+                if room >= 0:
+                    found.append(value.decode("utf-8", "replace"))
+                else:
+                    more += 1
+        return (*found, f"{counted(more, 'comment')} not read") if more else tuple(found)
 
     def _simple(self, body: bytes, time: int) -> Packet:
         clock = self._clock(0)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import re
+import shutil
 import time
 from collections import deque
 from contextlib import suppress
@@ -14,10 +16,13 @@ from bcapscope.capture.recording import Recording
 
 _UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _TIMES = {"s": 1, "min": 60, "h": 3600, "d": 86400}
-_BOUNDS = re.compile(r"(\d+)x(.+)", re.ASCII)
-_SIZE = re.compile(r"(\d+)([kMGT]?)B", re.ASCII)
-_TIME = re.compile(r"(\d+)(s|min|h|d)", re.ASCII)
+_BOUNDS = re.compile(r"(\d{1,6})x(.+)", re.ASCII)
+_SIZE = re.compile(r"(\d{1,12})([kMGT]?)B", re.ASCII)
+_TIME = re.compile(r"(\d{1,8})(s|min|h|d)", re.ASCII)
 _SMALLEST = 10_000
+"""Bytes; the least that a file of a ring may be limited to."""
+
+_DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +73,12 @@ class Series(io.RawIOBase):
     A file of a ring is begun for packets that there are, so that none is empty and the oldest is not removed
     for nothing: call `turn` before each packet.
 
+    On a full disk, a ring removes its oldest file and goes on. So that an older file exists by then, no file
+    takes more than half of the space that was free when it began.
+
     Attributes:
         recording: writes packets to them.
+        freed: files that were removed because the disk was full.
     """
 
     def __init__(self, path: Path, bounds: Bounds | None = None) -> None:
@@ -89,6 +98,7 @@ class Series(io.RawIOBase):
         self._pending: list[bytes] = []
         self._files: deque[Path] = deque()
         self._count = 0
+        self.freed = 0
         try:
             self._open()
         except OSError:
@@ -116,17 +126,42 @@ class Series(io.RawIOBase):
         if not self._pending:
             return
         data, self._pending, self._waiting = b"".join(self._pending), [], 0
+        while not self._has_written(data):
+            pass
+        if self._size <= self._head:
+            self._began = time.monotonic()
+        self._size += len(data)
+
+    def _has_written(self, data: bytes) -> bool:
+        """Write all of `data` or nothing; return False if the disk was full and a file was removed for it.
+
+        Raises:
+            OSError: the file cannot be written, and there is no file to remove.
+        """
         try:
             rest = memoryview(data)
             while rest:
                 rest = rest[self._file.write(rest) :]
-        except OSError:
+        except OSError as error:
             with suppress(OSError):
                 self._file.truncate(self._size)
-            raise
-        if self._size <= self._head:
-            self._began = time.monotonic()
-        self._size += len(data)
+                self._file.seek(self._size)
+            if not self._makes_room(error, kept=1):
+                raise
+            return False
+        return True
+
+    def _makes_room(self, error: OSError, kept: int) -> bool:
+        """Remove the oldest file of a ring after `error`, but not the last `kept`; return whether it did."""
+        if self._bounds is None or error.errno not in _DISK_FULL or len(self._files) <= kept:
+            return False
+        self.freed += 1
+        self._remove_oldest()
+        return True
+
+    def _remove_oldest(self) -> None:
+        with suppress(OSError):  # somebody else has moved it
+            self._files.popleft().unlink()
 
     def turn(self) -> bool:
         """Go on with the next file where it is time to; tell whether it was.
@@ -140,8 +175,7 @@ class Series(io.RawIOBase):
         self.flush()
         self._file.close()
         while len(self._files) >= bounds.files:
-            with suppress(OSError):  # somebody else has moved it
-                self._files.popleft().unlink()
+            self._remove_oldest()
         self._open()
         self.recording.go_on(self)
         self._begin()
@@ -162,7 +196,7 @@ class Series(io.RawIOBase):
         size = self._size + self._waiting
         if size <= self._head:
             return False
-        too_large = bounds.size and size >= bounds.size
+        too_large = (bounds.size and size >= bounds.size) or size >= self._room
         return bool(too_large or (bounds.seconds and time.monotonic() - self._began >= bounds.seconds))
 
     def _open(self) -> None:
@@ -173,11 +207,28 @@ class Series(io.RawIOBase):
         if self._bounds is not None:
             name = f"{path.stem}_{self._count:05}_{time.strftime('%Y%m%d%H%M%S')}{path.suffix}"
             path = path.with_name(name)
-        self._file = path.open("xb", buffering=0)
+        self._file = self._open_new(path)
         self._files.append(path)
         self._size = self._head = 0
+        self._room = max(_SMALLEST, _free(path) // 2)
+
+    def _open_new(self, path: Path) -> io.FileIO:
+        while True:
+            try:
+                return path.open("xb", buffering=0)
+            except OSError as error:
+                if not self._makes_room(error, kept=0):
+                    raise
 
     def _begin(self) -> None:
         """Write what stands before all packets, so that the file can be read from its first moment."""
         self.flush()
         self._head = self._size
+
+
+def _free(path: Path) -> int:
+    """Return the bytes that are free where a file is; much where the system does not say."""
+    try:
+        return shutil.disk_usage(path.parent).free
+    except OSError:
+        return 1 << 62

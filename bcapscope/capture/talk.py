@@ -29,6 +29,11 @@ def reverse(key: bytes) -> bytes:
     return key[size:-4] + key[:size] + key[-2:] + key[-4:-2]
 
 
+HELD_BYTES = 16 * 1024
+"""Bytes of these items at which it is guessed as well: frames of real sessions are below 10 KiB, and there
+may be 2,048 talks whose server is not known."""
+
+
 class Sighting(NamedTuple):
     """A frame, or bytes that are none, and when they were seen.
 
@@ -53,7 +58,7 @@ class Talk:
         tentative: whether this may still turn out not to be b-CAP.
     """
 
-    __slots__ = ("_closed", "_ends", "_held", "_transport", "flows", "tentative")
+    __slots__ = ("_closed", "_ends", "_held", "_held_bytes", "_transport", "flows", "tentative")
 
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, tentative: bool = False
@@ -63,6 +68,7 @@ class Talk:
         self._transport = transport
         self.tentative = tentative
         self._held: list[tuple[int, Sighting]] = []
+        self._held_bytes = 0
         self._closed: dict[tuple[int, bool], int] = {}  # when, by sender and whether it was by RST
         self.flows: tuple[Flow, Flow] | None = None
 
@@ -109,7 +115,9 @@ class Talk:
             direction, what = found
             end = self._ends[sender]
             self.decide(sender if direction is Direction.RESPONSE else 1 - sender, f"{end} sent {what}")
-        elif len(self._held) >= HELD_LIMIT:
+            return
+        self._held_bytes += len(item.raw)
+        if len(self._held) >= HELD_LIMIT or self._held_bytes >= HELD_BYTES:
             self.guess()
 
     def release(self) -> list[tuple[Flow, Sighting]]:

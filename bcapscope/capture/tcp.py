@@ -13,7 +13,8 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from bcapscope.capture.talk import Sighting
-from bcapscope.protocol.stream import Piece, Splitter
+from bcapscope.protocol.budget import Budget
+from bcapscope.protocol.stream import ALWAYS_HELD, Piece, Splitter
 
 REORDER_LIMIT = 1024 * 1024
 """Bytes of one direction held back for a missing segment. Windows of controllers and their clients stay
@@ -22,11 +23,13 @@ below 64 KiB; Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
 ACK_LIMIT = 1 << 30
 """Bytes that an acknowledgement can be ahead by: the largest window there is (RFC 7323, 2.3)."""
 
-MARKS_LIMIT = 4096
-"""Segments of one unfinished frame whose times are kept apart."""
+MARKS_LIMIT = 128
+"""Segments of one unfinished frame whose times are kept apart. All streams together keep 25 MB of them at
+most."""
 
 _SEGMENT_COST = 128  # bytes that a segment held back costs beside its content
 _RECENT = 16  # segments given out that are compared with what is sent again
+_LONGEST_RECENT = 2048  # bytes of such a segment: more than an Ethernet frame carries
 _HEADER = struct.Struct(">4xIIBB")
 
 FIN, SYN, RST, ACK = 1, 2, 4, 16
@@ -93,6 +96,7 @@ class Stream:
         "_acked",
         "_ahead",
         "_ahead_cost",
+        "_budget",
         "_end",
         "_marks",
         "_next",
@@ -104,10 +108,11 @@ class Stream:
         "contradictions",
     )
 
-    def __init__(self) -> None:
+    def __init__(self, budget: Budget) -> None:
         self.begun = self.closed = False
         self.contradictions = 0
-        self._splitter = Splitter()
+        self._budget = budget
+        self._splitter = Splitter(budget=budget)
         self._origin = self._next = self._acked = self._ahead_cost = 0
         self._end: int | None = None
         self._ahead: list[_Part] = []
@@ -118,7 +123,7 @@ class Stream:
         """Count from `seq`, which is the first byte sent or, without a SYN, the first one seen."""
         self.begun = True
         self._origin = seq
-        self._splitter = Splitter(in_step=from_start)
+        self._splitter = Splitter(in_step=from_start, budget=self._budget)
 
     def starts_at(self, seq: int) -> bool:
         """Tell whether `seq` is the first byte of this stream."""
@@ -145,7 +150,7 @@ class Stream:
         frame = self._splitter.feed_frame(data)
         if frame is None:
             return None
-        self._recent.append(_Part(self._next, data, time, packet))
+        self._remember(_Part(self._next, data, time, packet))
         self._next += len(data)
         return Sighting(time, time, packet, frame)
 
@@ -203,11 +208,18 @@ class Stream:
         """Pass on the part that continues the stream."""
         start, data, time, packet = part
         self._next = stop = start + len(data)
-        self._recent.append(part)
+        self._remember(part)
         self._marks.append(_Mark(start, stop, time, packet))
         if len(self._marks) > MARKS_LIMIT:
             self._thin_marks()
         return self._time(self._splitter.feed(data), time, packet)
+
+    def _remember(self, part: _Part) -> None:
+        """Keep the part, of a long one its end, to compare it with what is sent again."""
+        surplus = len(part.data) - _LONGEST_RECENT
+        if surplus > 0:
+            part = part._replace(start=part.start + surplus, data=part.data[surplus:])
+        self._recent.append(part)
 
     def _thin_marks(self) -> None:
         """Give every second segment the times of the one behind it, but for the first."""
@@ -218,12 +230,17 @@ class Stream:
     def _drain(self, time: int, packet: int) -> list[Sighting]:
         """Give out what has come into order, and give up holes that will not be filled."""
         found = self._drain_ready()
-        while self._ahead and (self._acked >= self._ahead[0].start or self._ahead_cost > REORDER_LIMIT):
+        while self._ahead and (self._acked >= self._ahead[0].start or self._holds_too_much):
             found += self._skip(self._ahead[0].start, time, packet)
             found += self._drain_ready()
         if self._end is not None and max(self._next, self._acked) >= self._end:
             found += self.close(time, packet)
         return found
+
+    @property
+    def _holds_too_much(self) -> bool:
+        cost = self._ahead_cost
+        return cost > REORDER_LIMIT or (cost > ALWAYS_HELD and self._budget.is_exceeded)
 
     def _drain_ready(self) -> list[Sighting]:
         found: list[Sighting] = []
@@ -232,7 +249,7 @@ class Stream:
             if part.start != self._next:
                 break
             count += 1
-            self._ahead_cost -= len(part.data) + _SEGMENT_COST
+            self._charge(-len(part.data) - _SEGMENT_COST)
             found += self._give(part)
         del self._ahead[:count]
         return found
@@ -255,11 +272,15 @@ class Stream:
                 until = stop if place == len(ahead) else min(stop, ahead[place].start)
                 content = data[start - part.start : until - part.start]
                 ahead.insert(place, _Part(start, content, time, packet))
-                self._ahead_cost += len(content) + _SEGMENT_COST
+                self._charge(len(content) + _SEGMENT_COST)
                 start = until
             else:
                 start = max(start, ahead[place].start + len(ahead[place].data))
             place += 1
+
+    def _charge(self, cost: int) -> None:
+        self._ahead_cost += cost
+        self._budget.held += cost
 
     def _compare(self, part: _Part, known: deque[_Part] | list[_Part]) -> None:
         """Count a part that contradicts what came first."""
@@ -304,8 +325,8 @@ class Connection:
 
     __slots__ = ("server", "streams")
 
-    def __init__(self) -> None:
-        self.streams = (Stream(), Stream())
+    def __init__(self, budget: Budget) -> None:
+        self.streams = (Stream(budget), Stream(budget))
         self.server: int | None = None
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import gc
 import importlib
+import io
 import sys
 
 import click
@@ -15,6 +16,7 @@ import click
 from bcapscope import __version__
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import OutputRefused, forget_stdout
+from bcapscope.protocol.wording import shortened
 
 _COMMANDS = {
     "decode": "Read frames, one line each.",
@@ -37,6 +39,8 @@ _COMMANDS = {
 
 
 _NO_ROOM = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+
+_LONGEST_MESSAGE = 2000  # characters of an error, which may repeat what was typed
 
 _GARBAGE = (20_000, 20, 100)
 """How rarely to look for cycles: frames and calls hold none, and looking takes a twentieth of the time."""
@@ -81,7 +85,9 @@ def main() -> None:
     except click.exceptions.Exit as end:
         sys.exit(end.exit_code)
     except click.ClickException as error:
-        error.show()
+        told = io.StringIO()
+        error.show(told)
+        click.echo(shortened(told.getvalue().rstrip("\n"), _LONGEST_MESSAGE), err=True)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(Exit.INTERRUPTED)

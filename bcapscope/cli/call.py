@@ -10,21 +10,24 @@ from typing import IO, Any, TextIO
 import click
 
 from bcapscope.cli import options
+from bcapscope.cli.arming import armed_calls, unarmed
 from bcapscope.cli.connection import Target, failures_told, target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate, palette
 from bcapscope.cli.request import LONGEST_LINE, Request, RequestReader, check_owners
 from bcapscope.cli.signals import run_in_order
+from bcapscope.client.action_log import LoggedConnection
+from bcapscope.client.armed_calls import ArmedCalls
 from bcapscope.client.reach import NAMES, Reach
 from bcapscope.client.session import open_target
 from bcapscope.errors import ExchangeTimeout
 from bcapscope.protocol.commands import call_name
-from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.functions import ObjectClass
-from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.requester import Refused, Settled, TimedOut
 from bcapscope.protocol.variant import Variant
 from bcapscope.render.answer import AnswerRenderer
+from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import hexdump
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.traffic.question import Question
@@ -66,7 +69,7 @@ class _Script(click.File):
 @click.option("--file", help="Likewise of the file.")
 @click.option("--extension", help="Likewise of the extension.")
 @click.option("--command", "command_", help="Likewise of the command.")
-@click.option("--arm", is_flag=True, help="Allow what may move a robot.")
+@click.option("--arm", is_flag=True, help="Allow calls that may energise or move a robot.")
 @click.option("--hex", "dump", is_flag=True, help="Every packet that went out or came in, under its call.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a call: the reply.")
 @options.color
@@ -89,7 +92,8 @@ def command(
     variable; others are named, as in i2:2 or r4[]:10,20,30. What is left out is empty. The first failure ends
     it.
 
-    What may move a robot is only sent with --arm, or to bcapscope's own simulator.
+    Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
+    it or switch it off never do. The action log records armed calls.
 
     Exit codes: 0 all calls succeeded; 2 the command line makes no sense; 8 a call was refused; 9 no answer;
     10 --arm is missing.
@@ -167,11 +171,18 @@ class _Calls:
         self._names = names
         self._armed = arm
         self._printer = printer
+        self._log: ArmedCalls | None = None
 
     async def make(self, requests: Sequence[Request]) -> Exit:
-        """Make all calls, up to the first that fails."""
+        """Make all calls, up to the first that fails; log those that need arming, if they are armed."""
+        if not self._armed:
+            return await self._make(requests)
+        with armed_calls("call", LoggedConnection.of_target(self._target)) as self._log:
+            return await self._make(requests)
+
+    async def _make(self, requests: Sequence[Request]) -> Exit:
         printer = self._printer
-        async with open_target(self._target, observer=printer.packets.append) as session:
+        async with open_target(self._target, observer=self._observe) as session:
             reach = Reach(session, self._target.service, self._target.connect, self._names)
             for request in requests:
                 arguments = await request.arguments(reach)
@@ -184,16 +195,17 @@ class _Calls:
                     return Exit.REFUSED
         return Exit.OK
 
+    def _observe(self, seen: Observation) -> None:
+        self._printer.packets.append(seen)
+        if self._log is not None:
+            self._log.observe(seen)
+
     async def _may(self, request: Request, arguments: Sequence[Variant], reach: Reach) -> bool:
         function_id = request.function.id
-        if self._armed or always_passes(function_id, arguments):
-            return True
-        if request_effect(function_id, arguments) < Effect.MOVES:
+        if self._armed or not needs_arming(function_id, arguments, reach.variable_named(arguments)):
             return True
         self._armed = await reach.meets_simulator()
         if not self._armed:
-            name = call_name(function_id, arguments)
-            narrate(
-                f"bcapscope: {name} may move a robot, and this is not the simulator: not sent without --arm"
-            )
+            name, host = call_name(function_id, arguments), self._target.host
+            narrate(printable(f"bcapscope: {name} was not sent. {unarmed(host)}"))
         return self._armed

@@ -18,12 +18,13 @@ from bcapscope.client.paces import PACES, PORT
 from bcapscope.client.target import Target, reason_of, split_port
 from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
 from bcapscope.protocol.convention import Convention
+from bcapscope.protocol.numerals import read_integer
+from bcapscope.protocol.wording import shortened
 from bcapscope.render.escape import printable
 
 __all__ = ["Target", "failures_told", "target"]
 
 _MS = 1_000_000
-_LAST_PORT = 65535
 _ON_UDP = (Convention.SEED, Convention.OWN, Convention.CHAIN)
 _ON_TCP = (Convention.TCP0, Convention.TCP1)
 
@@ -44,7 +45,7 @@ def _some_host(context: click.Context, _: click.Parameter, value: str) -> str:
 
 
 _OPTIONS = (
-    click.option("-p", "--port", type=click.IntRange(1, 65535), default=PORT, show_default=True),
+    click.option("-p", "--port", type=options.Whole(1, 65535), default=PORT, show_default=True),
     click.option("--tcp/--udp", "tcp", is_eager=True, help="What to talk over; UDP unless given."),
     click.option(
         "--timeout",
@@ -56,7 +57,7 @@ _OPTIONS = (
     ),
     click.option(
         "--retries",
-        type=click.IntRange(0, 100),
+        type=options.Whole(0, 100),
         default=PACES.others.retries,
         show_default=True,
         help="Tries after the first, on UDP; 4 are 3 in Async modes, as DENSO recommends; on TCP the time of "
@@ -113,15 +114,18 @@ def _place(text: str, port: int) -> tuple[str, int]:
     """
     host, behind = split_port(text)
     if text and not _can_be_asked_for(host):
-        raise click.BadParameter(f"{printable(text)} is no host", param_hint="HOST")
+        raise click.BadParameter(f"{printable(shortened(text, 80))} is no host", param_hint="HOST")
     if not behind:
         return host, port
-    if not (behind.isascii() and behind.isdigit() and 0 < int(behind) <= _LAST_PORT):
-        raise click.BadParameter(f"{printable(behind)} is no port", param_hint="HOST")
+    behind_host = read_integer(behind, 1, 65535)
+    if behind_host is None:
+        raise click.BadParameter(
+            f"{printable(shortened(behind, 40))} is not a port from 1 to 65535", param_hint="HOST"
+        )
     given = click.get_current_context().get_parameter_source("port")
-    if given is ParameterSource.COMMANDLINE and int(behind) != port:
+    if given is ParameterSource.COMMANDLINE and behind_host != port:
         raise click.UsageError(f"{printable(text)} and --port {port} exclude each other")
-    return host, int(behind)
+    return host, behind_host
 
 
 def _can_be_asked_for(host: str) -> bool:

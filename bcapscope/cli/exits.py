@@ -19,7 +19,7 @@ class Exit(IntEnum):
     NOTHING = 5
     """The captures were read and hold nothing of what was asked for."""
     UNWRITABLE = 6
-    """A file was not written: it exists already, there is no room, or no right to."""
+    """A file was not written, or is incomplete: it exists already, the disk is full, or access is denied."""
     NOT_INSTALLED = 7
     """A library that only this command needs is not installed."""
     REFUSED = 8

@@ -2,34 +2,62 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from bcapscope.protocol.numerals import LONGEST_NUMBER, read_integer, read_number
+from bcapscope.protocol.wording import shortened
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter, FilterError, compile_filter
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+LARGEST_SEED = 2**63 - 1
+LARGEST_COUNT = 1_000_000_000
+"""Calls, rounds and the like that may be asked for: years of a call each 8 ms are 100 million."""
+
 _LARGE = 1_000_000.0
 """A quarter of an hour in ms, eleven days in s: more than anybody waits, and clocks can still count it."""
 
 
 class Number(click.FloatRange):
-    """A number within bounds. NaN is none, though no bound refuses it."""
+    """A number within bounds, in ASCII digits."""
 
     def __init__(self, least: float, most: float = _LARGE) -> None:
         super().__init__(min=least, max=most)
+        self.least, self.most = least, most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number = float(super().convert(value, param, ctx))
-        if math.isnan(number):
-            self.fail(f"{value} is no number.", param, ctx)
+        """Read a number; an error names the bounds."""
+        number = read_number(str(value), self.least, self.most)
+        if number is None:
+            self.fail(
+                f"{_shown(value)} is not a number from {self.least:.10g} to {self.most:.10g}.", param, ctx
+            )
         return number
+
+
+class Whole(click.IntRange):
+    """An integer within bounds, in ASCII digits."""
+
+    def __init__(self, least: int, most: int) -> None:
+        super().__init__(min=least, max=most)
+        self.least, self.most = least, most
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Read an integer; an error names the bounds."""
+        number = read_integer(str(value), self.least, self.most)
+        if number is None:
+            self.fail(f"{_shown(value)} is not an integer from {self.least} to {self.most}.", param, ctx)
+        return number
+
+
+def _shown(value: object) -> str:
+    return repr(shortened(str(value), LONGEST_NUMBER))
 
 
 _PATH = click.Path(allow_dash=True)
@@ -51,7 +79,7 @@ ports = click.option(
     "-p",
     "--port",
     "ports",
-    type=click.IntRange(1, 65535),
+    type=Whole(1, 65535),
     multiple=True,
     help="Port of a server, 5007 unless given; may be repeated. Talks between other ports are recognised by "
     "what is said in them.",

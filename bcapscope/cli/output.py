@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable
-from itertools import islice
 from typing import TextIO, TypeGuard, cast
 
 import click
 
 from bcapscope.cli.exits import Exit
 from bcapscope.render.palette import ANSI, PLAIN, Palette
+
+_AT_ONCE = 256 * 1024  # characters after which lines are written, however few
 
 
 class OutputRefused(click.ClickException):
@@ -38,8 +39,17 @@ class Output:
             BrokenPipeError: the reader has gone.
             OutputRefused: there is no room, or the like.
         """
-        source = iter(cast("Iterable[str | bytes]", lines))
-        while batch := list(islice(source, self._most)):
+        batch: list[str | bytes] = []
+        size = 0
+        for line in cast("Iterable[str | bytes]", lines):
+            batch.append(line)
+            size += len(line)
+            if size >= _AT_ONCE or len(batch) >= self._most:
+                self._write(_joined(batch))
+                batch.clear()
+                size = 0
+                pause()
+        if batch:
             self._write(_joined(batch))
             pause()
 

@@ -60,7 +60,14 @@ class _Found:
 
 @click.command(short_help="Is a controller there, what is it, how fast does it answer?")
 @target
-@click.option("-n", "--count", type=click.IntRange(min=1), default=250, show_default=True, help="Calls.")
+@click.option(
+    "-n",
+    "--count",
+    type=options.Whole(1, options.LARGEST_COUNT),
+    default=250,
+    show_default=True,
+    help="Calls.",
+)
 @click.option(
     "--interval",
     metavar="MS",
@@ -121,7 +128,9 @@ async def _ask(reach: Reach, found: _Found) -> None:
         try:
             parent = await reach.handle(owner)
             opened = await reach.invoke(f"{owner}_GetVariable", parent, variable, "")
-            found.facts[name] = await reach.invoke("Variable_GetValue", opened)
+            value = await reach.invoke("Variable_GetValue", opened)
+            if value is not None:  # EMPTY says nothing
+                found.facts[name] = value
             await reach.invoke("Variable_Release", opened)
         except ControllerError:
             continue

@@ -19,6 +19,8 @@ from bcapscope.cli.way import Way, way
 from bcapscope.player.limits import UNKNOWN, limited
 from bcapscope.player.messages import Pacing, Plan
 from bcapscope.player.preflight import check
+from bcapscope.protocol.numerals import read_integer
+from bcapscope.protocol.wording import shortened
 
 _HIGHEST_MODE = 0x303
 _NEW_FILE = click.Path(path_type=Path)
@@ -29,12 +31,9 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
     text = value.casefold()
     if text in list(Pacing):
         return Pacing(text)
-    try:
-        number = int(text, 0)
-    except ValueError:
-        number = 0
-    if not 0 < number <= _HIGHEST_MODE:
-        raise click.BadParameter(f"{value!r} is neither sync, async nor a number such as 0x202")
+    number = read_integer(text, 1, _HIGHEST_MODE)
+    if number is None:
+        raise click.BadParameter(f"{shortened(value, 40)!r} is neither sync, async nor a number up to 0x303")
     return number
 
 
@@ -61,7 +60,7 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
     show_default=True,
     help="Speed of that motion.",
 )
-@click.option("--arm", is_flag=True, help="A robot may move; else you are asked, except by the simulator.")
+@click.option("--arm", is_flag=True, help="Do not ask whether a robot may be energised and moved.")
 @click.option("--dry-run", is_flag=True, help="End after the pre-flight; nothing moves or changes.")
 @click.option(
     "--log",
@@ -95,7 +94,8 @@ def command(
 
     How the file was read and what speaks against playing it is shown first. Then, in a process of its own:
     RobSlave is started (RC7), arm taken, motor switched on, the first set point gone to, slave mode entered,
-    the set points sent, and everything left as it was found.
+    the set points sent, and everything left as it was found. The action log records the calls that energise
+    or move a robot.
 
     While it plays, s, space, Ctrl-C or Ctrl-Z lets the robot come to rest on its way; h, Escape twice or
     Ctrl-C twice halts it at once.

@@ -9,10 +9,12 @@ from types import FrameType
 
 import click
 
-from bcapscope.cli.arming import can_ask, confirmed
+from bcapscope.cli.arming import armed_calls, can_ask, confirmed
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.keys import Keys
 from bcapscope.cli.output import echo, narrate
+from bcapscope.client.action_log import LoggedConnection
+from bcapscope.player.armed_messages import ArmedMessages
 from bcapscope.player.limits import limited, limits_of
 from bcapscope.player.messages import (
     Ended,
@@ -133,8 +135,9 @@ class Playing:
 
     def run(self) -> Exit:
         """Play; return the exit code."""
-        with Player(self._plan) as player:
-            self._player = player
+        connection = LoggedConnection.of_target(self._plan.target)
+        with armed_calls("play", connection) as calls, Player(self._plan) as player:
+            self._player, self._log = player, ArmedMessages(calls)
             before = {number: signal.signal(number, self._interrupted) for number in _signals()}
             try:
                 while player.ended is None:
@@ -171,6 +174,7 @@ class Playing:
         return self._player.messages()
 
     def _take(self, message: Message) -> None:
+        self._log.add(message)
         if isinstance(message, Progress):
             if message.state is State.PLAYING and not self._keys.on:
                 self._keys.start()

@@ -6,6 +6,7 @@ import sys
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,13 +22,20 @@ from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Form, Look, Wishes
 from bcapscope.cli.serving import reach
 from bcapscope.cli.signals import awaited_ends
+from bcapscope.cli.wakefulness import cannot_stay_awake
 from bcapscope.proxy.control_socket import ControlError
+from bcapscope.proxy.scriptwire import ScriptError
 from bcapscope.proxy.sockets import ListenError, NoWay
 from bcapscope.proxy.spec import Listener, SpecError, parse_listeners
+from bcapscope.render.escape import printable
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import FilterError
 from bcapscope.traffic.observation import Endpoint
+
+if TYPE_CHECKING:
+    from bcapscope.proxy.rules import Rules
+    from bcapscope.proxy.scriptprocess import ScriptProcess
 
 
 def _bounds(context: click.Context, parameter: click.Parameter, value: str | None) -> Bounds | None:
@@ -35,6 +43,12 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
         return None if value is None else parse_bounds(value)
     except ValueError as error:
         raise click.BadParameter(f"{error}", context, parameter) from None
+
+
+def _warn_if_useless(context: click.Context, parameter: click.Parameter, wanted: bool) -> bool:
+    if wanted and (problem := cannot_stay_awake()):
+        narrate(f"--low-latency has no effect: {problem}")
+    return wanted
 
 
 @click.group(invoke_without_command=True, short_help="In the middle: see, record, disturb.")
@@ -76,6 +90,13 @@ def _bounds(context: click.Context, parameter: click.Parameter, value: str | Non
     show_default=True,
     help="Forget UDP clients that are silent for so long.",
 )
+@click.option(
+    "--low-latency",
+    is_flag=True,
+    callback=_warn_if_useless,
+    help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
+    "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
+)
 @click.option("--calls", is_flag=True, help="Show calls, as `calls` does; else frames, as `decode` does.")
 @click.option("--tree", "form", flag_value=Form.TREE, type=Form, help="Every field, or each call's frames.")
 @click.option("--json", "form", flag_value=Form.JSON, type=Form, help="One JSON object each.")
@@ -98,6 +119,7 @@ def command(
     record: Path | None,
     ring: Bounds | None,
     forget: float,
+    low_latency: bool,
     calls: bool,
     form: Form | None,
     wanted: str,
@@ -117,8 +139,12 @@ def command(
     controller. While it runs, they can be changed by `bcapscope proxy ctl ADDRESS` if it was given
     `--control ADDRESS`. What they still hold at the end is sent if it is an answer, or stops the robot.
 
+    Scripts run in a process of their own. Only messages that a script decides about wait for it, and stops
+    never do. A script that takes longer than --script-timeout, or whose process ends, is switched off.
+
     Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
-    script not be used; 6 the capture cannot be written; 9 there is no controller of that name.
+    script not be used; 6 the capture cannot be written, or is incomplete because the disk was full or the
+    recorder stopped; 9 there is no controller of that name.
     """
     if context.invoked_subcommand is not None:
         return
@@ -135,25 +161,28 @@ def command(
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
         check_free(record)
-    policy = rules.make()
     wishes = Wishes(record, ring, look, color)
-    with awaited_ends() as ends, closing(Proxy(wishes, ends, policy)) as proxy, ExitStack() as opened:
-        for line in rules.words():
-            narrate(line)
+    with ExitStack() as opened:
         listening: list[str] = []
         try:
+            scripts = rules.start_scripts(opened)
+            policy = rules.make(scripts)
+            ends = opened.enter_context(awaited_ends())
+            proxy = opened.enter_context(closing(Proxy(wishes, ends, policy, low_latency=low_latency)))
+            for line in rules.words():
+                narrate(line)
             state = {"recording": _name(record, ring), "listening": listening}
             control = None if policy is None else rules.plug_in(policy, proxy.relay, state)
             if control is not None:
                 opened.callback(control.close)
             addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
-        except (ListenError, ControlError) as error:
-            narrate(str(error))
+            _start_watching(proxy, policy, scripts)
+        except (ListenError, ControlError, ScriptError) as error:
+            narrate(printable(str(error)))
             sys.exit(Exit.UNREADABLE)
         except NoWay as error:
             narrate(str(error))
             sys.exit(Exit.UNANSWERED)
-        proxy.start_watching()
         pairs = list(zip(listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]
@@ -163,9 +192,20 @@ def command(
             )
         else:
             proxy.run(partial(_greet, proxy, greetings))
+    if proxy.lacks_recording:
+        sys.exit(Exit.UNWRITABLE)
 
 
 command.add_command(ctl)
+
+
+def _start_watching(proxy: Proxy, policy: Rules | None, scripts: ScriptProcess | None) -> None:
+    """Start the process that watches, while the scripts are loaded."""
+    if scripts is None or policy is None:
+        proxy.start_watching()
+    else:
+        scripts.attach(policy, proxy.relay, proxy.is_asked_again)
+        proxy.start_watching(scripts.load)
 
 
 def _name(record: Path | None, ring: Bounds | None) -> str | None:

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Mapping
-from contextlib import closing
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from typing import TypeVar
 
 import click
-import orjson
+import msgspec
 
+from bcapscope.cli import options
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate
 from bcapscope.faults.quantities import Duration
 from bcapscope.protocol.frame import parse_datagram
-from bcapscope.proxy.control_client import Answer, ControlClient, ControlRefused
+from bcapscope.proxy.control_answers import Answer, Client, Held, Rule, list_of
+from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.render.escape import printable
 from bcapscope.render.line import LineRenderer
-from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
-from bcapscope.traffic.question import Question
+from bcapscope.traffic.observation import Observation
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_INDENTED = re.compile(r"\n(?=  )")
+"""Where a reason goes on in an indented line, which shows the place in a rule. No reason has other lines."""
 
 
 @click.group("ctl", short_help="Ask and tell a proxy that runs.")
@@ -35,39 +43,74 @@ def command(context: click.Context, address: str, as_json: bool) -> None:
 
 
 class _Ctl:
-    """A way to the proxy."""
+    """The way to a proxy, and the form of what is printed."""
 
     def __init__(self, address: str, as_json: bool) -> None:
         self._address = address
         self._as_json = as_json
 
-    def ask(self, **question: object) -> Answer | None:
-        """Ask; give the answer, None if it was printed already. A refusal ends the program."""
+    def ask(self, **question: object) -> Answer:
+        """Ask; return the answer, or {} if it was printed as JSON. A refusal ends the program."""
+        return self._ask(question, lambda proxy: proxy.ask(question), {})
+
+    def list(self, name: str, kind: type[T]) -> Sequence[T]:
+        """Ask for a list; as `ask`."""
+        question = {"do": name}
+        return self._ask(question, lambda proxy: list_of(proxy.ask(question), name, kind), ())
+
+    def held(self) -> Sequence[Held]:
+        """Ask for the messages that wait; as `ask`."""
+        return self._ask({"do": "held"}, ControlClient.held, ())
+
+    def _ask(self, question: Mapping[str, object], read: Callable[[ControlClient], R], printed: R) -> R:
+        with self._reached() as proxy:
+            if not self._as_json:
+                return read(proxy)
+            echo(_json_text(proxy.ask_raw(question)))
+            return printed
+
+    @contextmanager
+    def _reached(self) -> Iterator[ControlClient]:
         with closing(ControlClient(self._address)) as proxy:
             try:
-                answer = proxy.ask(question)
+                yield proxy
             except ControlError as error:
-                narrate(str(error))
+                narrate(printable(str(error)))
+                sys.exit(Exit.UNREADABLE)
+            except msgspec.ValidationError:
+                narrate(printable(f"what listens on {self._address} is no proxy of this version"))
                 sys.exit(Exit.UNREADABLE)
             except ControlRefused as error:
                 if self._as_json:
-                    echo(orjson.dumps(error.answer).decode())
+                    echo(_json_text(error.line))
                 else:
-                    narrate(str(error))
+                    for line in _INDENTED.split(str(error)):
+                        narrate(printable(line))
                 sys.exit(Exit.REFUSED)
-        if self._as_json:
-            echo(orjson.dumps(answer).decode())
-        return None if self._as_json else answer
+
+
+def _json_text(line: bytes) -> str:
+    """Write an answer as it came, but with every character escaped that a terminal may obey."""
+    text = line.decode("utf-8", "replace").strip()
+    return text if text.isprintable() else "".join(map(_json_character, text))
+
+
+def _json_character(char: str) -> str:
+    if char.isprintable():
+        return char
+    if char in "\t\r\n":  # JSON has them only between its parts
+        return " "
+    return "".join(f"\\u{unit:04x}" for unit in memoryview(char.encode("utf-16-le")).cast("H"))
 
 
 @command.command("rules", short_help="List the faults.")
 @click.pass_obj
 def _rules(ctl: _Ctl) -> None:
     """List the faults, whether they are on, and how often they have struck."""
-    answer = ctl.ask(do="rules")
-    for rule in answer["rules"] if answer else ():
+    for rule in ctl.list("rules", Rule):
         echo(
-            f"{'on ' if rule['on'] else 'off'}  {rule['name']:<16} struck {rule['struck']:<6}  {rule['rule']}"
+            f"{'on ' if rule.on else 'off'}  {printable(rule.name):<16} struck {rule.struck:<6}  "
+            f"{printable(rule.rule)}"
         )
 
 
@@ -77,8 +120,8 @@ def _rules(ctl: _Ctl) -> None:
 def _add(ctl: _Ctl, rule: str) -> None:
     """Set up a fault, written as behind `--fault`; its name is printed."""
     answer = ctl.ask(do="add", rule=rule)
-    if answer:
-        echo(answer["name"])
+    if "name" in answer:
+        echo(printable(str(answer["name"])))
 
 
 @command.command("remove", short_help="Take a fault away.")
@@ -126,37 +169,29 @@ def _intercept(ctl: _Ctl, expression: str | None, hold: str | None) -> None:
 @click.pass_obj
 def _held(ctl: _Ctl) -> None:
     """List the messages that wait: their numbers, how many seconds they have waited, and what they say."""
-    answer = ctl.ask(do="held")
-    for held in answer["held"] if answer else ():
+    for held in ctl.held():
         for line in _lines(held):
             echo(line)
 
 
-def _lines(held: Mapping[str, Any]) -> list[str]:
-    ends = (_endpoint(held["client"]), _endpoint(held["server"]))
-    conversation = Conversation(*ends, Transport(held["transport"]), "the proxy")
-    flow = Flow(conversation, Direction(held["direction"]))
-    question = None if held["function_id"] is None else Question(held["function_id"], held["command"])
+def _lines(held: Held) -> list[str]:
     renderer = LineRenderer()
     renderer.begin(0)
-    waited = round(held["waited_s"] * 1e9)
-    fate = f"is dropped, as {held['given_up']}," if held["given_up"] else "goes on unchanged"
-    left = [f"{fate} in {held['left_s']:.1f} s"]
-    if held["more"]:
-        left.append(f"{held['more']} more tries of it came")
+    waited = round(held.waited_s * 1e9)
+    fate = f"is dropped, as {printable(held.given_up)}," if held.given_up else "goes on unchanged"
+    left = [f"{fate} in {held.left_s:.1f} s"]
+    if held.more:
+        left.append(f"{held.more} more tries of it came")
     return [
-        renderer.line(Observation(held["number"], waited, waited, flow, item, 0), question, tuple(left))
-        for item in parse_datagram(bytes.fromhex(held["hex"]))
+        renderer.line(
+            Observation(held.number, waited, waited, held.flow, item, 0), held.question, tuple(left)
+        )
+        for item in parse_datagram(held.data)
     ]
 
 
-def _endpoint(text: str) -> Endpoint:
-    host, _, port = text.rpartition(":")
-    return Endpoint(host.strip("[]"), int(port))
-
-
 @command.command("forward", short_help="Send a message on.")
-@click.argument("number", type=int)
+@click.argument("number", type=options.Whole(1, options.LARGEST_COUNT))
 @click.pass_obj
 def _forward(ctl: _Ctl, number: int) -> None:
     """Send a message on as it came."""
@@ -164,7 +199,7 @@ def _forward(ctl: _Ctl, number: int) -> None:
 
 
 @command.command("edit", short_help="Send a message on, changed.")
-@click.argument("number", type=int)
+@click.argument("number", type=options.Whole(1, options.LARGEST_COUNT))
 @click.argument("changes", nargs=-1)
 @click.option("--hex", "data", metavar="BYTES", help="Send these bytes in its place.")
 @click.pass_obj
@@ -174,7 +209,7 @@ def _edit(ctl: _Ctl, number: int, changes: tuple[str, ...], data: str | None) ->
 
 
 @command.command("drop", short_help="Drop a message.")
-@click.argument("number", type=int)
+@click.argument("number", type=options.Whole(1, options.LARGEST_COUNT))
 @click.pass_obj
 def _drop(ctl: _Ctl, number: int) -> None:
     """Drop a message that waits."""
@@ -185,20 +220,18 @@ def _drop(ctl: _Ctl, number: int) -> None:
 @click.pass_obj
 def _clients(ctl: _Ctl) -> None:
     """List who is there: since when, what came from each side, and how the way to the controller is."""
-    answer = ctl.ask(do="clients")
-    for client in answer["clients"] if answer else ():
-        way = f"{client['client']} > {client['server']} {client['transport']} {client['upstream']}"
-        echo(f"{way}  for {client['since_s']:.1f} s, {client['up']} up, {client['down']} down")
+    for client in ctl.list("clients", Client):
+        way = f"{client.client} > {client.server} {client.transport} {client.upstream}"
+        echo(f"{printable(way)}  for {client.since_s:.1f} s, {client.up} up, {client.down} down")
 
 
 @command.command("stats", short_help="Give figures.")
 @click.pass_obj
 def _stats(ctl: _Ctl) -> None:
     """Give figures: strikes, refusals, what is held, what has passed."""
-    answer = ctl.ask(do="stats")
-    for name, value in (answer or {}).items():
+    for name, value in ctl.ask(do="stats").items():
         if name != "ok":
-            echo(f"{name.replace('_', ' ')}: {printable(_figure(value))}")
+            echo(printable(f"{name.replace('_', ' ')}: {_figure(value)}"))
 
 
 def _figure(value: object) -> str:

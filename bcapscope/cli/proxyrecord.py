@@ -58,7 +58,11 @@ _MOST_PASSAGES = 1024
 
 
 class ProxyRecorder:
-    """Writes what the relay tells to a capture; when that fails, it says so and goes on without."""
+    """Writes what the relay tells to a capture; when that fails, it says so and goes on without.
+
+    Attributes:
+        failed: the capture lacks something because a file could not be written.
+    """
 
     def __init__(self, path: Path, bounds: Bounds | None, tell: Callable[[str], None]) -> None:
         """Begin.
@@ -67,6 +71,7 @@ class ProxyRecorder:
             OSError: it cannot be written.
         """
         self._series: Series | None = Series(path, bounds)
+        self.failed = self._has_told_full = False
         self._path = path
         self._tell = tell
         self._legs: dict[int, tuple[_Leg, _Leg]] = {}
@@ -172,6 +177,15 @@ class ProxyRecorder:
                 self._series.flush()
             except OSError as error:
                 self._give_up(error)
+            else:
+                self._tell_freed(self._series.freed)
+
+    def _tell_freed(self, freed: int) -> None:
+        """Tell once that the disk is too small for the ring."""
+        if freed and not self._has_told_full:
+            self._has_told_full = True
+            name = printable(str(self._path))
+            self._tell(f"the disk is full: the recording {name} removes its oldest files early")
 
     def close(self) -> None:
         """Close the file, with all that was taken in it."""
@@ -221,6 +235,7 @@ class ProxyRecorder:
             self._begin(leg, time)
 
     def _give_up(self, error: OSError) -> None:
+        self.failed = True
         why = (error.strerror or str(error)).lower()
         self._tell(f"{printable(str(self._path))} is not written any more: {why}")
         self._shut()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 import random
-import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli import options
 from bcapscope.cli.output import echo, narrate
 
 if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and
     from bcapscope.proxy.guard import Guard, Target
     from bcapscope.proxy.relay import Relay
     from bcapscope.proxy.rules import Rules
+    from bcapscope.proxy.scriptprocess import ScriptProcess
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -39,6 +40,8 @@ class RuleWishes:
         intercept: what is to be held; None for nothing.
         patience: ns that a held message waits; None for the usual, `intercept.PATIENCE`.
         scripts: paths.
+        script_limit: ns that they have for a message; None for the usual, `scriptqueue.LIMIT`.
+        script_memory: megabytes that they may allocate; None for the usual, `scriptprocess.MEMORY`.
         control: address of the control socket; "" for none.
         typed: the options as they were typed, for another process; without that of the control socket.
     """
@@ -51,32 +54,47 @@ class RuleWishes:
     scripts: tuple[str, ...]
     control: str
     typed: tuple[str, ...]
+    script_limit: int | None = None
+    script_memory: int | None = None
 
-    def make(self) -> Rules | None:
+    def start_scripts(self, opened: ExitStack) -> ScriptProcess | None:
+        """Start the process of the scripts, which then loads them; None where there are none.
+
+        Args:
+            opened: ends the process.
+
+        Raises:
+            ScriptError: it cannot be started.
+        """
+        if not self.scripts:
+            return None
+        from bcapscope.proxy.scriptprocess import MEMORY, ScriptProcess
+
+        return opened.enter_context(closing(ScriptProcess(self.scripts, self.script_memory or MEMORY)))
+
+    def make(self, scripts: ScriptProcess | None = None) -> Rules | None:
         """Make the rules, with the monotonic clock's time of now; None where nothing has to look.
 
-        A script that cannot be used ends the program.
+        Args:
+            scripts: the process of the scripts; `Rules.scripts` waits for it to load them.
         """
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
         from bcapscope.faults.shaper import Shaper
-        from bcapscope.proxy.addons import Addons, ScriptError, load_addons
         from bcapscope.proxy.intercept import Intercept
-        from bcapscope.proxy.rules import Rules
-        from bcapscope.render.escape import printable
+        from bcapscope.proxy.rules import Asked, Rules
+        from bcapscope.proxy.scriptqueue import LIMIT, ScriptQueue
 
         now, since_1970 = time.monotonic_ns(), time.time_ns()
-        try:
-            addons = [addon for path in self.scripts for addon in load_addons(path)]
-        except ScriptError as error:
-            narrate(printable(str(error)))
-            sys.exit(Exit.UNREADABLE)
+        queue: ScriptQueue[Asked] | None = None
+        if scripts is not None:
+            queue = ScriptQueue(scripts.names, scripts, self.script_limit or LIMIT)
         epoch = since_1970 - now
         return Rules(
             Shaper(self.faults, seed=self.seed, now=now, epoch=epoch),
             self.guard,
             Intercept(self.intercept, self._held_for()),
-            Addons(addons),
+            queue,
             epoch=epoch,
         )
 
@@ -95,7 +113,9 @@ class RuleWishes:
         from bcapscope.proxy.control_socket import ControlServer
         from bcapscope.proxy.ring import Count, Figure
 
-        rules.tell = rules.addons.tell = relay.tell
+        rules.tell = relay.tell
+        if rules.scripts is not None:
+            rules.scripts.tell = relay.tell
         if not self.control:
             return None
 
@@ -157,6 +177,8 @@ def _wishes(
     intercept: Condition | None,
     hold: Duration | None,
     scripts: tuple[str, ...],
+    script_limit: int | None,
+    script_memory: int | None,
     control: str | None,
     typed: tuple[str, ...],
 ) -> RuleWishes:
@@ -182,6 +204,8 @@ def _wishes(
         scripts=scripts,
         control=control or "",
         typed=typed,
+        script_limit=script_limit,
+        script_memory=script_memory,
     )
 
 
@@ -235,6 +259,24 @@ def _target(text: str) -> Target:
     return read_target(text)
 
 
+def _script_limit(text: str) -> int:
+    from bcapscope.proxy.scriptqueue import LONGEST_LIMIT, SHORTEST_LIMIT
+
+    limit = _duration(text)
+    if not SHORTEST_LIMIT <= limit <= LONGEST_LIMIT:
+        raise ValueError(f"{text} is not between 1ms and 10s")
+    return limit
+
+
+def _script_memory(text: str) -> int:
+    from bcapscope.proxy.scriptprocess import LEAST_MEMORY, MOST_MEMORY
+
+    megabytes = int(text) if text.isdecimal() and len(text) <= len(str(MOST_MEMORY)) else 0
+    if not LEAST_MEMORY <= megabytes <= MOST_MEMORY:
+        raise ValueError(f"{text!r} is not a number of megabytes between {LEAST_MEMORY} and {MOST_MEMORY}")
+    return megabytes
+
+
 def _rule_file(path: str) -> tuple[AnyFault, ...]:
     from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, RuleFile, read_document
 
@@ -275,13 +317,18 @@ _OPTIONS = (
         callback=_reader(_rule_file),
         help="Faults from a file: a list `faults`, each with `action` and the words of --help-faults.",
     ),
-    click.option("--seed", type=int, help="Of all chance: the same seed and traffic give the same faults."),
+    click.option(
+        "--seed",
+        type=options.Whole(0, options.LARGEST_SEED),
+        help="Of all chance: the same seed and traffic give the same faults.",
+    ),
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse all that moves the robot or changes its state, and what is not known, with "
-        "E_ACCESSDENIED. Robot_Halt, slvChangeMode 0, releases and Service_Stop always pass; so does "
-        "Controller_Connect, without whose handles nothing can be read.",
+        help="Refuse requests that energise or move the robot or change its state, and unknown ones, with "
+        "E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
+        "slvChangeMode 0, releases and Service_Stop. Controller_Connect also passes: nothing can be read "
+        "without its handles.",
     ),
     click.option(
         "--block",
@@ -318,8 +365,24 @@ _OPTIONS = (
         metavar="FILE.py",
         multiple=True,
         type=click.Path(exists=True, dir_okay=False),
-        help="Classes with methods request(message), reply(message), settled(call), connected(client), "
-        "gone(client), done(); may be repeated.",
+        help="Python file whose classes have methods request(message), reply(message), settled(call), "
+        "connected(client), gone(client), done(); may be repeated. Scripts run in a process of their own, "
+        "with your rights.",
+    ),
+    click.option(
+        "--script-timeout",
+        "script_limit",
+        metavar="TIME",
+        callback=_reader(_script_limit),
+        help="Time that the scripts have for one message, 1ms to 10s; 100ms unless given. Scripts that take "
+        "longer are switched off: stops pass, motion is refused with E_ACCESSDENIED, everything else passes "
+        "unchanged.",
+    ),
+    click.option(
+        "--script-memory",
+        metavar="MEGABYTES",
+        callback=_reader(_script_memory),
+        help="Memory that the scripts may allocate, 64 to 65536; 512 unless given.",
     ),
     click.option(
         "--control",
@@ -346,5 +409,7 @@ _NAMES = (
     "intercept",
     "hold",
     "scripts",
+    "script_limit",
+    "script_memory",
     "control",
 )

@@ -20,7 +20,7 @@ from pathlib import Path
 from bcapscope.cli.courtesy import Courtesy, idle_priority
 from bcapscope.cli.files import FileRefused
 from bcapscope.cli.output import narrate
-from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes, watch
+from bcapscope.cli.proxywishes import BEGIN, FAREWELL, INCOMPLETE, READY, Wishes, watch
 from bcapscope.cli.screen import ERASE
 from bcapscope.cli.signals import kept_from_ends
 from bcapscope.cli.wakefulness import LightSleep, Wakefulness, passed
@@ -31,12 +31,17 @@ from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import HEADER, RingWriter
 from bcapscope.proxy.sockets import reason
 from bcapscope.proxy.spec import Listener
-from bcapscope.proxy.tcp import TcpPort
+from bcapscope.proxy.tcpport import TcpPort
 from bcapscope.proxy.udp import UdpPort, UdpSession
+from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint
+from bcapscope.transport.descriptors import allow_descriptors
 
 RING_SIZE = 32 << 20
 """Bytes: twenty seconds of four robots with a set point each millisecond, if nobody watched at all."""
+
+_DESCRIPTORS = 1024
+"""Files that may be open: two for a TCP client, one for a UDP client and for one that is silent so far."""
 
 _GLANCE = 0.05
 _BEGINS_WITHIN = 30.0
@@ -61,15 +66,24 @@ class Proxy:
 
     Attributes:
         relay: for whoever has more to plug in before it runs.
+        lacks_recording: after `close`: a recording was wished for, and it is incomplete.
     """
 
-    def __init__(self, wishes: Wishes, ends: socket.socket, policy: Policy | None = None) -> None:
+    def __init__(
+        self,
+        wishes: Wishes,
+        ends: socket.socket,
+        policy: Policy | None = None,
+        *,
+        low_latency: bool = False,
+    ) -> None:
         """Make a relay that listens nowhere yet.
 
         Args:
             wishes: of the watcher.
             ends: from which the signals come that end programs; see `awaited_ends`.
             policy: the rules; None without.
+            low_latency: keep the machine's processors out of deep sleep while there is much traffic.
 
         Raises:
             FileRefused: there is no room for the memory that it shares with the watcher, or the system gives
@@ -77,6 +91,7 @@ class Proxy:
         """
         self._wishes = wishes
         self._ends = ends
+        allow_descriptors(_DESCRIPTORS)
         self._memory = _share(HEADER + RING_SIZE)
         self._is_named = True
         assert self._memory.buf is not None
@@ -89,12 +104,13 @@ class Proxy:
             self._release_memory()
             raise FileRefused(Path("the relay"), reason(error)) from None
         self._watcher: multiprocessing.process.BaseProcess | None = None
-        self._watched = False
+        self._watched = self._has_begun = False
+        self.lacks_recording = False
         self._courtesy: Courtesy | None = None
-        self._wakefulness = Wakefulness(LightSleep())
+        self._wakefulness = Wakefulness(LightSleep()) if low_latency else None
         self._ports: list[TcpPort | UdpPort] = []
         self._ending = 0.0
-        self._hung_up = False
+        self._hung_up = self._asked_again = False
         self._goodbyes: list[tuple[int, str, list[str]]] = []
 
     def listen(self, listener: Listener, forget_after: int) -> Endpoint:
@@ -112,8 +128,12 @@ class Proxy:
         self._ports += ports
         return address
 
-    def start_watching(self) -> None:
+    def start_watching(self, load: Callable[[float], bool] | None = None) -> None:
         """Start the process that watches, and wait until it does.
+
+        Args:
+            load: waits so many seconds for what else has to begin, and tells whether it has. Nothing is
+                recorded before, but the process is loaded meanwhile.
 
         Raises:
             FileRefused: the recording cannot be written, or no process be started.
@@ -128,6 +148,9 @@ class Proxy:
             raise FileRefused(Path("the process that watches"), reason(error)) from None
         self._watcher = watcher
         self._other_end.close()
+        while load is not None and not load(_GLANCE):
+            self._end_early()
+        self._say(BEGIN)
         until = time.monotonic() + _BEGINS_WITHIN
         while not self._link.poll(_GLANCE) and time.monotonic() < until:
             self._end_early()
@@ -137,7 +160,7 @@ class Proxy:
             answer = b"the process that writes it has ended"
         if answer != READY:
             raise FileRefused(self._wishes.record or Path("the recording"), answer.decode())
-        self._watched = True
+        self._watched = self._has_begun = True
         self._forget_name()
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
             self.relay.watch(self._link.fileno(), lambda _: self._hear())
@@ -172,7 +195,8 @@ class Proxy:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
                 self._courtesy = Courtesy(self._ring, idle_priority(self._watcher.pid))
-            self.relay.listen(self._ports)
+            ports, self._ports = self._ports, []
+            self.relay.listen(ports)
             greet()
             self.relay.run(self._look_around)
             self.relay.close_ports()
@@ -180,7 +204,7 @@ class Proxy:
             self._say_goodbye()
             self.relay.close()
             if self.relay.policy is not None:
-                self.relay.policy.close()
+                self.relay.policy.close(time.monotonic_ns())
                 for line in self.relay.policy.report():
                     self.relay.tell(line)
             if not self._watched:
@@ -196,7 +220,12 @@ class Proxy:
 
     def close(self) -> None:
         """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
-        self._wakefulness.end()
+        if self._wakefulness is not None:
+            self._wakefulness.end()
+        for port in self._ports:  # it gave up before the relay had them
+            port.close()
+            port.release()
+        self._ports.clear()
         self.relay.close()
         self._link.close()
         if self._courtesy is not None:
@@ -205,13 +234,22 @@ class Proxy:
             if not self._watched:  # it has not begun, or has ended
                 self._watcher.kill()
             until = time.monotonic() + _ENDS_WITHIN
-            while self._watcher.is_alive() and time.monotonic() < until and not self._is_asked_again():
+            while self._watcher.is_alive() and time.monotonic() < until and not self.is_asked_again():
                 self._watcher.join(_GLANCE)
             if self._watcher.is_alive():
                 narrate("watching has not ended in time; the last part of the recording may be missing")
                 self._watcher.kill()
+                self._watcher.join(_ENDS_WITHIN)
+            if self._has_begun:
+                self._judge(self._watcher.exitcode)
             self._watcher = None
         self._release_memory()
+
+    def _judge(self, code: int | None) -> None:
+        """Decide by the exit code of the watcher whether the recording is complete."""
+        self.lacks_recording = self._wishes.record is not None and code != 0
+        if self.lacks_recording and code != INCOMPLETE:  # it could not say so itself
+            narrate(f"{printable(str(self._wishes.record))} is incomplete: the recorder ended early")
 
     def _release_memory(self) -> None:
         self._ring.release()
@@ -233,11 +271,12 @@ class Proxy:
             self._ends.recv(1)
             raise KeyboardInterrupt
 
-    def _is_asked_again(self) -> bool:
+    def is_asked_again(self) -> bool:
         """Tell whether it is to end at once, now that it ends; a closed terminal asks for nothing."""
         with suppress(BlockingIOError):
-            return any(number != getattr(signal, "SIGHUP", None) for number in self._ends.recv(16))
-        return False
+            if any(number != getattr(signal, "SIGHUP", None) for number in self._ends.recv(16)):
+                self._asked_again = True
+        return self._asked_again
 
     def _signalled(self, _: int) -> None:
         """End; when the terminal is closed, go on without it until no client is left."""
@@ -262,7 +301,8 @@ class Proxy:
 
     def _look_around(self) -> None:
         """Do what is due from time to time."""
-        self._wakefulness.look(passed(self._ring.counts), time.monotonic())
+        if self._wakefulness is not None:
+            self._wakefulness.look(passed(self._ring.counts), time.monotonic())
         if self._watched and self._courtesy is not None:
             self._courtesy.look(time.monotonic())
         if self._ending and time.monotonic() - self._ending > _ANSWERS_WITHIN:
@@ -308,7 +348,7 @@ class Proxy:
             session = self.relay.sessions.get(number)
             if not isinstance(session, UdpSession):
                 continue
-            if self._is_asked_again():
+            if self.is_asked_again():
                 until = 0.0
             client, controller = session.conversation.client, session.conversation.server
             answered = session.leave([bytes.fromhex(request) for request in requests], until)

@@ -26,7 +26,7 @@ from bcapscope.cli.proxywishes import FAREWELL, READY, Wishes
 from bcapscope.cli.screen import Screen
 from bcapscope.protocol.wording import counted
 from bcapscope.proxy.farewell import Farewells
-from bcapscope.proxy.ring import Kind, Record, RingReader
+from bcapscope.proxy.ring import Count, Kind, Record, RingReader
 from bcapscope.proxy.vigil import Vigil
 from bcapscope.proxy.witness import Witness
 from bcapscope.render.escape import printable
@@ -69,13 +69,16 @@ _CATCHES_UP_WITHIN = 10.0
 """Seconds that what is left may take at the end to be decoded; all of it is recorded."""
 
 
-def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
+def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> bool:
     """Watch a relay until it ends.
 
     Args:
         memory: name of the ring's.
         relay: over which it asks and is answered; its end is the relay's.
         wishes: what is to be done.
+
+    Returns:
+        Whether the recording, if one was wished for, is complete.
     """
     _leave_to_relay()
     screen = Screen()
@@ -85,7 +88,7 @@ def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
             recorder = ProxyRecorder(wishes.record, wishes.bounds, screen.tell)
     except OSError as error:
         relay.send_bytes((error.strerror or str(error)).lower().encode())
-        return
+        return False
     shared = SharedMemory(memory)
     assert shared.buf is not None
     reader = RingReader(shared.buf)
@@ -94,12 +97,14 @@ def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> None:
     try:
         Watcher(reader, wishes, screen, None if recorder is None else Scribe(ahead, recorder)).run(relay)
     finally:
-        screen.close()
         if recorder is not None:
             recorder.close()
+        screen.close()
+        has_lost = reader.counts[Count.UNWATCHED] > 0
         for end in (reader, ahead):
             end.release()
         shared.close()
+    return recorder is None or not (recorder.failed or has_lost)
 
 
 def _leave_to_relay() -> None:

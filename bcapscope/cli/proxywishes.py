@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from enum import StrEnum
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from bcapscope.capture.series import Bounds
+from bcapscope.cli.exits import Exit
 from bcapscope.render.moment import Clock
 from bcapscope.traffic.fields import RecordKind
 from bcapscope.traffic.filters import Filter, compile_filter
 
-FAREWELL, READY = b"farewell", b"ready"
-"""What the relay asks before it ends, and what it waits for before it begins. Anything else that it says is
-advice for the user, for the case that it is too slow."""
+BEGIN, FAREWELL, READY = b"begin", b"farewell", b"ready"
+"""What the relay says when the process may begin to watch, what it asks before it ends, and what it waits for
+before it begins. Anything else that it says is advice for the user, for the case that it is too slow."""
+
+INCOMPLETE = int(Exit.UNWRITABLE)
+"""Exit code of the process if the recording lacks something."""
 
 
 class Form(StrEnum):
@@ -70,7 +75,7 @@ class Wishes:
 
 
 def watch(memory: str, relay: Connection, wishes: Wishes) -> None:
-    """Watch a relay until it ends; the entry of a process.
+    """Watch a relay until it ends; the entry of a process, which exits with `INCOMPLETE` if so.
 
     Args:
         memory: name of the ring's.
@@ -79,4 +84,9 @@ def watch(memory: str, relay: Connection, wishes: Wishes) -> None:
     """
     from bcapscope.cli.proxywatch import watch_relay
 
-    watch_relay(memory, relay, wishes)
+    try:
+        relay.recv_bytes()
+    except (EOFError, OSError):  # the relay has given up
+        return
+    if not watch_relay(memory, relay, wishes):
+        sys.exit(INCOMPLETE)

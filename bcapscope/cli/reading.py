@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import select
 import sys
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -17,8 +17,9 @@ from bcapscope.capture.file import CaptureFile, open_capture
 from bcapscope.capture.live import open_live
 from bcapscope.capture.observer import Observer
 from bcapscope.capture.packet import Packet
-from bcapscope.capture.pasted import Pasted, observe_text
+from bcapscope.capture.pasted import Pasted
 from bcapscope.capture.sides import PORTS
+from bcapscope.capture.textlines import text_lines
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.interrupts import Interrupts
 from bcapscope.cli.output import Output, narrate
@@ -66,10 +67,11 @@ class Reading:
             raise click.UsageError("standard input is closed")
         self.exit = Exit.OK
         self.begin: Callable[[int], object] = lambda time: None
-        self.output = Output(1) if interface or STDIN in paths else Output()
+        self.output = Output(1) if interface or STDIN in (*paths, text) else Output()
         self._paths = paths
         self._interface = interface
-        self._pasted = None if text is None else self._read_text(text)
+        self._text = text
+        self._pasted = None if text is None else Pasted(self._lines(text))
         self._observer = Observer(frozenset(ports) or PORTS)
         self._progress = Progress()
         self._file: CaptureFile | None = None
@@ -79,7 +81,7 @@ class Reading:
     def observations(self) -> Iterator[Observation]:
         """Yield all that is said; what cannot be read is told on stderr, in one sentence each."""
         if self._pasted is not None:
-            yield from self._pasted.observations
+            yield from self._pasted
             return
         observations = self._observer.observe(self._live() if self._interface else self._packets())
         for first in observations:
@@ -110,7 +112,7 @@ class Reading:
     def summary(self) -> None:
         """Tell on stderr what was read, what could not be, and which servers had to be worked out."""
         if self._pasted is not None:
-            narrate(f"{counted(len(self._pasted.observations), 'packet')} found in the text")
+            self._summarize_text(self._pasted.count)
             return
         self._progress.done()
         for trouble in self._troubles:
@@ -127,19 +129,28 @@ class Reading:
         if counts.packets or self.exit is not Exit.UNREADABLE:
             narrate(counts_text(counts))
 
-    def _read_text(self, path: str) -> Pasted:
+    def _lines(self, path: str) -> Iterator[str]:
+        """Yield the lines of a text; what cannot be read is reported."""
         try:
-            data = sys.stdin.buffer.read() if path == STDIN else Path(path).read_bytes()
+            with closing(_StandardInput()) if path == STDIN else Path(path).open("rb", buffering=0) as stream:
+                yield from text_lines(stream.read)
+        except _Interrupted:
+            return
         except OSError as error:
-            narrate(f"{printable(path)}: cannot be opened: {error.strerror}")
-            self.exit = Exit.UNREADABLE
-            return Pasted([], {})
-        encoding = "utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
-        pasted = observe_text(data.decode(encoding, "replace"))
-        if not pasted.observations:
-            narrate(f"{'standard input' if path == STDIN else printable(path)}: there is no hex in this text")
-            self.exit = Exit.UNREADABLE
-        return pasted
+            self._report(path, CaptureError(f"cannot be opened: {error.strerror}"))
+        except CaptureError as error:
+            self._report(path, error)
+
+    def _summarize_text(self, packets: int) -> None:
+        for trouble in self._troubles:
+            narrate(trouble)
+        if packets:
+            narrate(f"{counted(packets, 'packet')} found in the text")
+            return
+        if self.exit is Exit.OK:
+            name = "standard input" if self._text == STDIN else printable(self._text or "")
+            narrate(f"{name}: there is no hex in this text")
+        self.exit = Exit.UNREADABLE
 
     def _live(self) -> Iterator[Packet]:
         name = self._interface or ""

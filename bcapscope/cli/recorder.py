@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from io import RawIOBase
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
@@ -224,7 +225,7 @@ class Recorder:
         self._held += size + _COST
 
     def _run(self) -> None:
-        blocks = self._basket.blocks
+        blocks, size = self._basket.blocks, 0
         try:
             while not self._over.is_set() or blocks:
                 self._news.wait()
@@ -232,11 +233,14 @@ class Recorder:
                 self._batch = [blocks.popleft() for _ in range(len(blocks))]
                 data = b"".join(self._batch)
                 append(self._file, data)
+                size += len(data)
                 self._written += len(data) + len(self._batch) * _COST
                 self._batch = []
                 self._over.wait(_TICK)
         except OSError as error:
             self._failed = True
+            with suppress(OSError):
+                self._file.truncate(size)  # so that it ends with a whole packet
             self._tell(f"{self._name} is not written any more: {(error.strerror or str(error)).lower()}")
             blocks.clear()
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import shutil
 import sys
+import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 
 import click
 
 from bcapscope.cli import options
-from bcapscope.cli.arming import can_ask, confirmed
+from bcapscope.cli.arming import armed_calls, can_ask, confirmed, unarmed
 from bcapscope.cli.connection import Target, failures_told, optional_target
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import echo, narrate, palette
@@ -18,16 +19,17 @@ from bcapscope.cli.pairing import wanted_calls
 from bcapscope.cli.reading import Reading
 from bcapscope.cli.serving import Serving, reach
 from bcapscope.cli.signals import end_in_order
+from bcapscope.client.action_log import LoggedConnection
+from bcapscope.client.armed_calls import ArmedCalls
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError
 from bcapscope.player.channel import Channel, open_channel
-from bcapscope.player.exchanger import BlockingExchanger, run
+from bcapscope.player.exchanger import BlockingExchanger, Watcher, run
 from bcapscope.player.limits import SIMULATED, UNKNOWN, Limits, limited
 from bcapscope.player.realtime import undisturbed
 from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.effects import Effect
-from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.wording import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight import PreflightRenderer
@@ -54,7 +56,7 @@ _MOST_LISTED = 8
 )
 @click.option("--client", metavar="ADDRESS", help="Whose session, by address, or address:port.")
 @options.filter_option(RecordKind.CALL)
-@click.option("--arm", is_flag=True, help="A robot may move; else you are asked, except by the simulator.")
+@click.option("--arm", is_flag=True, help="Do not ask whether a robot may be energised and moved.")
 @click.option(
     "--limit",
     "limits",
@@ -103,9 +105,10 @@ def command(
     held against the recorded one; retries are made as this network needs them. What the recording uses but
     does not open is opened before. Whatever is still open at the end is let go of, slave mode first.
 
-    Before anything is sent the set points go through the pre-flight of `play`. What may move a robot is sent
-    to bcapscope's own simulator, with --arm, or when you have typed that it may; slave mode is only entered
-    where the robot stands at the first set point, unless --anywhere is given.
+    Before anything is sent the set points go through the pre-flight of `play`. A recording that may energise
+    or move a robot needs --arm or your confirmation, except with bcapscope's own simulator. The action log
+    records armed calls. Slave mode is only entered where the robot stands at the first set point, unless
+    --anywhere is given.
 
     As server, a call is answered as the next one like it was in the recording.
 
@@ -223,16 +226,18 @@ class _Stage:
 
     async def play(self, target: Target, armed: bool, longest_pause: int) -> Exit:
         """Play it without an event loop, which knows no microseconds; return how it went."""
-        if self._flight.stretches or (self._moves() and not armed):
+        needs_arm, simulated = self._needs_arming(), False
+        if self._flight.stretches or (needs_arm and not armed):
             simulated = await _is_simulator(target)
             self._flight.check(SIMULATED if simulated else UNKNOWN, shown=True)
-            if self._moves() and not (armed or simulated or _allowed(target.host)):
+            if needs_arm and not (armed or simulated or _allowed(target.host)):
                 return Exit.UNARMED
         try:
-            async with _session(target) as (session, channel):
-                reach = Reach(session, target.service, target.connect, {})
-                play = Performance(self._script, reach, channel, longest_pause, self._anywhere)
-                await play.play(self._told)
+            with ExitStack() as stack:
+                log = None
+                if needs_arm and not simulated:
+                    log = stack.enter_context(armed_calls("replay", LoggedConnection.of_target(target)))
+                await self._perform(target, log, longest_pause)
         except ValueError as error:
             raise BcapError(str(error)) from None
         finally:
@@ -241,9 +246,14 @@ class _Stage:
             return Exit.UNANSWERED
         return Exit.REFUSED if self._different else Exit.OK
 
-    def _moves(self) -> bool:
-        asked = ((line.question.function_id, line.arguments) for line in self._script.lines)
-        return any(request_effect(*each) >= Effect.MOVES and not always_passes(*each) for each in asked)
+    async def _perform(self, target: Target, log: ArmedCalls | None, longest_pause: int) -> None:
+        async with _session(target, log) as (session, channel):
+            reach = Reach(session, target.service, target.connect, {})
+            play = Performance(self._script, reach, channel, longest_pause, self._anywhere)
+            await play.play(self._told)
+
+    def _needs_arming(self) -> bool:
+        return any(needs_arming(line.question.function_id, line.arguments) for line in self._script.lines)
 
     def _told(self, played: Played) -> bool:
         self._calls += 1
@@ -266,21 +276,29 @@ async def _is_simulator(target: Target) -> bool:
 
 
 def _allowed(host: str) -> bool:
-    """Tell whether a robot may move."""
+    """Ask whether a robot may be energised and moved."""
     if can_ask():
-        narrate("A robot will move: this is not the simulator.")
+        narrate("This is not bcapscope's simulator: the recording may energise or move a robot.")
         if confirmed(host):
             return True
-    narrate("bcapscope: the recording may move a robot, and nobody said that it may: not sent without --arm")
+    narrate(printable(f"bcapscope: the recording was not sent. {unarmed(host)}"))
     return False
 
 
 @asynccontextmanager
-async def _session(target: Target) -> AsyncIterator[tuple[Session, Channel]]:
+async def _session(target: Target, log: ArmedCalls | None = None) -> AsyncIterator[tuple[Session, Channel]]:
     channel = open_channel(target.host, target.port, target.tcp)
     convention = target.convention or (Convention.SEED if channel.datagrams else Convention.TCP0)
-    session = Session(BlockingExchanger(channel, convention), target.paces)
+    exchanger = BlockingExchanger(channel, convention)
+    if log is not None:
+        exchanger = BlockingExchanger(channel, convention, _watcher(log))
+    session = Session(exchanger, target.paces)
     try:
         yield session, channel
     finally:
         await session.close()
+
+
+def _watcher(log: ArmedCalls) -> Watcher:
+    epoch = time.time_ns() - time.monotonic_ns()
+    return lambda sent, raw, at: log.add_frame(sent, raw, at + epoch)

@@ -19,9 +19,10 @@ from bcapscope.cli.recorder import Recorder, open_capture
 from bcapscope.cli.screen import Screen
 from bcapscope.cli.signals import awaited_ends, end_in_order
 from bcapscope.player.realtime import undisturbed
-from bcapscope.render.service import report_line
+from bcapscope.render.service import reason_line, report_line
 from bcapscope.simulator.conversation import Report
-from bcapscope.simulator.server import Answerer, ListenError, Server, serve
+from bcapscope.simulator.listening import ListenError
+from bcapscope.simulator.server import Answerer, Server, serve
 from bcapscope.simulator.simulator import Peer
 
 
@@ -118,7 +119,10 @@ class Serving:
 
 
 class Log:
-    """Lines for stdout, made when the client has its answer, handed on at the latest after `_PATIENCE`."""
+    """Lines for stdout, made when the client has its answer, handed on at the latest after `_PATIENCE`.
+
+    Reasons of refusals go to stderr, also where no line per call is wanted.
+    """
 
     _PATIENCE = 20_000_000
 
@@ -133,6 +137,8 @@ class Log:
     def take(self, peer: Peer, report: Report) -> None:
         """Note a call."""
         self.calls += 1
+        if report.answer.reason:
+            self._screen.tell(reason_line(peer, report))
         if self._wanted:
             self._told.append((peer, report))
 

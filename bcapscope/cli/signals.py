@@ -7,8 +7,11 @@ import signal
 import socket
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
+
+from bcapscope.cli.files import FileRefused
 
 T = TypeVar("T")
 
@@ -68,8 +71,14 @@ def awaited_ends() -> Iterator[socket.socket]:
 
     Yields:
         A socket that does not wait, from which the number of each such signal can be read, a byte.
+
+    Raises:
+        FileRefused: there are no file descriptors left.
     """
-    here, there = socket.socketpair()
+    try:
+        here, there = socket.socketpair()
+    except OSError as error:
+        raise FileRefused(Path("waiting for signals"), (error.strerror or str(error)).lower()) from None
     with here, there:
         here.setblocking(False)
         there.setblocking(False)

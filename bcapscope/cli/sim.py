@@ -10,12 +10,13 @@ from collections.abc import Callable
 import click
 import msgspec
 
+from bcapscope.cli import options
 from bcapscope.cli.attended import announce, attended_option
 from bcapscope.cli.behaviours import list_behaviours
 from bcapscope.cli.output import narrate
 from bcapscope.cli.scenarios import choose_scenario, introduction, list_scenarios
 from bcapscope.cli.serving import Serving, reach
-from bcapscope.simulator.profile import PROFILES
+from bcapscope.simulator.profile import PROFILES, NoArgument
 from bcapscope.simulator.scenario import Defective, Kind, Scenario
 from bcapscope.simulator.server import Server
 from bcapscope.simulator.simulator import Simulator
@@ -55,7 +56,11 @@ _HELP = (
     callback=list_behaviours,
     help="List what it does as real controllers do, how sure we are, and the sources; end.",
 )
-@click.option("--seed", type=int, help="Of what a scenario draws by lot, instead of its own.")
+@click.option(
+    "--seed",
+    type=options.Whole(0, options.LARGEST_SEED),
+    help="Of what a scenario draws by lot, instead of its own.",
+)
 @click.option(
     "--defect",
     "defects",
@@ -64,12 +69,18 @@ _HELP = (
     help="Have this defect of DENSO's C server; cserver has all of them unless told.",
 )
 @click.option(
+    "--no-argument",
+    type=click.Choice([each.value for each in NoArgument]),
+    help="Leave the EMPTY out of replies without a value: never, only in replies to slvChangeMode, or "
+    "always. Default: slvchangemode for rc7, never for the others.",
+)
+@click.option(
     "--listen", metavar="HOST", default="127.0.0.1", show_default=True, help="Address of this machine."
 )
 @click.option(
     "-p",
     "--port",
-    type=click.IntRange(0, 65535),
+    type=options.Whole(0, 65535),
     default=5007,
     show_default=True,
     help="For UDP and TCP; 0 takes one that is free.",
@@ -88,6 +99,7 @@ def command(
     scenario: Scenario | None,
     seed: int | None,
     defects: tuple[str, ...],
+    no_argument: str | None,
     listen: str,
     port: int,
     record: str | None,
@@ -106,7 +118,7 @@ def command(
     Exit codes: 0 it was ended; 2 there is no such scenario, or it makes no sense; 4 the address cannot be
     listened on; 6 the capture cannot be written, or lacks what could not be written in time.
     """
-    played = _chosen(scenario, profile, defects)
+    played = _chosen(scenario, profile, defects, no_argument)
     serving = Serving(quiet=quiet, record=record)
     now = time.monotonic_ns()
     start = played.beginning(epoch=time.time_ns() - now)
@@ -125,13 +137,16 @@ def command(
     serving.end(f"{serving.log.calls} calls; {dropped}{unheard}")
 
 
-def _chosen(scenario: Scenario | None, profile: str | None, defects: tuple[str, ...]) -> Scenario:
+def _chosen(
+    scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
+) -> Scenario:
     """Return what is to be played: a scenario in which nothing happens where none was asked for."""
     if scenario is not None and profile not in (None, scenario.profile):
         raise click.UsageError(f"the scenario has the profile {scenario.profile}; leave --profile out")
     chosen = scenario or Scenario(title="", profile=Kind(profile or Kind.RC8))
     own = tuple(map(Defective, defects)) or chosen.defects
-    return msgspec.structs.replace(chosen, defects=own)
+    bare = chosen.no_argument if no_argument is None else NoArgument(no_argument)
+    return msgspec.structs.replace(chosen, defects=own, no_argument=bare)
 
 
 def _greeting(simulator: Simulator, server: Server) -> str:

@@ -17,7 +17,7 @@ from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate, require_terminal
 from bcapscope.cli.proxyrules import RuleWishes, rule_options
 from bcapscope.cli.tuilive import ProxyWishes, show_proxy, show_simulator
-from bcapscope.cli.tuiserve import serve_option
+from bcapscope.cli.tuiserve import ServeOptions, serve_options, serve_screen
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
@@ -70,7 +70,7 @@ class Wanted(NamedTuple):
 @click.option(
     "--requests", metavar="FOLDER", type=click.Path(path_type=Path), help="Where saved requests are kept."
 )
-@serve_option
+@serve_options
 @rule_options
 @click.pass_context
 def command(
@@ -90,6 +90,7 @@ def command(
     sim: bool,
     scenario: str | None,
     rules: RuleWishes,
+    serve: ServeOptions,
 ) -> None:
     """Test a controller, or show a capture, or what passes on an interface, a proxy, a simulator.
 
@@ -111,6 +112,8 @@ def command(
         raise click.UsageError("--listen, --to, --record and rules are those of a proxy: add --proxy")
     if scenario is not None and not sim:
         raise click.UsageError("--scenario is that of a simulator: add --sim")
+    if serve.wanted:
+        serve_screen(serve)
     if proxy is not None:
         with _folders():
             show_proxy(ProxyWishes(proxy, listen, to, record, rules))
@@ -153,8 +156,9 @@ def _folders() -> Iterator[None]:
 
 
 def _test(wanted: Wanted, requests: Path | None) -> None:
+    from bcapscope.client.action_log import default_folder
     from bcapscope.tui.app import Scope, Spot
-    from bcapscope.tui.desk import audit, saved
+    from bcapscope.tui.desk import saved
     from bcapscope.tui.screens.tester import Start, Tester
     from bcapscope.tui.screens.traffic import TrafficScreen
     from bcapscope.tui.traffic.feed import Feed
@@ -164,7 +168,7 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
     with Folder() as folder:
         own = folder.path / "own.pcapng"
         tap = Tap(own)
-        start = Start(requests or saved.default_folder(), audit.default_folder(), *wanted, tap.take)
+        start = Start(requests or saved.default_folder(), default_folder(), *wanted, tap.take)
         tester = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
         traffic = Spot(
             "traffic",
@@ -177,7 +181,7 @@ def _test(wanted: Wanted, requests: Path | None) -> None:
             try:
                 Scope([tester, traffic]).show()
             finally:
-                narrate(f"what was sent is written down in {start.audit}")
+                narrate(f"The action log is in {start.log}.")
         finally:
             tap.close()
 

@@ -20,8 +20,8 @@ from bcapscope.cli.proxyrules import RuleWishes
 from bcapscope.render.escape import printable
 
 if TYPE_CHECKING:
+    from bcapscope.proxy.control_answers import Figures
     from bcapscope.tui.child import Child
-    from bcapscope.tui.proxy.standing import Figures
     from bcapscope.tui.screens.proxy import ProxyScreen
     from bcapscope.tui.traffic.feed import Feed
 
@@ -149,8 +149,8 @@ def _figures(address: str) -> Figures:
     import msgspec
 
     from bcapscope.errors import BcapError
+    from bcapscope.proxy.control_answers import figures_of
     from bcapscope.proxy.control_client import ControlClient
-    from bcapscope.tui.proxy.standing import figures_of
 
     client = ControlClient(address)
     try:

@@ -1,65 +1,135 @@
-"""``bcapscope tui --serve``: the screen in a browser, on this machine only."""
+"""`bcapscope tui --serve`: the screen in a browser, on this machine only."""
 
 from __future__ import annotations
 
-import shlex
+import functools
+import ipaddress
+import os
 import socket
-import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
 
 import click
+from click.core import ParameterSource
 
 from bcapscope.cli.exits import Exit
 from bcapscope.cli.output import narrate
+from bcapscope.traffic.observation import Endpoint
 
-HOST = "127.0.0.1"
-"""Whoever opens the page can move a robot and nobody is asked for a password: no other machine reaches it."""
+F = TypeVar("F", bound=Callable[..., Any])
 
-PORT = 8000
-_FLAG = "--serve"
+DEFAULT = "127.0.0.1:8000"
+_MOST_VIEWERS = 16
 
 
-def _serve(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    """Serve the same command without the option, until Ctrl-C."""
-    if not value or context.resilient_parsing:
+@dataclass(frozen=True, slots=True)
+class ServeOptions:
+    """How the screen is shown.
+
+    Attributes:
+        wanted: in a browser rather than in this terminal.
+        address: where it is served; loopback.
+        viewers: how many may watch at a time.
+    """
+
+    wanted: bool
+    address: Endpoint
+    viewers: int
+
+
+def serve_screen(options: ServeOptions) -> None:
+    """Serve the running command in a browser until Ctrl-C, then exit.
+
+    Each viewer starts the same command in a process of their own. Returns at once in such a process.
+    """
+    if "TEXTUAL_DRIVER" in os.environ:
         return
     try:
-        from textual_serve.server import Server
+        from bcapscope.cli.webserver import WebServer
     except ImportError:
-        narrate("textual-serve is not installed; pip install 'bcapscope[serve]'")
+        narrate("textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'")
         sys.exit(Exit.NOT_INSTALLED)
-    if trouble := _trouble():
-        narrate(f"http://{HOST}:{PORT}/ cannot be served: {trouble}")
+    import asyncio
+
+    try:
+        family = socket.AF_INET6 if ":" in options.address.host else socket.AF_INET
+        listening = socket.create_server(options.address, family=family)
+    except OSError as error:
+        reason = (os.strerror(error.errno) if error.errno else str(error)).lower()
+        narrate(f"cannot listen on {options.address}: {reason}. Choose another port with --serve-at.")
         sys.exit(Exit.UNREADABLE)
-    narrate(f"http://{HOST}:{PORT}/ shows the screen; only this machine reaches it; Ctrl-C ends")
-    Server(command_line(sys.argv[1:]), HOST, PORT, "bcapscope").serve()
-    context.exit()
+    server = WebServer([sys.executable, "-m", "bcapscope", *sys.argv[1:]], listening, options.viewers)
+
+    def greet() -> None:
+        narrate(f"Open {server.gate.entrance}")
+        narrate("Whoever has this address can do what you can do here: keep it to yourself. Ctrl-C ends.")
+
+    with suppress(KeyboardInterrupt):  # where the event loop takes no signals
+        asyncio.run(server.run(greet))
+    sys.exit(Exit.OK)
 
 
-def command_line(words: Sequence[str]) -> str:
-    """Write the command that runs the screen itself, for a shell."""
-    argv = [sys.executable, "-m", "bcapscope", *(word for word in words if word != _FLAG)]
-    return subprocess.list2cmdline(argv) if sys.platform == "win32" else shlex.join(argv)
+def _address(context: click.Context, parameter: click.Parameter, value: str) -> Endpoint:
+    host, _, port = value.rpartition(":")
+    host = "127.0.0.1" if host == "localhost" else host.removeprefix("[").removesuffix("]")
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        raise click.BadParameter(
+            f"give an IP address and a port, such as {DEFAULT}", context, parameter
+        ) from None
+    if not (port.isascii() and port.isdecimal() and len(port) <= 5 and int(port) <= 0xFFFF):
+        raise click.BadParameter(f"give a port up to 65535, such as {DEFAULT}", context, parameter)
+    if not address.is_loopback:
+        raise click.BadParameter(
+            f"{host} is not loopback. The connection is not encrypted, and whoever opens the page can move "
+            f"the robot. From another machine use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
+            context,
+            parameter,
+        )
+    return Endpoint(str(address), int(port))
 
 
-def _trouble() -> str:
-    """Say why the port cannot be listened on; "" where it can."""
-    with socket.socket() as probe:
-        try:
-            if sys.platform != "win32":
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((HOST, PORT))
-        except OSError as error:
-            return (error.strerror or str(error)).lower()
-    return ""
-
-
-serve_option = click.option(
-    _FLAG,
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_serve,
-    help=f"Show it in a browser instead, at http://{HOST}:{PORT}/.",
+_OPTIONS = (
+    click.option(
+        "--serve",
+        is_flag=True,
+        help="Show the screen in a browser of this machine instead. Prints the address to open.",
+    ),
+    click.option(
+        "--serve-at",
+        metavar="HOST:PORT",
+        default=DEFAULT,
+        show_default=True,
+        callback=_address,
+        help="Serve at this address, on loopback only.",
+    ),
+    click.option(
+        "--viewers",
+        type=click.IntRange(1, _MOST_VIEWERS),
+        default=1,
+        show_default=True,
+        help="Let this many browser pages watch at a time, each with a screen of its own.",
+    ),
 )
+
+
+def serve_options(function: F) -> F:
+    """Give a command the options; it gets one argument `serve`, a `ServeOptions`."""
+
+    @functools.wraps(function)
+    def command(*, serve: bool, serve_at: Endpoint, viewers: int, **arguments: Any) -> Any:
+        context = click.get_current_context()
+        for name in ("serve_at", "viewers"):
+            typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+            if typed and not serve:
+                raise click.UsageError("--serve-at and --viewers belong to --serve: add --serve")
+        return function(serve=ServeOptions(serve, serve_at, viewers), **arguments)
+
+    decorated: Any = command
+    for option in reversed(_OPTIONS):
+        decorated = option(decorated)
+    return cast(F, decorated)

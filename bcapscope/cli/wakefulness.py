@@ -1,11 +1,10 @@
-"""Keeping the processors from sleeping while set points pass.
+"""Keep the processors out of deep sleep while set points pass; only on request (`proxy --low-latency`).
 
-Who comes to a processor that sleeps waits until it is awake: some microseconds where its sleep is light, a
-hundred and more where it is deep, and tens on a virtual machine whatever it says, as there the host wakes it.
-A round trip over a relay pays that four times if all are on one machine, else twice. So those who need short
-times ask Linux for no more than so much of it (power/pm_qos_interface), as the relay does. But that costs
-electricity, and on a virtual machine the host's processors; so it asks only while much passes, and not where
-the host then takes processors away.
+Waking a processor takes a few microseconds from light sleep, a hundred or more from deep sleep, and tens on a
+virtual machine from any sleep, since the host wakes it. A round trip through the proxy pays this four times
+if client and controller run on the same machine, else twice. Linux accepts a limit for the wake-up time
+(power/pm_qos_interface). The limit holds for the whole machine and costs electricity, or processor time of
+the host. So the proxy sets it only while there is much traffic, and not where the host takes processors away.
 """
 
 from __future__ import annotations
@@ -175,6 +174,20 @@ class LightSleep:
                 line = os.pread(self._statistics, _FIRST_LINE, 0)
                 return int(line.split()[_STEAL]) / os.sysconf("SC_CLK_TCK")
         return None
+
+
+def cannot_stay_awake() -> str:
+    """Return why this process cannot keep processors out of deep sleep; "" if it can."""
+    if sys.platform != "linux":
+        return "only Linux can keep processors out of deep sleep"
+    try:
+        os.close(os.open(_DEVICE, os.O_WRONLY))
+    except OSError as error:
+        return (
+            f"cannot write {_DEVICE}: {(error.strerror or str(error)).lower()}. Run the proxy as root, or "
+            "give your user write access with a udev rule (see docs/proxy.md)"
+        )
+    return ""
 
 
 def _waits_awake() -> bool:

@@ -98,7 +98,12 @@ def _end(text: str, code: Exit) -> NoReturn:
 
 
 _OPTIONS = (
-    click.option("--index", metavar="N", type=click.IntRange(1), help="Which of several in the file."),
+    click.option(
+        "--index",
+        metavar="N",
+        type=options.Whole(1, options.LARGEST_COUNT),
+        help="Which of several in the file.",
+    ),
     click.option("--pose", type=click.Choice([kind.value for kind in PoseType]), help="Pose type to take."),
     click.option("--columns", metavar="AXES", help="Columns, counted from 1: time=1,J1..J6=2..7."),
     click.option("--radians", is_flag=True, help="Angles are in radians where the file does not say."),
@@ -130,7 +135,7 @@ _OPTIONS = (
         "--loop",
         "rounds",
         metavar="N",
-        type=click.IntRange(0),
+        type=options.Whole(0, options.LARGEST_COUNT),
         default=1,
         show_default=True,
         help="Play it N times; 0: until told to stop.",

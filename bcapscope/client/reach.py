@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from bcapscope.client.session import Session
+from bcapscope.client.values import arguments_of
 from bcapscope.errors import ControllerError
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass
 from bcapscope.protocol.hresult import E_INVALIDARG
@@ -12,6 +13,7 @@ from bcapscope.protocol.requester import Answered, Settled
 from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.variables import variable
 from bcapscope.protocol.variant import Variant
+from bcapscope.traffic.opened import Book
 
 NAMES: Mapping[ObjectClass, str] = {ObjectClass.ROBOT: "Arm", ObjectClass.TASK: "RobSlave"}
 """Names of objects that most controllers have."""
@@ -45,6 +47,7 @@ class Reach:
         self._names = {**NAMES, **names}
         self._started = False
         self._handles: dict[ObjectClass, int] = {}
+        self._book = Book()
 
     async def handle(self, owner: ObjectClass) -> int:
         """Return the handle of what was opened last of this class; open one where there is none.
@@ -79,8 +82,14 @@ class Reach:
         """Make a call with Python values, and remember as `exchange`; return the value of the answer."""
         reply = await self.session.invoke(name, *values)
         function = next(one for one in FUNCTIONS.values() if one.name == name)
-        self._note(function, (), Answered(reply, ()))
+        self._note(function, arguments_of(function, values), Answered(reply, ()))
         return reply.arguments[0].variant.value if reply.arguments else None
+
+    def variable_named(self, arguments: Sequence[Variant]) -> str:
+        """Return the name of the variable whose handle stands first; "" if it was not opened here."""
+        handle = arguments[0].value if arguments else None
+        opened = self._book.find(ObjectClass.VARIABLE, handle) if isinstance(handle, int) else None
+        return opened.label if opened is not None else ""
 
     async def meets_simulator(self) -> bool:
         """Ask the peer whether it is our simulator, which no real controller says."""
@@ -114,6 +123,7 @@ class Reach:
         await self.invoke(f"{parent}_Get{owner}", await self.handle(parent), name, "")
 
     def _note(self, function: Function, arguments: Sequence[Variant], settled: Answered) -> None:
+        self._book.note(function, arguments, settled.reply)
         if function.creates is ObjectClass.SERVICE:
             self._started = True
         elif function.creates is not None:

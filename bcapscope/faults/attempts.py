@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hashlib import blake2b
 from typing import NamedTuple
 
 from bcapscope.protocol.frame import Frame
@@ -12,11 +13,14 @@ MOST_TRIES = 16
 """Twice of what any client sends for one call, the one that tries without end left out."""
 
 
+_LONGEST_KEPT = 512  # bytes of a request's content; all requests of real sessions but a few are shorter
+
+
 class Call:
     """A call, compared by identity.
 
     Attributes:
-        content: of each of its requests, from the function id on.
+        content: of each of its requests, from the function id on; of a long one its digest.
         tries: packets that have asked for it.
     """
 
@@ -37,6 +41,12 @@ class Try(NamedTuple):
 
     call: Call
     number: int
+
+
+def _identity(request: Frame) -> bytes:
+    """Return what the tries of a call have in common, in 512 bytes at most."""
+    content = request.raw[9:]
+    return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
 
 
 class Attempts:
@@ -73,7 +83,7 @@ class Attempts:
         """Return the call that was asked for by the same request, to the byte; nothing is taken in."""
         serials = self._conversations.get(flow.conversation)
         known = serials.find(request.serial) if serials else None
-        return known.call if known and known.call.content == request.raw[9:] else None
+        return known.call if known and known.call.content == _identity(request) else None
 
     def forget(self, conversation: Conversation) -> None:
         """Forget a conversation that is over."""
@@ -93,7 +103,7 @@ class _Serials:
         return self.latest.get(serial) or self.earlier.get(serial)
 
     def ask(self, frame: Frame) -> Try:
-        serial, reserved, content = frame.serial, frame.reserved, frame.raw[9:]
+        serial, reserved, content = frame.serial, frame.reserved, _identity(frame)
         known = self.find(serial)
         if known and known.call.content == content and reserved not in (0, serial):
             return known  # the network has made a copy of it

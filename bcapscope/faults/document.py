@@ -20,6 +20,8 @@ from yaml.resolver import Resolver
 from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yamlevents import YamlError, events
+from bcapscope.protocol.numerals import LONGEST_NUMBER
+from bcapscope.protocol.wording import shortened
 from bcapscope.traffic.filter_tokens import nearest
 
 LONGEST_DOCUMENT = 1 << 20
@@ -158,6 +160,14 @@ class _Loader(Composer, SafeConstructor, Resolver):
             raise YamlError("anchors are not read", event.start_mark)
         return super().compose_node(parent, index)
 
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        _check_number(node)
+        return super().construct_yaml_int(node)
+
+    def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
+        _check_number(node)
+        return super().construct_yaml_float(node)
+
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen = set()
         for key, _ in node.value:
@@ -169,6 +179,17 @@ class _Loader(Composer, SafeConstructor, Resolver):
                 )
             seen.add(key.value)
         return super().construct_mapping(node, deep)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)  # type: ignore[type-var]  # the stubs know the library's loaders only
+_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_yaml_float)  # type: ignore[type-var]  # likewise
+
+
+def _check_number(node: yaml.ScalarNode) -> None:
+    if len(node.value) > LONGEST_NUMBER:
+        raise yaml.MarkedYAMLError(
+            problem=f"a number of more than {LONGEST_NUMBER} characters", problem_mark=node.start_mark
+        )
 
 
 def _parse(text: str) -> tuple[yaml.Node | None, object]:
@@ -218,15 +239,16 @@ def _in_words(reason: str, place: _Place, data: object) -> str:
         return f"{field[1]} is missing{hint}"
     if field:
         fields = [name for kind in place.kinds for name in kind.__struct_encode_fields__]
-        return f"there is no field {field[1]!r}{nearest(field[1], fields)}"
+        return f"there is no field {shortened(field[1], 40)!r}{nearest(field[1], fields)}"
     last = place.path[-1] if place.path else ""
     if last == "action" and reason.startswith("Invalid value"):
         word = str(_value_at(place.path, data))
-        return f"there is no action {word!r}{nearest(ALIASES.get(word, word), _actions(place.kinds))}"
+        hint = nearest(ALIASES.get(word, word), _actions(place.kinds))
+        return f"there is no action {shortened(word, 40)!r}{hint}"
     if reason.startswith("Invalid enum value"):
         wrong = _value_at(place.path, data)
         name = next((step for step in reversed(place.path) if isinstance(step, str)), "")
-        return f"{wrong!r} is none of {', '.join(_choices(place.kinds, name))}"
+        return f"{shortened(str(wrong), 40)!r} is none of {', '.join(_choices(place.kinds, name))}"
     if reason.startswith("Expected `str` matching regex"):
         return "a name has at most 60 letters, digits and _ . + -"
     return reason.replace("`", "")

@@ -15,7 +15,17 @@ from typing import Annotated, ClassVar, TypeAlias, get_args
 import msgspec
 from msgspec import Meta
 
-from bcapscope.faults.quantities import Condition, Duration, Rate, ResultCode, Share, Span, read_path
+from bcapscope.faults.quantities import (
+    LARGEST_END,
+    Condition,
+    Duration,
+    Rate,
+    ResultCode,
+    Share,
+    Span,
+    read_path,
+)
+from bcapscope.protocol.frame import LARGEST_FRAME
 from bcapscope.traffic.observation import Direction
 
 MS = 1_000_000
@@ -173,7 +183,7 @@ class Corrupt(Fault, frozen=True, kw_only=True, tag="corrupt"):
     """
 
     bits: Annotated[int, Meta(ge=1, le=10_000)] = 1
-    offset: Annotated[int, Meta(ge=0)] | None = None
+    offset: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
 
     reads: ClassVar[bool] = True
 
@@ -185,7 +195,7 @@ class Truncate(Fault, frozen=True, kw_only=True, tag="truncate"):
         keep: bytes that are left; None for any number, by lot.
     """
 
-    keep: Annotated[int, Meta(ge=0)] | None = None
+    keep: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
 
     reads: ClassVar[bool] = True
 
@@ -221,7 +231,7 @@ class Rewrite(Fault, frozen=True, kw_only=True, tag="rewrite"):
     code: ResultCode | None = None
     set: dict[str, Setting] = {}
     limit: dict[str, Span] = {}
-    step: dict[str, Annotated[float, Meta(gt=0)]] = {}
+    step: dict[str, Annotated[float, Meta(gt=0, le=LARGEST_END)]] = {}
 
     reads: ClassVar[bool] = True
 
@@ -302,7 +312,7 @@ class Bandwidth(Fault, frozen=True, kw_only=True, tag="bandwidth"):
     """
 
     rate: Rate
-    queue: Annotated[int, Meta(ge=1)] = 256 * 1024
+    queue: Annotated[int, Meta(ge=1, le=1 << 30)] = 256 * 1024
 
 
 class Partition(Fault, frozen=True, kw_only=True, tag="partition"):

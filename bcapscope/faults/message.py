@@ -70,19 +70,20 @@ class Message:
         flow: who spoke to whom.
         data: the bytes as they came.
         now: ns of the clock that durations are counted by.
+        time: the same since 1970-01-01 UTC.
         attempts: which try of its call each frame is or answers; empty unless `learn` was called.
     """
 
-    __slots__ = ("_time", "_told", "attempts", "data", "flow", "now", "number")
+    __slots__ = ("_told", "attempts", "data", "flow", "now", "number", "time")
 
     def __init__(self, number: int, flow: Flow, data: bytes, now: int, time: int) -> None:
-        """Note a message; `time` is `now` since 1970-01-01 UTC, in ns."""
+        """Note a message."""
         self.number = number
         self.flow = flow
         self.data = data
         self.now = now
         self.attempts: tuple[int | None, ...] = ()
-        self._time = time
+        self.time = time
         self._told: tuple[Told, ...] | None = None
 
     @property
@@ -118,4 +119,4 @@ class Message:
 
     def _seen(self) -> Iterator[Observation]:
         for item in parse_datagram(self.data):
-            yield Observation(self.number, self._time, self._time, self.flow, item, 0)
+            yield Observation(self.number, self.time, self.time, self.flow, item, 0)

@@ -50,6 +50,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from bcapscope.faults.document import DocumentError, fault_of, plain
 from bcapscope.faults.fault import ACTIONS, ALIASES, AnyFault, Fault
+from bcapscope.protocol.numerals import LONGEST_NUMBER
 from bcapscope.traffic.filter_tokens import FilterError, nearest
 
 _WORD = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^\s"])+')
@@ -217,10 +218,10 @@ class _Reader:
                 self.refuse(start, "this text makes no sense in its quotes")
         if is_text:
             return text
-        if _INTEGER.fullmatch(text):
-            return int(text)
         if _NUMBER.fullmatch(text):
-            return float(text)
+            if len(text) > LONGEST_NUMBER:
+                self.refuse(start, f"a number of more than {LONGEST_NUMBER} characters")
+            return int(text) if _INTEGER.fullmatch(text) else float(text)
         return {"true": True, "false": False, "any": None}.get(text, text)
 
     def put(self, name: str, value: object, word: _Word) -> None:

@@ -20,9 +20,13 @@ from bcapscope.traffic.filters import Filter, compile_filter
 LONGEST_DURATION = 10**9 * 86_400 * 365
 """A year, in ns: far beyond any test, and its sums stay exact."""
 
+LARGEST_END = 1e19
+"""Ends of a span, either side of 0: no integer type of b-CAP goes further."""
+
 MOST_INDEXES = 8
 """Indexes of an argument; controllers nest two deep."""
 
+_LONGEST_SHOWN = 150  # bits; Python refuses to write out integers of some 14,000
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
 _DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
 _SHARE = re.compile(rf"({_NUMBER})\s*%")
@@ -77,10 +81,10 @@ class Share(float):
         if match:
             value = float(Fraction(match[1]) / 100)
         elif isinstance(written, int | float) and not isinstance(written, bool):
-            value = float(written)
+            value = written
         else:
             raise ValueError(f"{_shown(written)} is no percentage, such as 5%")
-        if not 0 <= value <= 1:
+        if not 0 <= value <= 1:  # before it becomes a float, which has no room for every integer
             raise ValueError(f"{_shown(written)} is not within 0% and 100%")
         return cls(value)
 
@@ -133,7 +137,7 @@ class ResultCode(int):
                 return cls(known)
             if not _CODE.fullmatch(written.strip()):
                 raise ValueError(f"{_shown(written)} is no HRESULT{nearest(written, _CODES)}")
-            written = int(written, 0)
+            written = int(written, 16) if "x" in written.lower() else int(written)
         if not isinstance(written, int) or isinstance(written, bool) or not -(2**31) <= written < 2**32:
             raise ValueError(f"{_shown(written)} is no HRESULT: a name such as E_FAIL, or 32 bits")
         return cls(written & 0xFFFFFFFF)
@@ -215,6 +219,8 @@ class Span:
             high = float(match[2]) if match[2] else math.inf
         except ValueError:
             raise ValueError(f"{_shown(written)} is no span, such as -90..90") from None
+        if any(match[each] and not abs(end) <= LARGEST_END for each, end in ((1, low), (2, high))):
+            raise ValueError(f"{_shown(written)} goes beyond ±{LARGEST_END:g}")
         if low > high:
             raise ValueError(f"nothing is within {_shown(written)}")
         return cls(low, high)
@@ -261,5 +267,6 @@ def read_path(written: str) -> tuple[int, ...]:
 
 
 def _shown(written: object) -> str:
-    text = repr(written)
+    is_huge = isinstance(written, int) and written.bit_length() > _LONGEST_SHOWN
+    text = "so large a number" if is_huge else repr(written)
     return text if len(text) <= 60 else f"{text[:59]}…"

@@ -17,7 +17,11 @@ from bcapscope.protocol.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MOST_REMEMBERED = 4096
-"""Messages that steps are counted from; a session has some dozens. When there are more, all are forgotten."""
+"""Messages that steps are counted from; a session has some dozens. When there are more, the oldest is
+forgotten."""
+
+MOST_BYTES = 1 << 20
+"""Bytes of these messages, unpacked; their values may take a hundred times as many."""
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 
@@ -38,11 +42,13 @@ class _Last(NamedTuple):
         raw: as it came.
         values: of its arguments as it went on.
         reached: by the number of the step, what the next one is counted from.
+        size: bytes of the frame, unpacked.
     """
 
     raw: bytes
     values: list[Variant]
     reached: dict[int, Variant]
+    size: int
 
 
 _SERIAL_RESERVED_CODE = struct.Struct("<HHI")
@@ -89,6 +95,7 @@ class Rewriter:
         self._limit = [(read_path(path), span) for path, span in fault.limit.items()]
         self._step = [(read_path(path), step) for path, step in fault.step.items()]
         self._before: dict[_Key, _Last] = {}
+        self._size = 0
 
     def apply(self, frame: Frame, flow: Flow) -> bytes:
         """Give the bytes of `frame` after the change; arguments are changed only in a sound one."""
@@ -128,14 +135,21 @@ class Rewriter:
 
         for index, (path, step) in enumerate(self._step):
             _edit(values, path, partial(near, index=index, step=step))
-        if len(self._before) >= MOST_REMEMBERED:
-            self._before.clear()
-        self._before[key] = _Last(frame.raw, values, reached)
+        self._remember(key, _Last(frame.raw, values, reached, len(frame.body)))
         return values
+
+    def _remember(self, key: _Key, last: _Last) -> None:
+        """Keep a message as the latest one; the oldest are forgotten where there are too many."""
+        known = self._before.pop(key, None)
+        self._before[key] = last
+        self._size += last.size - (0 if known is None else known.size)
+        while len(self._before) > MOST_REMEMBERED or (self._size > MOST_BYTES and len(self._before) > 1):
+            self._size -= self._before.pop(next(iter(self._before))).size
 
     def forget(self, conversation: Conversation) -> None:
         """Forget a conversation that is over."""
         self._before = {key: value for key, value in self._before.items() if key[0] is not conversation}
+        self._size = sum(last.size for last in self._before.values())
 
 
 def _is_again(frame: Frame, raw: bytes) -> bool:

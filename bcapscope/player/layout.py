@@ -15,7 +15,7 @@ from bcapscope.protocol.slavemode import PoseType
 _NAMES = {
     name.casefold(): name for name in (TIME, COUNTER, *(axis.name for kind in AXES.values() for axis in kind))
 }
-_PAIR = re.compile(r"\s*(\w+)(?:\.\.(\w+))?\s*=\s*(\d{1,4})(?:\.\.(\d{1,4}))?\s*")
+_PAIR = re.compile(r"\s*(\w+)(?:\.\.(\w+))?\s*=\s*([0-9]{1,4})(?:\.\.([0-9]{1,4}))?\s*")
 _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0

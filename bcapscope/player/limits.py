@@ -11,11 +11,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite
+from math import inf
 from typing import TypeAlias
 
+from bcapscope.protocol.numerals import read_number
 from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.wording import shortened
 from bcapscope.simulator.kinematics import AXIS_COUNT, LIMITS, AxisLimit, joints_of
 from bcapscope.simulator.machine import ROBOT_TYPE
 
@@ -26,6 +28,9 @@ FASTEST = {"deg": 1500.0, "mm": 15_000.0}
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _NOTHING = AxisLimit(-inf, inf, inf, inf)
+LARGEST = 1e9
+"""The most that a limit may be, in mm or degrees and seconds; a robot has a millionth of it."""
+
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
 )
@@ -94,8 +99,8 @@ def limited(limits: Limits, texts: Sequence[str]) -> Limits:
         ValueError: one of the texts makes no sense.
     """
     axes = dict(limits.axes)
-    for text in texts:
-        found = _LIMIT.fullmatch(text)
+    for typed in texts:
+        found, text = _LIMIT.fullmatch(typed), shortened(typed, 60)
         if not found:
             raise ValueError(f"{text!r} is no limit, {_EXAMPLES} are")
         change = _change(text, found["what"], found["value"])
@@ -106,12 +111,12 @@ def limited(limits: Limits, texts: Sequence[str]) -> Limits:
 
 def _change(text: str, what: str | None, value: str) -> dict[str, float]:
     low, dots, high = value.partition("..")
-    try:
-        numbers = [float(low), float(high)] if dots else [float(low)]
-    except ValueError:
-        numbers = []
-    if not all(isfinite(number) for number in numbers) or len(numbers) != (1 if what else 2):
-        raise ValueError(f"{text!r}: {value!r} is no {'number' if what else 'range'}, {_EXAMPLES} are limits")
+    read = [read_number(each, -LARGEST, LARGEST) for each in ((low, high) if dots else (low,))]
+    numbers = [number for number in read if number is not None]
+    if len(numbers) != len(read) or len(numbers) != (1 if what else 2):
+        raise ValueError(
+            f"{text!r}: {shortened(value, 40)!r} is no {'number' if what else 'range'}, {_EXAMPLES} are limits"
+        )
     if what:
         if numbers[0] <= 0:
             raise ValueError(f"{text!r}: {what} has to be above 0")

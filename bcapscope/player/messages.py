@@ -321,6 +321,7 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
         realtime: with real-time priority.
         left: all was let go in order; else the controller no longer answered.
         logged: records of the controller's log that were saved.
+        retries_expected: the replies came over UDP and set the pace, so that retries are normal.
     """
 
     outcome: Outcome
@@ -332,6 +333,7 @@ class Ended(msgspec.Struct, frozen=True, tag=True):
     realtime: bool = False
     left: bool = True
     logged: int = 0
+    retries_expected: bool = False
 
 
 Message: TypeAlias = Peer | Owed | Readiness | Progress | Packet | Question | Trouble | Ended

@@ -24,7 +24,7 @@ from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import E_ROBOTISBUSY, describe, hresult_name, is_failure
 from bcapscope.protocol.poses import AXES, numbers
 from bcapscope.protocol.slavemode import Generation, PoseType
-from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
+from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Value, Variant
 
 _MS = 1_000_000
 _POLL = 50 * _MS
@@ -40,10 +40,12 @@ _SWITCHING_OFF = 0x8350106E
 _SWITCHES_OFF = 5000 * _MS
 
 _POSES = {
-    PoseType.P: "@CURRENT_POSITION",
-    PoseType.J: "@CURRENT_ANGLE",
-    PoseType.T: "@CURRENT_TRANS",
+    PoseType.P: ("@CURRENT_POSITION", "CurPos"),
+    PoseType.J: ("@CURRENT_ANGLE", "CurJnt"),
+    PoseType.T: ("@CURRENT_TRANS", "CurTrn"),
 }
+"""By pose type: the variable of the robot, and the command that answers the same."""
+
 _FACTS = (
     (TYPE_NAME, ObjectClass.ROBOT, "@TYPE_NAME"),
     ("type", ObjectClass.ROBOT, "@TYPE"),
@@ -71,6 +73,7 @@ class Station:
         self._reach = reach
         self._pause = pause
         self._variables: dict[tuple[ObjectClass, str], int] = {}
+        self._commanded: set[PoseType] = set()
         self._ends: Mapping[Debt, Callable[[], Awaitable[None]]] = {
             Debt.ROBSLAVE: self._stop_robslave,
             Debt.ARM: self._give_arm,
@@ -107,9 +110,9 @@ class Station:
         await self.connect()
         for name, owner, variable in _FACTS:
             found = await self._optional(owner, variable)
-            if found is not None:
+            if found is not None and found.value is not None:
                 self.facts[name] = _text(found.value)
-        joints = await self._read(ObjectClass.ROBOT, _POSES[PoseType.J])
+        joints = await self._pose_value(PoseType.J)
         self.generation = Generation.RC7 if joints.vt == ARRAY | VT.R4 else Generation.RC8
 
     async def pose(self, kind: PoseType) -> Point:
@@ -119,11 +122,7 @@ class Station:
             RemoteProtocolError: the answer is no pose.
             BcapError: as `Session.call`.
         """
-        if kind is PoseType.T:
-            found = await self._transformation()
-        else:
-            found = await self._read(ObjectClass.ROBOT, _POSES[kind])
-        row = numbers(found)
+        row = numbers(await self._pose_value(kind))
         if row is None or len(row) < 6 or not all(map(isfinite, row)):
             raise RemoteProtocolError(f"the controller does not tell a pose of type {kind}", b"")
         return tuple(row[: len(AXES[kind])])
@@ -288,12 +287,16 @@ class Station:
         controller = Controller(self._reach.session, await self._reach.handle(ObjectClass.CONTROLLER))
         await controller.execute("ClearError")
 
-    async def _transformation(self) -> Variant:
-        try:
-            return await self._read(ObjectClass.ROBOT, _POSES[PoseType.T])
-        except ControllerError:
-            reply = await self._reach.session.invoke("Robot_Execute", self.robot.handle, "CurTrn", None)
-            return _value(reply, "CurTrn")
+    async def _pose_value(self, kind: PoseType) -> Variant:
+        """Read a pose from its variable, or by its command where the variable is missing or EMPTY."""
+        variable, command = _POSES[kind]
+        if kind not in self._commanded:
+            found = await self._optional(ObjectClass.ROBOT, variable)
+            if found is not None and found != EMPTY:
+                return found
+            self._commanded.add(kind)
+        reply = await self._reach.session.invoke("Robot_Execute", self.robot.handle, command, None)
+        return _value(reply, command)
 
     async def _optional(self, owner: ObjectClass, name: str) -> Variant | None:
         """Read a variable that not every controller has."""
@@ -353,5 +356,5 @@ def _plain(value: float) -> str:
 
 
 def _text(value: Value) -> str:
-    """Make text of a value; half of a surrogate pair, which no message carries, is replaced."""
-    return str(value).encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+    """Make text of a value, "" of EMPTY; half of a surrogate pair, which no message carries, is replaced."""
+    return "" if value is None else str(value).encode("utf-16", "surrogatepass").decode("utf-16", "replace")

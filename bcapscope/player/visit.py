@@ -115,6 +115,7 @@ class Visit:
         self._station = Station(reach, self._pause)
         self._debts = Debts(self._station, desk, channel)
         self._pacer: Pacer | None = None
+        self._retries_expected = False
         self._index = 0
         self._leaving = False
         self._was_off: dict[Debt, bool] = {}
@@ -264,6 +265,7 @@ class Visit:
         handle = station.robot.handle
         probe = (Variant(VT.I4, handle), Variant(VT.BSTR, "slvMove"))
         move = Move(handle, station.real, mode, self._session.pace(_ROBOT_EXECUTE, probe), plan.period)
+        self._retries_expected = mode.paces and self._channel.datagrams
         capacity = min(_CAPACITY, course.of + 2 * hold) if course.of else _CAPACITY
         monitor = Monitor(self._desk, self._journal, course, plan.period)
         pacer = self._pacer = monitor.pacer = Pacer(self._exchanger, move, course, monitor.idle, capacity)
@@ -376,7 +378,14 @@ class Visit:
         if pacer is None:
             return Ended(outcome, reason, left=not self._debts.gone)
         figures = pacer.lateness.exact(), pacer.cycle.exact(), pacer.counts
-        return Ended(outcome, reason, *figures, self._index, left=not self._debts.gone)
+        return Ended(
+            outcome,
+            reason,
+            *figures,
+            self._index,
+            left=not self._debts.gone,
+            retries_expected=self._retries_expected,
+        )
 
 
 def _mode(plan: Plan, generation: Generation) -> SlaveMode:

@@ -21,6 +21,19 @@ from bcapscope.protocol.wording import counted
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
 
+MOST_NUMBERS = 65_536
+"""Elements of number arrays that are read of one frame; the bytes of a UI1 array do not count, as they are
+one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at 1,000,000 items of
+a packet (gui.max_tree_items)."""
+
+MOST_VALUES = 8_192
+"""Other values that are read of one frame: arguments, elements of VARIANT arrays and strings. Each takes some
+2 µs and 200 bytes, so that the most crafted frame holds up a proxy for less than 20 ms. The longest lists of
+real sessions are of names, a few hundred."""
+
+MOST_PROBLEMS = 100
+"""Problems of one frame that are listed; a frame can hold one in every seven bytes."""
+
 _TYPE_COUNT = struct.Struct("<HI")
 _U32 = struct.Struct("<I")
 
@@ -91,6 +104,9 @@ class ArgumentReader:
         self._bound = end
         self._lengths_rule = False
         self._lost = False
+        self._numbers_left = MOST_NUMBERS
+        self._values_left = MOST_VALUES
+        self._exhausted = False
 
     def read(self, argc: int) -> None:
         """Read `argc` arguments, or as many as the bytes hold."""
@@ -98,12 +114,17 @@ class ArgumentReader:
             if self.end - self.pos < SMALLEST_ARGUMENT:
                 self._report(self.pos, "argc", f"argument count is {argc}, bytes for {index}")
                 return
-            if not self._read_one():
+            if not (self._spend_value() and self._read_one()):
                 return
         self.complete = True
 
     def _report(self, offset: int, code: str, reason: str) -> None:
-        self.problems.append(Problem(offset, code, reason))
+        if len(self.problems) < MOST_PROBLEMS:
+            self.problems.append(Problem(offset, code, reason))
+        elif len(self.problems) == MOST_PROBLEMS:
+            self.problems.append(
+                Problem(offset, "more", f"{MOST_PROBLEMS} problems are listed, not the others")
+            )
 
     def _lose(self, offset: int, code: str, reason: str) -> None:
         self._report(offset, code, reason)
@@ -115,12 +136,14 @@ class ArgumentReader:
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
         bounded = claimed >= SMALLEST_ARGUMENT - 4 and stop <= self.end
-        known = len(self.problems)
+        known, left = len(self.problems), (self._numbers_left, self._values_left)
         variant = self._read_value(start, stop if bounded and self._lengths_rule else self.end)
-        if self._lost and bounded and not self._lengths_rule:
+        if self._lost and bounded and stop < self.end and not self._lengths_rule:
             self._lengths_rule = True
             variant = EMPTY  # lets go of what was read before it is read again
             del self.problems[known:]
+            self._numbers_left, self._values_left = left
+            self._exhausted = False
             variant = self._read_value(start, stop)
         if self._lost:
             self.pos = stop if bounded else self.end
@@ -132,13 +155,25 @@ class ArgumentReader:
                 start, "argument-length", f"argument length is {claimed}, type and value take {taken}"
             )
         self.arguments.append(Argument(variant, start, self.pos))
-        return bounded or not self._lost
+        return not self._exhausted and (bounded or not self._lost)
 
     def _read_value(self, start: int, bound: int) -> Variant:
         self.pos = start + 4
         self._bound = bound
         self._lost = False
         return self._variant(0)
+
+    def _spend_value(self) -> bool:
+        """Count one more value; return False if the frame has too many."""
+        if not self._values_left:
+            self._exhaust(f"{MOST_VALUES} values")
+            return False
+        self._values_left -= 1
+        return True
+
+    def _exhaust(self, what: str) -> None:
+        self._exhausted = True
+        self._lose(self.pos, "elements", f"the frame has more than {what}, the rest is not read")
 
     def _variant(self, depth: int) -> Variant:
         start = self.pos
@@ -149,8 +184,7 @@ class ArgumentReader:
             return Variant(vt, self._array(base, count, depth), count)
         value: Value = None
         if base in NUMBER_FORMATS:
-            values = self._numbers(base, 1)
-            value = values[0] if values else None
+            value = self._number(base)
         elif base == VT.BSTR:
             value = self._bstr()
         elif base not in (VT.EMPTY, VT.NULL):
@@ -176,16 +210,29 @@ class ArgumentReader:
         elements = counted(count, "element")
         self._lose(self.pos, "data", f"{elements} of {vt_name(vt)} promised, bytes for {fits}")
 
+    def _number(self, base: int) -> Value:
+        if self._bound - self.pos < NUMBER_WIDTHS[base]:
+            self._promise(1, base, 0)
+            return None
+        return self._unpacked(base, 1)[0]
+
     def _numbers(self, base: int, count: int) -> tuple[Value, ...]:
-        width = NUMBER_WIDTHS[base]
-        fits = min(count, (self._bound - self.pos) // width)
+        there = min(count, (self._bound - self.pos) // NUMBER_WIDTHS[base])
+        fits = min(there, self._numbers_left)
+        self._numbers_left -= fits
+        values = self._unpacked(base, fits)
+        if fits < there:
+            self._exhaust(f"{MOST_NUMBERS} numbers")
+        elif there < count:
+            self._promise(count, base, there)
+        return values
+
+    def _unpacked(self, base: int, count: int) -> tuple[Value, ...]:
         code = NUMBER_FORMATS[base]
-        values = struct.unpack_from(f"<{fits}{code}", self.raw, self.pos)
-        if fits and base != VT.BOOL:
-            self.numbers.append(Number(self.pos, code, fits))
-        self.pos += fits * width
-        if fits < count:
-            self._promise(count, base, fits)
+        values = struct.unpack_from(f"<{count}{code}", self.raw, self.pos)
+        if count and base != VT.BOOL:
+            self.numbers.append(Number(self.pos, code, count))
+        self.pos += count * NUMBER_WIDTHS[base]
         return tuple(value != 0 for value in values) if base == VT.BOOL else values
 
     def _bytes(self, count: int) -> bytes:
@@ -213,7 +260,7 @@ class ArgumentReader:
 
     def _strings(self, count: int) -> tuple[Value, ...]:
         values: list[Value] = []
-        while len(values) < count and not self._lost:
+        while len(values) < count and not self._lost and self._spend_value():
             value = self._bstr()
             if value is not None:
                 values.append(value)
@@ -227,6 +274,8 @@ class ArgumentReader:
         while len(values) < count and not self._lost:
             if self._bound - self.pos < _TYPE_COUNT.size:
                 self._promise(count, VT.VARIANT, len(values))
+                break
+            if not self._spend_value():
                 break
             values.append(self._variant(depth + 1))
         return tuple(values)

@@ -8,56 +8,29 @@ but follows from the meaning.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
+from bcapscope.protocol.command_row import (
+    COBOTTA,
+    DRIVER,
+    JSK,
+    NKAWA,
+    OTHER,
+    ROS,
+    SAMPLES,
+    SLIDES,
+    Row,
+)
+from bcapscope.protocol.device_command_table import DEVICE_COMMANDS, EXTENSION_COMMANDS, GRIPPER_COMMANDS
 from bcapscope.protocol.effects import Effect
-
-SLIDES = "DENSO Wave 2009, How to use the Slave mode"
-SAMPLES = "ShoheiKobata/orin_bcap_python_samples"
-ROS = "DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp"
-DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_controller.cpp"
-NKAWA = "nkawa/Denso_CobottaPro900_MQTT_Control"
-JSK = "start-jsk/denso denso_controller/src/main.cpp"
-OTHER = "public robot code outside DENSO"
 
 # The comments of `DRIVER` name what must not be called in slave mode, GetCurErrorCount among it.
 
 CONTROLLER_EXECUTE, EXTENSION_EXECUTE, ROBOT_EXECUTE, TASK_EXECUTE = 17, 28, 64, 87
 
 
-class Row(NamedTuple):
-    """One command, or several that are used alike.
-
-    Attributes:
-        names: separated by blanks.
-        parameter: accepted types.
-        result: types of the result.
-        text: what it does, one clause.
-        effect: the most that it can do.
-        source: where it was seen.
-        elements: what a parameter with several elements holds, in order; else empty.
-        returns: what the result holds; else empty.
-        in_slave_mode: accepted while slave mode is on, refused, or None where nobody says.
-        controllers: those that have it where that is known; else empty.
-    """
-
-    names: str
-    parameter: str
-    result: str
-    text: str
-    effect: Effect
-    source: str
-    elements: str = ""
-    returns: str = ""
-    in_slave_mode: bool | None = None
-    controllers: str = ""
-
-
-_R, _C, _M = Effect.READS, Effect.CHANGES, Effect.MOVES
+_R, _C, _E, _M = Effect.READS, Effect.CHANGES, Effect.ENERGISES, Effect.MOVES
 _P = "X, Y, Z [mm], Rx, Ry, Rz [deg], Fig"
 _J = "J1..J8 [deg, mm on linear axes]"
 _T = "X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig"
-_COBOTTA = "COBOTTA"
 _RC8 = "RC8 and later"
 
 ROBOT_COMMANDS: tuple[Row, ...] = (
@@ -66,7 +39,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "I2 I4 BSTR",
         "none -",
         "switches slave mode: 0 off, else what a set point is and how slvMove answers",
-        _C,
+        _E,
         f"{SLIDES}; {ROS}",
         "mode; in slave mode only 0 is accepted",
     ),
@@ -108,7 +81,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "I4[] - BSTR",
         "-~",
         "takes the arm semaphore",
-        _C,
+        _E,
         f"{SAMPLES}; {ROS}",
         "arm group 0..31, keep tool and work 0/1",
         in_slave_mode=False,
@@ -122,7 +95,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "I4 I2 BSTR I4[]",
         "-~",
         "switches the motor on or off",
-        _C,
+        _E,
         f"{SAMPLES}; {ROS}; {JSK}",
         "state 0/1, do not wait 0/1",
     ),
@@ -131,7 +104,7 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "R8 R4 I4 R8[] R4[] BSTR",
         "-~",
         "sets external speed, acceleration and deceleration",
-        _C,
+        _E,
         f"{SAMPLES}; {NKAWA}",
         "speed [%], acceleration, deceleration; -1 keeps, -2 is speed squared / 100",
     ),
@@ -211,7 +184,15 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "interpolation, pose, distance",
     ),
     Row("Depart", "V[]", "-~", "moves away along the tool's axis", _M, SAMPLES, "interpolation, distance"),
-    Row("DriveEx DriveAEx", "V[]", "-~", "moves axes by, or to, given values", _M, ROS, "axes, option"),
+    Row(
+        "DriveEx DriveAEx",
+        "V[] BSTR[] BSTR",
+        "-~",
+        "moves axes by, or to, given values",
+        _M,
+        ROS,
+        "axes, option",
+    ),
     Row(
         "GetSrvData",
         "I4",
@@ -229,28 +210,28 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
     Row("GetLogCount", "- BSTR", "I4", "tells how many records the control log has", _R, SAMPLES),
     Row("GetLogRecord", "I4", "V[]", "reads a record of the control log", _R, SAMPLES, "index", "39 values"),
     Row("PayLoad", "V[]", "-~", "sets the load", _C, SAMPLES, "mass [g], centre, inertia"),
-    Row("SpeedMode", "I4", "-~", "sets the optimal speed mode", _C, SAMPLES),
+    Row("SpeedMode", "I4", "-~", "sets the optimal speed mode", _E, SAMPLES),
     Row("HighPathAccuracy", "BOOL", "-~", "switches high path accuracy", _C, SAMPLES),
     Row("GrvOffset", "BOOL I4", "-~", "switches gravity offset", _C, SAMPLES),
     Row(
         "SyncTimeStart SyncTimeEnd SyncMoveStart SyncMoveEnd",
-        "- BSTR",
+        "- BSTR I4",
         "-~",
         "brackets motions of several robots, which move together at the end",
         _M,
         SAMPLES,
     ),
-    Row("AutoCal", "- BSTR", "-~", "calibrates the axes", _M, SAMPLES, controllers=_COBOTTA),
+    Row("AutoCal", "- BSTR", "-~", "calibrates the axes", _M, SAMPLES, controllers=COBOTTA),
     Row(
         "ManualResetPreparation",
         "- BSTR",
         "-~",
         "prepares the reset of the safety state",
-        _C,
+        _E,
         SAMPLES,
-        controllers=_COBOTTA,
+        controllers=COBOTTA,
     ),
-    Row("MotionPreparation", "- BSTR", "-~", "prepares for motion", _M, SAMPLES, controllers=_COBOTTA),
+    Row("MotionPreparation", "- BSTR", "-~", "prepares for motion", _M, SAMPLES, controllers=COBOTTA),
     Row(
         "GetMotionPreparationState",
         "- BSTR",
@@ -258,25 +239,39 @@ ROBOT_COMMANDS: tuple[Row, ...] = (
         "tells whether motion is prepared",
         _R,
         OTHER,
-        controllers=_COBOTTA,
+        controllers=COBOTTA,
     ),
-    Row("GetMechaButtonState", "I4", "I4~", "tells a button on the arm", _R, SAMPLES, "button"),
-    Row("ClearMechaButtonState", "I4", "I4~", "forgets a button on the arm", _C, SAMPLES, "button"),
+    Row(
+        "GetMechaButtonState",
+        "I4",
+        "I4~",
+        "tells a button on the arm",
+        _R,
+        SAMPLES,
+        "button",
+        controllers=COBOTTA,
+    ),
+    Row(
+        "ClearMechaButtonState",
+        "I4",
+        "I4~",
+        "forgets a button on the arm",
+        _C,
+        SAMPLES,
+        "button",
+        controllers=COBOTTA,
+    ),
     Row("CurScene CurSubScene", "- BSTR", "I4", "tells the safety scene", _R, NKAWA),
     Row("SceneInfo", "I4[]", "V[]~", "tells about a safety scene", _R, NKAWA, "scene, sub-scene"),
-    Row("SetAreaEnabled", "V[]", "-~", "switches an area", _C, NKAWA, "area, on"),
+    Row("SetAreaEnabled", "V[]", "-~", "switches an area", _C, NKAWA, "area, on", "", False),
     Row("GetAreaEnabled", "I4[]", "BOOL", "tells whether an area is on", _R, NKAWA, "area"),
     Row("ForceCtrl", "I4[]", "-~", "switches force control", _M, NKAWA, "on, number, mode"),
     Row("ForceParam", "V[]", "-~", "sets force control up", _C, f"{SAMPLES}; {NKAWA}", "up to 14 values"),
     Row("ForceValue", "I4[]", "R8[]", "tells forces and moments", _R, NKAWA, "13, 0", "6 or 7 numbers"),
-    Row("ForceSensor", "I4", "-~", "resets the force sensor", _C, NKAWA),
+    Row("ForceSensor", "I4 I4[]", "-~", "resets the force sensor", _C, NKAWA),
     Row("CurForceSensorPayLoad", "- BSTR", "V[]", "tells the force sensor's load", _R, NKAWA),
     Row("ForceWaitCondition", "V[]", "-~", "waits for a force", _C, NKAWA),
-    Row("HandGrip HandRelease", "- BSTR", "-~", "moves the hand", _M, NKAWA),
-    Row("TwofgGrip TwofgRelease", "V[]", "-~", "moves the 2FG gripper", _M, NKAWA),
-    Row("TwofgStop", "- BSTR", "-~", "stops the 2FG gripper", _C, NKAWA),
-    Row("TwofgIsBusy", "- BSTR", "I4", "tells whether the 2FG gripper moves", _R, NKAWA),
-    Row("TwofgGetWidth", "- BSTR", "R8", "tells the 2FG gripper's width", _R, NKAWA),
+    *GRIPPER_COMMANDS,
 )
 
 CONTROLLER_COMMANDS: tuple[Row, ...] = (
@@ -333,18 +328,26 @@ CONTROLLER_COMMANDS: tuple[Row, ...] = (
         "- BSTR",
         "-~",
         "resets the safety state",
-        _C,
+        _E,
         SAMPLES,
         in_slave_mode=True,
         controllers="RC9",
     ),
-    Row("ResetStoState", "- BSTR", "-~", "leaves safe torque off", _C, ROS, controllers="RC9"),
+    Row(
+        "ManualResetPreparation",
+        "- BSTR",
+        "-~",
+        "prepares the reset of the safety state",
+        _E,
+        OTHER,
+    ),
+    Row("ResetStoState", "- BSTR", "-~", "leaves safe torque off", _E, ROS, controllers="RC9"),
     Row(
         "PutAutoMode",
         "I2",
         "-~",
         "chooses automatic mode",
-        _C,
+        _E,
         OTHER,
         "1 internal, 2 external",
         "",
@@ -352,74 +355,11 @@ CONTROLLER_COMMANDS: tuple[Row, ...] = (
         "RC7",
     ),
     Row("GetAutoMode", "-", "I2 I4", "tells the automatic mode", _R, SLIDES, "", "1 or 2", None, "RC7"),
-    Row(
-        "HandMoveA HandMoveR",
-        "V[] R8[]",
-        "-~",
-        "moves the electric hand to, or by, a width",
-        _M,
-        SAMPLES,
-        "position or distance, speed",
-        controllers=_COBOTTA,
-    ),
-    Row(
-        "HandMoveH",
-        "V[]",
-        "-~",
-        "grips with a force",
-        _M,
-        SAMPLES,
-        "force, direction",
-        controllers=_COBOTTA,
-    ),
-    Row(
-        "HandMoveAH HandMoveVH",
-        "V[]",
-        "-~",
-        "moves the electric hand and grips",
-        _M,
-        SAMPLES,
-        controllers=_COBOTTA,
-    ),
-    Row("HandStop", "- BSTR", "-~", "stops the hand", _C, SAMPLES, controllers=_COBOTTA),
-    Row(
-        "HandCurPressure HandCurLoad",
-        "- BSTR",
-        "R8~",
-        "tells the hand's pressure or load",
-        _R,
-        SAMPLES,
-        controllers=_COBOTTA,
-    ),
-    Row("run", "- BSTR V[]", "~", "runs a vision program (EVP2 provider)", _M, SAMPLES, controllers="EVP2"),
-    Row(
-        "MoveA", "V[] R8[]", "~", "moves an electric hand (ESC11 provider)", _M, SAMPLES, controllers="ESC11"
-    ),
+    *DEVICE_COMMANDS,
 )
 
 TASK_COMMANDS: tuple[Row, ...] = (
     Row("GetStatus", "- BSTR", "I4", "tells the task's state", _R, SAMPLES, "", "0..4"),
-)
-
-EXTENSION_COMMANDS: tuple[Row, ...] = (
-    Row("CurPos", "- BSTR", "R8~", "tells the hand's position", _R, SAMPLES, controllers="Hand0"),
-    Row("Chuck UnChuck", "I4 - BSTR", "-~", "moves the hand", _M, SAMPLES, controllers="Hand0"),
-    Row(
-        "open close clear",
-        "- BSTR V[]",
-        "-~",
-        "handles a serial or socket line",
-        _C,
-        SAMPLES,
-        controllers="Comm",
-    ),
-    Row(
-        "State count", "- BSTR", "I4~", "tells about a serial or socket line", _R, SAMPLES, controllers="Comm"
-    ),
-    Row(
-        "input", "- BSTR V[]", "BSTR~", "takes from a serial or socket line", _C, SAMPLES, controllers="Comm"
-    ),
-    Row("CalcPos", "V[] I4", "R8[]~", "computes a place on a pallet", _R, SAMPLES, controllers="Pallet"),
 )
 
 ROWS: dict[int, tuple[Row, ...]] = {

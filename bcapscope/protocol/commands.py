@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bcapscope.protocol.command_table import ROWS, Row
+from bcapscope.protocol.command_row import Row
+from bcapscope.protocol.command_table import ROWS
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.functions import FUNCTIONS, function_name
 from bcapscope.protocol.variant import Variant

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from enum import Enum
+from typing import ClassVar
 
 from bcapscope.protocol.arguments import Argument, ArgumentReader, Number, Problem
 from bcapscope.protocol.checksum import crc16
@@ -18,8 +19,9 @@ SMALLEST_FRAME = 16
 LARGEST_FRAME = 16 * 1024 * 1024
 """What the older C client names as its limit on TCP (b-Cap.h); the present libraries name none."""
 
-LARGEST_UNPACKED = LARGEST_FRAME
-"""What a compressed body may unpack to: no more than a frame that was not compressed may hold."""
+LARGEST_UNPACKED = 1024 * 1024
+"""Bytes that a compressed body may unpack to. Frames of real sessions are below 10 KiB; a body of 16 MiB
+would fit into 16 KiB of zlib, which any sender of datagrams can repeat thousands of times a second."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -44,7 +46,8 @@ class Content:
     """A frame of at least a header, taken apart; never raises.
 
     Attributes:
-        framing: how the frame ends, as far as its bytes tell.
+        raw: the frame.
+        framing: how it ends, as far as its bytes tell.
         body: the frame's bytes; for a compressed one, what it unpacks to stands in place of the
             compressed bytes, between the same first nine and EOT.
         code: function id or HRESULT.
@@ -53,11 +56,28 @@ class Content:
         numbers: where plain numbers stand in `body`.
     """
 
-    __slots__ = ("arguments", "body", "code", "framing", "numbers", "problems")
+    __slots__ = ("arguments", "body", "code", "framing", "numbers", "problems", "raw")
+
+    _latest: ClassVar[tuple[Content, ...]] = ()
+
+    @classmethod
+    def of(cls, raw: bytes) -> Content:
+        """Return the content of a frame, if possible that which was made for the same object before.
+
+        At most the two latest contents are kept: those of a request and of its reply.
+        """
+        latest = cls._latest
+        for content in latest:
+            if content.raw is raw:
+                return content
+        cls._latest = latest = latest[:1]
+        content = cls(raw)
+        cls._latest = (content, *latest)
+        return content
 
     def __init__(self, raw: bytes) -> None:
         self.framing = Framing.PLAIN
-        self.body = raw
+        self.body = self.raw = raw
         length, _, _, self.code, _ = _HEADER.unpack_from(raw)
         head: list[Problem] = []
         if raw[0] != SOH:
@@ -118,9 +138,16 @@ def begins_zlib(data: bytes | bytearray, pos: int = 0) -> bool:
     `reserved` 1 and a zlib header where the compressed body begins: a plain frame with both has 376
     arguments or more.
     """
+    return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
+
+
+def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
+    """Tell whether a zlib header stands where the compressed body of a frame at `pos` would begin.
+
+    The TCP client of keioku/bcap-python unpacks such a frame whatever its `reserved` is.
+    """
     return (
-        data[pos + 7 : pos + 9] == b"\x01\x00"
-        and data[pos + _ZLIB_BODY] & 0x8F == 8
+        data[pos + _ZLIB_BODY] & 0x8F == 8
         and int.from_bytes(data[pos + _ZLIB_BODY : pos + HEADER_SIZE], "big") % 31 == 0
     )
 
@@ -152,4 +179,4 @@ def _unpack(raw: bytes) -> tuple[bytes, list[Problem]] | None:
         problems.append(Problem(9, "unpacked", f"unpacked size is {claimed}, there are {len(data)} bytes"))
     if machine.unused_data:
         problems.append(Problem(_ZLIB_BODY, "left-over", "bytes left over behind the compressed ones"))
-    return raw[:9] + data + raw[-1:], problems
+    return b"".join((raw[:9], data, raw[-1:])), problems

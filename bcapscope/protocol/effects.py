@@ -1,4 +1,4 @@
-"""What a call does to the robot: nothing, to the session only, to the controller's state, or move it.
+"""The most that a call can do: read, use the session, change a state, energise the robot, or move it.
 
 Judged from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command in
 `command_table`; whatever could set something in motion counts as moving, and so does what is not known.
@@ -21,7 +21,12 @@ class Effect(IntEnum):
     """Opens or closes the client's own session or handles; nothing of the robot changes."""
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
-    MOVES = 3
+    ENERGISES = 3
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does.
+
+    Robot_Speed is less: it only sets the speed of the client's own motions.
+    """
+    MOVES = 4
     """Sets the robot, a hand or a program in motion, or may do so."""
 
 

@@ -31,7 +31,7 @@ UNREAD = "unread"
 
 _TYPE_AND_COUNT = 6
 _ENVELOPE = 13  # compressed bytes of a version 1 frame begin here
-_LOSSES = frozenset({"data", "type", "nesting"})  # problems that end the reading of an argument
+_LOSSES = frozenset({"data", "type", "nesting", "elements"})  # problems that end the reading of an argument
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +314,7 @@ class _Inside:
 
 def _place(problem: Problem, stops: Container[int]) -> int:
     """Return twice the offset of a problem, one less for a value that breaks off where its argument ends."""
-    breaks_off = problem.code in ("data", "nesting") and problem.offset in stops
+    breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off
 
 

@@ -20,6 +20,7 @@ from bcapscope.protocol.content import (
     EOT,
     HEADER_SIZE,
     LARGEST_FRAME,
+    LARGEST_UNPACKED,
     SMALLEST_FRAME,
     SOH,
     Content,
@@ -27,6 +28,7 @@ from bcapscope.protocol.content import (
     looks_zlib,
 )
 from bcapscope.protocol.layout import Layout, Numbers
+from bcapscope.protocol.layout import find as find_layout
 from bcapscope.protocol.variant import ARRAY, NUMBER_ARRAYS, NUMBER_FORMATS, Variant, encode_argument
 
 __all__ = [
@@ -90,6 +92,9 @@ class Frame:
 
     Nothing in a frame tells a request from a reply: `code` is the one or the other by who sent it.
 
+    A frame holds its bytes only, whatever they unpack to, so that a store of frames needs no more memory than
+    their bytes. What was decoded last is kept by `Content.of` and the layouts.
+
     Attributes:
         raw: the bytes as they came.
         serial: chosen by the client, copied into the reply.
@@ -99,16 +104,15 @@ class Frame:
             beginning of the packet; None for nearly all.
     """
 
-    __slots__ = ("_inner", "code", "note", "raw", "reserved", "serial")
+    __slots__ = ("code", "note", "raw", "reserved", "serial")
 
     def __init__(self, raw: bytes, note: Problem | None = None) -> None:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes."""
         self.raw = raw
         self.note = note
         self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE(raw)
-        self._inner: tuple[Layout, Numbers] | Content | None = None
         if self.reserved == 1 and looks_zlib(raw):
-            self.code = self._content().code
+            self.code = Content.of(raw).code
 
     def __repr__(self) -> str:
         return f"Frame({self.raw.hex()!r})"
@@ -138,21 +142,21 @@ class Frame:
         The cheap way through millions of frames: `arguments` gives the same values one by one. None for
         a frame with problems and for the few that are decoded on their own.
         """
-        inner = self._inner
-        if inner is None:
-            inner = self._inner = layouts.find(self.raw) or self._look_inside()
-        return inner if isinstance(inner, tuple) and self.note is None else None
+        if self.note is not None:
+            return None
+        inner = find_layout(self.raw) or _decoded(self.raw)
+        return inner if isinstance(inner, tuple) else None
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
         """The arguments, as far as their bytes go; spans are offsets in `body`."""
-        inner = self._inner or self._look_inside()
+        inner = find_layout(self.raw) or _decoded(self.raw)
         return inner[0].arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
     @property
     def variants(self) -> tuple[Variant, ...]:
         """The values of the arguments, for those who need not know where they stand."""
-        inner = self._inner or self._look_inside()
+        inner = find_layout(self.raw) or _decoded(self.raw)
         if isinstance(inner, tuple):
             return inner[0].variants(inner[1])
         return tuple(argument.variant for argument in inner.arguments)
@@ -160,38 +164,30 @@ class Frame:
     @property
     def problems(self) -> tuple[Problem, ...]:
         """What is not as b-CAP has it; empty for a sound frame."""
-        inner = self._inner or self._look_inside()
+        inner = find_layout(self.raw) or _decoded(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.note is None else (*own, self.note)
 
     @property
     def framing(self) -> Framing:
         """How the frame ends, as far as its bytes tell."""
-        inner = self._inner or self._look_inside()
+        inner = find_layout(self.raw) or _decoded(self.raw)
         return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
     @property
     def body(self) -> bytes:
         """`raw`; for a compressed frame the same bytes with what it unpacks to in place."""
-        inner = self._inner or self._look_inside()
+        inner = find_layout(self.raw) or _decoded(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
-    def _look_inside(self) -> tuple[Layout, Numbers] | Content:
-        raw = self.raw
-        inner = layouts.find(raw)
-        if inner is None:
-            content = self._content()
-            if content.framing is Framing.PLAIN and not content.problems:
-                layouts.learn(raw, content.numbers, content.arguments)
-                inner = layouts.find(raw)
-            if inner is None:
-                return content
-        self._inner = inner
-        return inner
 
-    def _content(self) -> Content:
-        self._inner = content = Content(self.raw)
-        return content
+def _decoded(raw: bytes) -> tuple[Layout, Numbers] | Content:
+    """Decode a frame whose layout is not known, and learn its layout if it may have one."""
+    content = Content.of(raw)
+    if content.framing is Framing.PLAIN and not content.problems:
+        layouts.learn(raw, content.numbers, content.arguments)
+        return find_layout(raw) or content
+    return content
 
 
 def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
@@ -242,7 +238,7 @@ def encode(
         framing: how the frame ends.
 
     Raises:
-        TooLargeError: the frame grows over `LARGEST_FRAME`.
+        TooLargeError: the frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
         LocalProtocolError: a number or a value does not fit.
     """
     if len(arguments) == 1 and framing is _PLAIN:
@@ -304,5 +300,7 @@ def _framed(plain: bytes, framing: Framing, reserved: int) -> bytes:
         raise LocalProtocolError(f"reserved {reserved}: it is 1 in the framing of version 1")
     body = inner + b"\x00"
     if framing is Framing.VERSION_1_ZLIB:
+        if len(inner) > LARGEST_UNPACKED:
+            raise TooLargeError(f"a compressed frame of {len(inner)} bytes, {LARGEST_UNPACKED} is the most")
         body = len(inner).to_bytes(4, "little") + zlib.compress(inner) + b"\x01"
     return plain[:1] + (10 + len(body)).to_bytes(4, "little") + numbers + body + plain[-1:]

@@ -1,7 +1,8 @@
-"""What one request can do to the robot, by its function and its arguments, and what must never be held up.
+"""What one request can do to the robot, by its function and its arguments, and what stops the robot.
 
-For arming a client and for a proxy that lets only reading pass. Careful by design: a command that is not in
-the catalogue, an argument that is missing or of another type, or an id that is no function counts as moving.
+All clients of bcapscope and the proxy's guard use these functions. They err on the side of caution: a command
+that is not in the catalogue, an argument that is missing or has another type, and an id that is no function
+count as moving.
 """
 
 from __future__ import annotations
@@ -10,25 +11,39 @@ from collections.abc import Sequence
 
 from bcapscope.protocol.commands import command
 from bcapscope.protocol.effects import Effect, function_effect
-from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.functions import FUNCTIONS, ID
 from bcapscope.protocol.slavemode import mode_value
+from bcapscope.protocol.variables import write_effect
 from bcapscope.protocol.variant import Variant
 
 _EXECUTES = frozenset(function.id for function in FUNCTIONS.values() if function.name.endswith("_Execute"))
-_COMMAND_EXECUTE, _ROBOT_EXECUTE, _ROBOT_HALT = 112, 64, 70
-_GETS_FILE = (6, 37)
+_COMMAND_EXECUTE, _ROBOT_EXECUTE = ID["Command_Execute"], ID["Robot_Execute"]
+_PUT_VALUE = ID["Variable_PutValue"]
+_GETS_FILE = (ID["Controller_GetFile"], ID["File_GetFile"])
+
+_STOPPING_FUNCTIONS = frozenset(
+    (ID["Robot_Halt"], ID["Robot_Hold"], ID["Task_Stop"], ID["Command_Cancel"]),
+)
+_STOPPING_COMMANDS = frozenset(("handstop", "twofgstop"))
+_SWITCHES = frozenset(("motor", "slvchangemode"))
+"""Commands whose parameter 0 switches off."""
+
+_WITH_PARAMETER = 3
+"""Arguments of an ..._Execute function: handle, command, parameter."""
 
 
-def request_effect(function_id: int, arguments: Sequence[Variant]) -> Effect:
+def request_effect(function_id: int, arguments: Sequence[Variant], variable: str = "") -> Effect:
     """Return the most that a request can do.
 
     Args:
         function_id: of the request.
         arguments: of the request, the handle first.
+        variable: name of the variable that the handle stands for; "" where that is not known.
     """
+    if function_id == _PUT_VALUE:
+        return write_effect(variable, arguments[1]) if len(arguments) == 2 else Effect.MOVES
     if function_id in _EXECUTES and function_id != _COMMAND_EXECUTE:
-        known = command(function_id, _text(arguments, 1) or "")
-        return known.effect if known else Effect.MOVES
+        return _command_effect(function_id, arguments)
     if function_id in _GETS_FILE:
         option = _text(arguments, 2)
         creates_file = option is None or "@create" in option.casefold()
@@ -37,27 +52,68 @@ def request_effect(function_id: int, arguments: Sequence[Variant]) -> Effect:
 
 
 def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
-    """Tell whether a request stops the robot or lets go of something, so that no guard may hold it up.
+    """Tell whether a request stops something or releases a handle, so that no guard may hold it up.
 
-    These are Robot_Halt, slvChangeMode 0, the releases, Controller_Disconnect and Service_Stop.
+    These are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0, the
+    releases, Controller_Disconnect and Service_Stop. A command counts only without further arguments: with
+    them it is ambiguous which one the controller takes.
     """
     function = FUNCTIONS.get(function_id)
     if function is None:
         return False
-    if function.releases is not None or function_id == _ROBOT_HALT:
+    if function.releases is not None or function_id in _STOPPING_FUNCTIONS:
         return True
-    if function_id != _ROBOT_EXECUTE or len(arguments) < 3:
+    if function_id not in _EXECUTES or len(arguments) > _WITH_PARAMETER:
         return False
-    return (_text(arguments, 1) or "").casefold() == "slvchangemode" and mode_value(arguments[2]) == 0
+    name = (_text(arguments, 1) or "").casefold()
+    if name in _STOPPING_COMMANDS:
+        return command(function_id, name) is not None
+    return function_id == _ROBOT_EXECUTE and name == "slvchangemode" and _switches_off(arguments)
 
 
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Tell whether a proxy that lets only reading pass may pass a request on.
 
-    What opens a session passes, Controller_Connect too: nothing can be read without the handles that it
-    gives, and all that it changes is that the controller has one more client.
+    Requests that open a session pass too, Controller_Connect included: nothing can be read without the
+    handles that they return, and the controller only gains a client.
     """
     return always_passes(function_id, arguments) or request_effect(function_id, arguments) <= Effect.SESSION
+
+
+def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str = "") -> bool:
+    """Tell whether a client of bcapscope sends a request to a real controller only when it is armed.
+
+    True for everything that may energise or move the robot, never for what stops or switches off.
+
+    Args:
+        function_id: of the request.
+        arguments: of the request, the handle first.
+        variable: as for `request_effect`.
+    """
+    if always_passes(function_id, arguments):
+        return False
+    return request_effect(function_id, arguments, variable) >= Effect.ENERGISES
+
+
+def _command_effect(function_id: int, arguments: Sequence[Variant]) -> Effect:
+    known = command(function_id, _text(arguments, 1) or "")
+    if known is None:
+        return Effect.MOVES
+    switches_off = known.name.casefold() in _SWITCHES and _switches_off(arguments)
+    return Effect.CHANGES if switches_off else known.effect
+
+
+def _switches_off(arguments: Sequence[Variant]) -> bool:
+    """Tell whether the parameter of a switch is certainly 0; Motor also takes an array that begins with 0."""
+    if len(arguments) != _WITH_PARAMETER:
+        return False
+    parameter = arguments[2]
+    if isinstance(parameter.value, tuple):
+        if (_text(arguments, 1) or "").casefold() != "motor" or not parameter.value:
+            return False
+        first = parameter.value[0]
+        parameter = first if isinstance(first, Variant) else Variant(parameter.vt, first)
+    return mode_value(parameter) == 0
 
 
 def _text(arguments: Sequence[Variant], index: int) -> str | None:

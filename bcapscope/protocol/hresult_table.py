@@ -325,6 +325,16 @@ STATE: tuple[Entry, ...] = (
     Entry(0x83500162, None, "communication with the PC lost", None, "25E2"),
     Entry(0x83500127, None, "value out of range", None, "2003"),
     Entry(0x8350048F, None, "gripper found nothing"),
+    Entry(0x835002FF, None, "hand command was stopped"),
+    Entry(0x83500301, None, "hand is already moving", "wait for the end of the motion before"),
+    Entry(0x83500314, None, "hand settings are out of range", "check width, speed and force"),
+    Entry(0x83500362, None, "grip ends outside the hand's limits"),
+    Entry(0x83500363, None, "grip ends outside the hand's limits"),
+    Entry(0x8450031C, None, "hand position deviates too much", "grip with HandMoveH or HandMoveAH"),
+    Entry(0x83500189, None, "SyncTimeEnd is missing"),
+    Entry(0x83500190, None, "SyncMoveEnd is missing"),
+    Entry(0x83500191, None, "SyncTimeEnd without SyncTimeStart"),
+    Entry(0x83500192, None, "SyncMoveEnd without SyncMoveStart"),
 )
 
 AXIS_FAMILIES: tuple[AxisFamily, ...] = (

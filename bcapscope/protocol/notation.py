@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 
 from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Value, Variant, vt_name
 
 _TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
+_LARGEST_R4 = 3.4028235e38
+_LONGEST_SHOWN = 60  # characters of a value that an error repeats
 _TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
 
 
@@ -101,9 +104,12 @@ def _array(vt: VT, text: str) -> Variant:
 
 def _read(vt: VT, text: str) -> Value:
     try:
+        if vt is not VT.BSTR and not text.isascii():
+            raise ValueError
         return _READERS.get(vt, _integer)(vt, text)
     except ValueError:
-        raise ValueError(f"{text!r} is no {vt_name(vt)}") from None
+        shown = text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
+        raise ValueError(f"{shown!r} is no {vt_name(vt)}") from None
 
 
 def _integer(vt: VT, text: str) -> int:
@@ -126,10 +132,19 @@ def _bool(_: VT, text: str) -> bool:
     return word in _TRUE
 
 
+def _float(vt: VT, text: str) -> float:
+    value = float(text)
+    if math.isinf(value) and "inf" not in text.lower():  # more than any float of eight bytes
+        raise ValueError
+    if vt is VT.R4 and math.isfinite(value) and abs(value) > _LARGEST_R4:
+        raise ValueError
+    return value
+
+
 _READERS: dict[VT, Callable[[VT, str], Value]] = {
-    VT.R4: lambda _, text: float(text),
-    VT.R8: lambda _, text: float(text),
-    VT.DATE: lambda _, text: float(text),
+    VT.R4: _float,
+    VT.R8: _float,
+    VT.DATE: _float,
     VT.BSTR: lambda _, text: text,
     VT.BOOL: _bool,
 }

@@ -23,6 +23,8 @@ _POSES: dict[int, tuple[PoseType, ...]] = {
 }
 _DIGITS = {poses: digit for digit, poses in _POSES.items()}
 _SEND_BITS = HAND_IO | MINI_IO | USER_IO
+_UNEXPLAINED = 0x400
+"""Bit of the send format 0x620 that public clients use; no public source says what it means."""
 _RECEIVE_BITS = POSE | TIMESTAMP | HAND_IO | CURRENT | MINI_IO | USER_IO
 
 
@@ -52,8 +54,8 @@ class SendFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether the driver knows it: 0, 0x020, 0x100, 0x120, 0x200 or 0x220."""
-        return not self.other and not (self.mini_io and self.user_io)
+        """Whether clients use it: 0, 0x020, 0x100, 0x120, 0x200 or 0x220, each also with 0x400."""
+        return not self.other & ~_UNEXPLAINED and not (self.mini_io and self.user_io)
 
 
 PLAIN = SendFormat()

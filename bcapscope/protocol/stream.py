@@ -6,6 +6,7 @@ from enum import Enum, auto
 from typing import NamedTuple
 
 from bcapscope.protocol.arguments import SMALLEST_ARGUMENT, Problem
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.content import begins_zlib
 from bcapscope.protocol.frame import (
     EOT,
@@ -24,8 +25,15 @@ sessions are below 10 KiB, so a corrupted length costs a bounded wait and not th
 LARGEST_GARBAGE = 64 * 1024
 """Bytes outside of any frame come out in pieces of this size, so that they are never piled up."""
 
+ALWAYS_HELD = 16 * 1024
+"""Bytes of an unfinished frame that are held even where the budget is exceeded: frames of real sessions are
+below 10 KiB, so that a flood of long ones does not damage theirs."""
+
 STREAM_ENDS = "the stream ends here"
 """Why the last frame of a stream is not whole."""
+
+NOT_AWAITED = "its rest is not awaited: the unfinished frames of all connections hold more than"
+"""Why a frame in the middle of a stream is not whole."""
 
 MOST_ARGUMENTS = 64
 """Arguments of a frame at which a stream may get back into step. No function takes more than four and no
@@ -64,17 +72,22 @@ class Splitter:
     """Cuts a stream into pieces; what it gives depends on the bytes alone, never on how they were cut.
 
     Every byte fed comes out in exactly one piece, in order. Held are at most `limit` bytes, or
-    `LARGEST_GARBAGE` and `LARGEST_DOUBTFUL` where that is more.
+    `LARGEST_GARBAGE` and `LARGEST_DOUBTFUL` where that is more. Splitters that share a budget hold no more
+    than that together, `ALWAYS_HELD` of each left aside: a longer frame that exceeds it comes out unfinished.
     """
 
-    def __init__(self, in_step: bool = True, limit: int = LARGEST_FRAME) -> None:
+    def __init__(
+        self, in_step: bool = True, limit: int = LARGEST_FRAME, budget: Budget | None = None
+    ) -> None:
         """Begin a stream.
 
         Args:
             in_step: the first byte fed is the first of a frame; False where the beginning was not seen.
             limit: the longest frame that is waited for, in bytes.
+            budget: counts what this and other splitters hold; `close` gives it back.
         """
         self._buffer = bytearray()
+        self._budget = budget or Budget()
         self._base = 0
         self._in_step = in_step
         self._limit = limit
@@ -93,9 +106,12 @@ class Splitter:
         if frame is not None:
             return [Piece(start, self._base, frame)]
         self._buffer += data
-        if len(self._buffer) < self._enough:
-            return []
-        return self._cut(final=False)
+        self._budget.held += len(data)
+        pieces = [] if len(self._buffer) < self._enough else self._cut(final=False)
+        if len(self._buffer) > ALWAYS_HELD and self._budget.is_exceeded:
+            pieces += self._end(f"{NOT_AWAITED} {self._budget.most} bytes")
+            self._in_step = False
+        return pieces
 
     def feed_frame(self, data: bytes) -> Frame | None:
         """Take the next bytes of the stream if they are one whole frame, as they nearly always are.
@@ -145,8 +161,9 @@ class Splitter:
         return pieces
 
     def _take(self, size: int) -> Piece:
-        raw = bytes(self._buffer[:size])
+        raw = bytes(memoryview(self._buffer)[:size])
         del self._buffer[:size]
+        self._budget.held -= size
         start, self._base = self._base, self._base + size
         self._scan = self._enough = 0
         self._walk = (0, 0, 0)

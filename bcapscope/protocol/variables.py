@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.slavemode import mode_value
+from bcapscope.protocol.variant import Variant
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,8 @@ class VariableKind:
     text: str
     effect: Effect
 
+
+SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
 
 _R4S, _R8S = "VT_R4|VT_ARRAY", "VT_R8|VT_ARRAY"
 _CONTROLLER, _ROBOT, _TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
@@ -79,7 +83,7 @@ _NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], bool, str], ...] = (
     (_ROBOT, "@CURRENT_ANGLE", (_R8S, _R4S), False, "joints now: J1..J8"),
     (_ROBOT, "@HIGH_CURRENT_POSITION", (_R8S, _R4S), False, "position now, read faster"),
     (_ROBOT, "@HIGH_CURRENT_ANGLE", (_R8S, _R4S), False, "joints now, read faster"),
-    (_ROBOT, "@SERVO_ON", ("VT_BOOL",), False, "motor on"),
+    (_ROBOT, SERVO_ON, ("VT_BOOL",), False, "motor on; writing TRUE switches it on, FALSE off"),
     (_ROBOT, "@BUSY_STATUS", ("VT_BOOL",), False, "robot moves"),
     (_ROBOT, "@SPEED", ("VT_R4",), False, "internal speed of the tool tip"),
     (_ROBOT, "@ACCEL", ("VT_R4",), False, "internal acceleration of the tool tip"),
@@ -95,9 +99,16 @@ _NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], bool, str], ...] = (
     (_ROBOT, "@CURRENT_TOOL", ("VT_I4",), True, "tool number"),
     (_ROBOT, "@CURRENT_WORK", ("VT_I4",), True, "work number"),
     (_TASK, "@STATUS", ("VT_I4",), False, "state of the task"),
-    (_TASK, "@START", ("VT_I4",), False, "starts the task when written"),
-    (_TASK, "@STOP", ("VT_I4",), False, "stops the task when written"),
+    (_TASK, _START, ("VT_I4",), False, "starts the task when written"),
+    (_TASK, _STOP, ("VT_I4",), False, "stops the task when written"),
 )
+
+_WRITING = {
+    _START: Effect.MOVES,
+    SERVO_ON: Effect.ENERGISES,
+    **dict.fromkeys(("@EXTSPEED", "@EXTACCEL", "@EXTDECEL"), Effect.ENERGISES),
+}
+"""The most that writing a variable can do, where that is more than to change a value."""
 
 VARIABLES: tuple[VariableKind, ...] = (
     *(
@@ -105,9 +116,7 @@ VARIABLES: tuple[VariableKind, ...] = (
         for name, types, text, effect in _NUMBERED
     ),
     *(
-        VariableKind(
-            owner, name, False, types, inferred, text, Effect.MOVES if name == "@START" else Effect.CHANGES
-        )
+        VariableKind(owner, name, False, types, inferred, text, _WRITING.get(name, Effect.CHANGES))
         for owner, name, types, inferred, text in _NAMED
     ),
 )
@@ -124,3 +133,22 @@ def variable(owner: ObjectClass, name: str) -> VariableKind | None:
     if match:
         return _BY_KEY.get((owner, match[1], True))
     return _BY_KEY.get((owner, folded, False))
+
+
+def write_effect(name: str, value: Variant) -> Effect:
+    """Return the most that writing a variable can do.
+
+    A running program may wait for any value, so only what switches off or stops counts as less than moving.
+
+    Args:
+        name: as the client asked for it, in any case; "" where that is not known.
+        value: to be written.
+    """
+    folded = name.casefold()
+    if folded == SERVO_ON.casefold():
+        return Effect.CHANGES if _is_false(value) else Effect.ENERGISES
+    return Effect.CHANGES if folded == _STOP.casefold() else Effect.MOVES
+
+
+def _is_false(value: Variant) -> bool:
+    return value.value is False or mode_value(value) == 0

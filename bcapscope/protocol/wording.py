@@ -17,6 +17,11 @@ def counted(count: int, noun: str, plural: str = "") -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {plural or noun + 's'}"
 
 
+def shortened(text: str, most: int) -> str:
+    """Return a text in at most `most` characters, and an ellipsis where it is cut."""
+    return text if len(text) <= most else f"{text[:most]}…"
+
+
 def display_width(text: str) -> int:
     """Count the columns that a terminal gives to `text`: two for wide characters, none for combining ones."""
     if text.isascii():

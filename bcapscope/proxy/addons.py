@@ -10,7 +10,7 @@ arguments, and its methods are called:
     gone(client)          a client has gone
     done()                the proxy ends
 
-They run on the way of the bytes: what takes long there delays the robot.
+They run in a process of their own; a message waits until they have decided about it.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from bcapscope.errors import BcapError
 from bcapscope.faults.message import Message
 from bcapscope.faults.quantities import ResultCode
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import function_name
+from bcapscope.proxy.scriptwire import ScriptError
 from bcapscope.traffic.exchange import Exchange
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 from bcapscope.traffic.question import Question
@@ -40,10 +40,6 @@ HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 SLOW = 2_000_000
 """ns; a hook that takes longer is told. A set point's whole time-out is not more (DENSO Wave 2009, How to use
 the Slave mode)."""
-
-
-class ScriptError(BcapError):
-    """A script cannot be used; the message names the file and says why."""
 
 
 class Client(NamedTuple):
@@ -144,9 +140,9 @@ class Addons:
         self._tracker = Tracker() if self._hooks["settled"] else None
 
     @property
-    def looks(self) -> bool:
-        """Whether any of them wants to see messages."""
-        return any(self._hooks[name] for name in ("request", "reply", "settled"))
+    def hooks(self) -> frozenset[str]:
+        """Names of the hooks that at least one addon has."""
+        return frozenset(name for name, found in self._hooks.items() if found)
 
     def see(self, client: Client, message: Message) -> PassingMessage:
         """Show a message to all, each to the next as the one before has left it."""
@@ -204,12 +200,12 @@ class Addons:
         began = self._clock()
         try:
             hook(*arguments)
-        except BaseException as error:  # Ctrl-C raises nothing while bytes pass: all of them are its own
+        except BaseException as error:  # the process has nothing else to end for
             if self._is_new(addon, name, "error"):  # else looking for the place costs more than all the rest
                 self.tell(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
         took = self._clock() - began
         if took > SLOW and self._is_new(addon, name, "slow"):
-            text = f"{type(addon).__name__}.{name} took {took / 1e6:.1f} ms, and all that passes waits for it"
+            text = f"{type(addon).__name__}.{name} took {took / 1e6:.1f} ms, for which messages wait"
             self.tell(f"{text} (told once)")
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
@@ -242,8 +238,6 @@ def load_addons(path: str) -> list[object]:
                 raise ScriptError(f"{path}: {kind.__name__}.{hook} is async; nobody would wait for it")
     try:
         return [kind() for kind in kinds]
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
         raise ScriptError(f"{path}: {_where(error)}") from error
 
@@ -257,8 +251,6 @@ def _run(path: str) -> ModuleType:
     sys.modules[name] = module  # dataclasses look their module up there
     try:
         spec.loader.exec_module(module)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:
         if isinstance(error, OSError) and error.filename == spec.origin:
             raise ScriptError(f"{path} cannot be read: {error.strerror or error}") from error

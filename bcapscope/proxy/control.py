@@ -247,7 +247,8 @@ class Desk:
             "intercept": intercept.condition.text if intercept.condition else None,
             "held": len(intercept.held),
             "held_so_far": intercept.count,
-            "addon_errors": rules.addons.errors,
+            "addon_errors": 0 if rules.scripts is None else rules.scripts.errors,
+            "scripts": None if rules.scripts is None else rules.scripts.status,
             **self._figures(),
         }
 

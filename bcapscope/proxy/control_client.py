@@ -1,31 +1,54 @@
-"""The other end of the control socket: asks the proxy and takes its answers."""
+"""The other end of the control socket: asks the proxy and reads its answers.
+
+Any program may listen at the address. An answer is bounded in size and time before it is read, and its values
+are strings from the wire: escape them before you print them.
+"""
 
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Mapping
-from typing import Any, TypeAlias
 
+import msgspec
 import orjson
 
 from bcapscope.errors import BcapError
+from bcapscope.proxy.control import LONGEST_LINE
+from bcapscope.proxy.control_answers import Answer, Held
 from bcapscope.proxy.control_socket import ControlError, reach_control
 
-Answer: TypeAlias = Mapping[str, Any]
+ANSWERS_WITHIN = 10.0
+"""Seconds that a whole answer may take."""
 
-_LARGEST_ANSWER = 64 << 20
+LARGEST_LIST = 16 << 20
+"""Bytes of a list of held messages; a thousand of 8,000 bytes each fit. Other answers have `LONGEST_LINE`."""
+
+_LONGEST_REASON = 1000
+
+
+class _Envelope(msgspec.Struct, frozen=True):
+    """What every answer has."""
+
+    ok: bool
+    error: str = "the proxy refused"
+
+
+class _HeldList(msgspec.Struct, frozen=True):
+    held: list[Held]
 
 
 class ControlRefused(BcapError):
     """The proxy did not do what was asked of it; the text is its reason.
 
     Attributes:
-        answer: as it came.
+        line: the answer as it came, JSON.
     """
 
-    def __init__(self, answer: Answer) -> None:
-        super().__init__(str(answer.get("error", "the proxy refused")))
-        self.answer = answer
+    def __init__(self, reason: str, line: bytes) -> None:
+        cut = reason if len(reason) <= _LONGEST_REASON else f"{reason[:_LONGEST_REASON]}…"
+        super().__init__(cut)
+        self.line = line
 
 
 class ControlClient:
@@ -37,26 +60,55 @@ class ControlClient:
         self._socket: socket.socket | None = None
 
     def ask(self, question: Mapping[str, object]) -> Answer:
-        """Ask, and return the answer; waits seconds at most.
+        """Ask, and return the answer; takes `ANSWERS_WITHIN` at most.
 
         Raises:
-            ControlError: nobody listens there, or it does not answer.
+            ControlError: nobody listens there, or it does not answer, or not as a proxy does.
             ControlRefused: the proxy did not do it.
         """
+        line = self.ask_raw(question)
         try:
-            answer: Answer = orjson.loads(self._exchange(orjson.dumps(question) + b"\n"))
+            answer: Answer = orjson.loads(line)
+        except orjson.JSONDecodeError as error:
+            self.close()
+            raise ControlError(f"what listens on {self._address} is no proxy") from error
+        return answer
+
+    def held(self) -> list[Held]:
+        """Ask which messages wait.
+
+        Raises:
+            ControlError, ControlRefused: as `ask`.
+        """
+        line = self.ask_raw({"do": "held"})
+        try:
+            return msgspec.json.decode(line, type=_HeldList).held
+        except msgspec.DecodeError as error:
+            self.close()
+            raise ControlError(f"what listens on {self._address} is no proxy of this version") from error
+
+    def ask_raw(self, question: Mapping[str, object]) -> bytes:
+        """Ask, and return the answer as it came, one line of JSON.
+
+        Raises:
+            ControlError, ControlRefused: as `ask`.
+        """
+        limit = LARGEST_LIST if question.get("do") == "held" else LONGEST_LINE
+        try:
+            line = self._exchange(orjson.dumps(question) + b"\n", limit)
+            envelope = msgspec.json.decode(line, type=_Envelope)
         except ConnectionError as error:  # while it was asked; one that cannot be made is a ControlError
             self.close()
             raise ControlError(f"the proxy on {self._address} has ended") from error
         except OSError as error:
             self.close()
             raise ControlError(f"{self._address}: {(error.strerror or str(error)).lower()}") from error
-        except orjson.JSONDecodeError as error:
+        except (msgspec.DecodeError, RecursionError) as error:
             self.close()
             raise ControlError(f"what listens on {self._address} is no proxy") from error
-        if not answer.get("ok"):
-            raise ControlRefused(answer)
-        return answer
+        if not envelope.ok:
+            raise ControlRefused(envelope.error, line)
+        return line
 
     def close(self) -> None:
         """Close the connection."""
@@ -64,15 +116,24 @@ class ControlClient:
             self._socket.close()
             self._socket = None
 
-    def _exchange(self, line: bytes) -> bytes:
+    def _exchange(self, line: bytes, limit: int) -> bytes:
         if self._socket is None:
             self._socket = reach_control(self._address)
+        until = time.monotonic() + ANSWERS_WITHIN
+        self._socket.settimeout(ANSWERS_WITHIN)
         self._socket.sendall(line)
         answer = bytearray()
         while not answer.endswith(b"\n"):
+            left = until - time.monotonic()
+            if left <= 0:
+                raise TimeoutError("timed out")
+            self._socket.settimeout(left)
             data = self._socket.recv(1 << 16)
-            if not data or len(answer) > _LARGEST_ANSWER:
+            if not data:
                 self.close()
                 raise ControlError(f"the proxy on {self._address} ended before it answered")
             answer += data
-        return bytes(answer[:-1])
+            if len(answer) > limit:
+                self.close()
+                raise ControlError(f"what listens on {self._address} answers more than {limit >> 20} MB")
+        return bytes(answer)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import math
 import os
 import socket
 import stat
@@ -16,6 +17,11 @@ from bcapscope.proxy.control import LONGEST_LINE, Desk
 from bcapscope.proxy.poller import READ, WRITE
 
 MOST_CONNECTIONS = 16
+
+_BACKLOG = 128
+
+IDLE_AFTER = 10.0
+"""Seconds after its last command for which a connection is not closed for a new one."""
 
 
 class ControlError(BcapError):
@@ -86,15 +92,27 @@ class ControlServer:
         except OSError:  # no more file descriptors, say: who asks has to wait
             self._watcher.pause(self._socket.fileno())
             return
-        if len(self._connections) >= MOST_CONNECTIONS:
+        if len(self._connections) >= MOST_CONNECTIONS and not self._makes_room():
             sock.close()
             return
         sock.setblocking(False)
         self._connections[sock.fileno()] = _Connection(sock, self._desk, self._watcher, self._connections)
 
+    def _makes_room(self) -> bool:
+        """Close the connection that has been idle for longest, one without a command first; tell if so."""
+        idle = min(self._connections.values(), key=lambda each: each.asked_at)
+        if time.monotonic() - idle.asked_at < IDLE_AFTER:
+            return False
+        idle.close()
+        return True
+
 
 class _Connection:
-    """Someone who asks."""
+    """Someone who asks.
+
+    Attributes:
+        asked_at: s of `time.monotonic` when the last command came; minus infinity for never.
+    """
 
     def __init__(
         self, sock: socket.socket, desk: Desk, watcher: Watcher, connections: dict[int, _Connection]
@@ -107,6 +125,7 @@ class _Connection:
         self._asked = bytearray()
         self._backlog = bytearray()
         self._ends = False
+        self.asked_at = -math.inf
         watcher.watch(self._descriptor, self._happened)
 
     def close(self) -> None:
@@ -139,6 +158,7 @@ class _Connection:
         line = bytes(self._asked[:end])
         del self._asked[: end + 1]
         if line.strip():
+            self.asked_at = time.monotonic()
             reply = self._desk.answer(line, time.monotonic_ns())
             self._backlog += reply.line
             # A browser that a web page sends here talks HTTP, with JSON of the page's making after it.
@@ -253,6 +273,6 @@ def _unix_socket(path: str) -> socket.socket:
 
 
 def _listening(sock: socket.socket) -> socket.socket:
-    sock.listen(MOST_CONNECTIONS)
+    sock.listen(_BACKLOG)
     sock.setblocking(False)
     return sock

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from bcapscope.protocol.arguments import SMALLEST_ARGUMENT
 from bcapscope.protocol.commands import commands
-from bcapscope.protocol.content import begins_zlib
+from bcapscope.protocol.content import begins_zlib, has_zlib_header
 from bcapscope.protocol.frame import (
     EOT,
     HEADER_SIZE,
@@ -104,10 +104,10 @@ class Sifted(NamedTuple):
 
 
 class Guard:
-    """Refuses requests. Whatever stops the robot or lets go of something passes in any case.
+    """Refuses requests. Requests that stop something or release a handle always pass.
 
-    What passes are whole frames and nothing else, so that a controller cannot find other frames in it than
-    were looked at, wherever it begins to look again after bytes that it does not like.
+    Only whole frames pass. A controller therefore finds no frame that the guard has not judged, wherever it
+    resumes after bytes that it rejects.
     """
 
     def __init__(
@@ -137,11 +137,11 @@ class Guard:
         return Sifted(b"".join(passing), tuple(refused), dropped)
 
     def refuses(self, request: Frame) -> str:
-        """Tell why a request is refused; "" if it is not.
+        """Return why a request is refused; "" if it is not.
 
-        A damaged frame may be read in more ways than one: by the values of its arguments, as orin_bcap's C,
-        C#, Java and Python do, or by their lengths, as the older C client does. It is refused if one of them
-        might be refused.
+        Controllers read a damaged frame in different ways: by the values of its arguments, as orin_bcap's C,
+        C#, Java and Python do, or by their lengths, as the older C client does. The guard refuses it if one
+        of these readings might be refused. A frame inside the value of an argument is data: all skip it.
         """
         if _only_stops(request):
             return ""
@@ -152,13 +152,14 @@ class Guard:
             return f"{name} is blocked"
         if self.read_only:
             return self._not_reading(request, question) if sound else f"read-only: a damaged {name}"
-        if sound or (
-            _is_whole(request)
-            and not _hides_frame(request.raw)
-            and not any(target.may_mean(function_id, None) for target in self._block)
-        ):
+        if sound or not self._may_be_blocked(request):
             return ""
         return f"a damaged {name}, which may be read as what is blocked"
+
+    def _may_be_blocked(self, damaged: Frame) -> bool:
+        if not _is_whole(damaged) or not _reads_one_way(damaged) or _hides_frame(damaged.raw):
+            return True
+        return any(target.may_mean(damaged.code, None) for target in self._block)
 
     def _not_reading(self, request: Frame, question: Question) -> str:
         values = request.variants
@@ -168,13 +169,13 @@ class Guard:
 
 
 def _only_stops(request: Frame) -> bool:
-    """Tell whether a request, however it is read, stops the robot or lets go of something, and no more."""
+    """Tell whether a request, however it is read, stops something or releases a handle, and no more."""
     values = request.variants
     if not always_passes(request.code, values) or not _is_whole(request) or not _reads_one_way(request):
         return False
     if not request.problems:
         return True
-    # Its number alone tells what it does: a client that errs in the arguments is let go, too.
+    # Its number alone decides what it does, so a client may err in the arguments.
     by_number = request.body is request.raw and always_passes(request.code, ())
     return by_number and not _hides_frame(request.raw)
 
@@ -186,15 +187,17 @@ def _is_whole(frame: Frame) -> bool:
 
 
 def _reads_one_way(frame: Frame) -> bool:
-    """Tell whether a frame that looks compressed cannot be taken for a plain one.
+    """Tell whether a frame cannot be both compressed and plain.
 
-    A plain one would have 376 arguments or more, for which there is no room in it.
+    A frame that looks compressed must be so in every respect. As a plain one it would have 376 arguments or
+    more, for which it must have no room.
     """
     raw = frame.raw
-    if not begins_zlib(raw):
+    if not has_zlib_header(raw):
         return True
     argc = int.from_bytes(raw[13:HEADER_SIZE], "little")
-    return frame.framing is Framing.VERSION_1_ZLIB and HEADER_SIZE + argc * SMALLEST_ARGUMENT > len(raw)
+    is_packed = begins_zlib(raw) and frame.framing is Framing.VERSION_1_ZLIB
+    return is_packed and HEADER_SIZE + argc * SMALLEST_ARGUMENT > len(raw)
 
 
 def _hides_frame(raw: bytes) -> bool:

@@ -45,7 +45,23 @@ class Close(msgspec.Struct, frozen=True):
     note: str
 
 
-Action: TypeAlias = Send | Close
+class LateDecision(msgspec.Struct, frozen=True):
+    """What becomes of something that came earlier and waited.
+
+    Attributes:
+        client: whose.
+        ticket: `Decision.ticket` of what came.
+        note: as in `Decision`.
+        actions: likewise, after those that were given out while it waited.
+    """
+
+    client: int
+    ticket: int
+    note: str
+    actions: Sequence[Send | Close]
+
+
+Action: TypeAlias = Send | Close | LateDecision
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -54,14 +70,16 @@ class Decision(msgspec.Struct, frozen=True):
     Attributes:
         note: on what came, such as "loss=5%: dropped"; "" if no rule touched it.
         actions: what is to be done at once, in order; what is for later comes from `Policy.take`.
+        ticket: names what came if it waits for a `LateDecision`; 0 if all is decided.
     """
 
     note: str
-    actions: Sequence[Action]
+    actions: Sequence[Send | Close]
+    ticket: int = 0
 
 
 class Policy(Protocol):
-    """Decides what passes. None of the methods may raise or wait."""
+    """Decides what passes. None of the methods may raise, and only `close` may wait."""
 
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client: its number, never used twice, and its conversation with the controller itself."""
@@ -75,16 +93,18 @@ class Policy(Protocol):
         The client may be gone by now.
         """
 
-    def is_full(self) -> bool:
-        """Tell whether so much is held that no stream is to be read before `take` has given out some."""
+    def is_full(self, client: int) -> bool:
+        """Tell whether so much is held that no stream of a client is to be read before `take` has given out
+        some.
+        """
 
-    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
+    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Send | Close]:
         """Take notice that a stream has ended in one direction; return what is to be done about its rest."""
 
     def hides_end(self, client: int) -> bool:
         """Tell whether neither side of a client's connection may hear of the other's end, by FIN or RST."""
 
-    def let_go(self, client: int, now: int) -> Sequence[Action]:
+    def let_go(self, client: int, now: int) -> Sequence[Send | Close]:
         """Return what is to be done at once as a client, which is still there, is about to end."""
 
     def gone(self, client: int, now: int) -> None:
@@ -96,7 +116,7 @@ class Policy(Protocol):
     def take(self, now: int) -> Sequence[Action]:
         """Return what is to be done by `now`."""
 
-    def close(self) -> None:
+    def close(self, now: int) -> None:
         """Take notice that nothing more comes."""
 
     def report(self) -> Sequence[str]:

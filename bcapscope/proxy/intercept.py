@@ -20,6 +20,9 @@ from bcapscope.traffic.question import Question
 MOST_HELD = 1000
 """Messages; what comes when there are so many passes, and says so."""
 
+MOST_BYTES = 16 << 20
+"""Bytes of these messages."""
+
 PATIENCE = 60_000_000_000
 """ns that a message waits unless told otherwise: long enough to edit one, and a robot is not left hanging."""
 
@@ -139,7 +142,8 @@ class Intercept:
     @property
     def is_full(self) -> bool:
         """Whether nothing more can be held."""
-        return len(self._held) >= MOST_HELD
+        held = sum(len(held.data) for held in self._held.values())
+        return len(self._held) >= MOST_HELD or held >= MOST_BYTES
 
     def consider(self, client: int, message: Message) -> Considered | None:
         """Hold a message or let it pass; None for one that does not concern the intercept.
@@ -162,7 +166,7 @@ class Intercept:
         if not self._wants(message):
             return None
         if self.is_full:
-            return Considered(f"intercept: not held, {MOST_HELD} are held already", message.data)
+            return Considered(f"intercept: not held, {len(self._held)} are held already", message.data)
         return Considered(f"intercept: held as {self._hold(client, message, subject)}", None)
 
     def release(self, number: int, now: int, data: bytes | None = None) -> Held:

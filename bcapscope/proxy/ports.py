@@ -7,7 +7,7 @@ from dataclasses import replace
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.sockets import ListenError
 from bcapscope.proxy.spec import BOTH, Listener
-from bcapscope.proxy.tcp import TcpPort
+from bcapscope.proxy.tcpport import TcpPort
 from bcapscope.proxy.udp import FORGET_AFTER, UdpPort
 from bcapscope.traffic.observation import Endpoint, Transport
 

@@ -9,12 +9,15 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
-from bcapscope.proxy.hook import Action, Policy, Send
+from bcapscope.proxy.admission import Places
+from bcapscope.proxy.entrance import Entrance
+from bcapscope.proxy.hook import Action, Close, LateDecision, Policy, Send
 from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisely
 from bcapscope.proxy.ring import Count, Kind, RingWriter
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from bcapscope.transport.descriptors import SpareDescriptors
 
 Address: TypeAlias = tuple[str, int]
 Handler: TypeAlias = Callable[[int], None]
@@ -29,11 +32,9 @@ _SWEEP_EVERY = 20
 _LONGEST_NOTE = 4096
 """Bytes."""
 
-MOST_CLIENTS = 256
-"""Clients of all listeners. The official server takes 20 (orin_bcap C/src/bcap_server.c)."""
-
-GIVE_WAY_AFTER = 10_000_000_000
-"""ns of silence after which a UDP client makes room for a new one, as in that server."""
+_SPARE_DESCRIPTORS = 4
+"""File descriptors for stops when there are no others: two for a TCP client, one for a UDP client, and one
+for a client that has not said yet what it wants."""
 
 
 class Session(Protocol):
@@ -42,11 +43,13 @@ class Session(Protocol):
     Attributes:
         number: of the client, never used twice.
         conversation: between the client and the controller itself.
+        source: where the client comes from; see `source_of`.
         heard: `Relay.now` when it was last heard.
     """
 
     number: int
     conversation: Conversation
+    source: str
     heard: int
 
     @property
@@ -58,6 +61,9 @@ class Session(Protocol):
 
     def passed_on(self, up: bool) -> None:
         """Take notice that nothing of a direction is held back any more."""
+
+    def quiet(self, now: int) -> int | None:
+        """Return the ns for which it has done nothing, if it may give its place to another; else None."""
 
     def close(self, reset: bool, why: str) -> None:
         """Let go."""
@@ -90,6 +96,9 @@ class Relay:
         counts: of the ring.
         policy: the rules; None without.
         sessions: those that are open, by number.
+        places: which of them are clients, and who may become one, by transport.
+        entrance: TCP clients that have not sent a complete frame yet.
+        spares: file descriptors held back for stops.
         buffer: for whatever is being received; one thread needs one.
         now: ns of a clock that does not go back, as it was some `PATIENCE` ago at most.
     """
@@ -102,6 +111,9 @@ class Relay:
         self.sessions: dict[int, Session] = {}
         self.buffer = bytearray(1 << 16)
         self.now = time.monotonic_ns()
+        self.places = {transport: Places() for transport in Transport}
+        self.entrance = Entrance(self)
+        self._denied = 0
         self._poller = make_poller()
         self._handlers: dict[int, Handler] = {}
         self._coming: dict[int, Handler] = {}
@@ -116,9 +128,12 @@ class Relay:
             self.watch(self._ticker, self._ticked)
         self._stopped = self._closed = False
         self._parted: list[tuple[int, bytes, int]] = []
+        self.spares = SpareDescriptors(_SPARE_DESCRIPTORS)
+        self._undecided: dict[int, _Arrival] = {}
 
     def listen(self, ports: Iterable[Port]) -> None:
         """Take clients from these ports."""
+        self.spares.fill()
         for port in ports:
             self._ports.append(port)
             port.open()
@@ -162,6 +177,10 @@ class Relay:
         self._tell_parted()
         for port in self._ports:
             port.release()
+        self.spares.close()
+        if self._ticker is not None:
+            os.close(self._ticker)
+            self._ticker = None
         self._handlers.clear()
         self._poller.close()
 
@@ -169,6 +188,7 @@ class Relay:
         """Take no more clients, and nothing more from those of UDP."""
         if not self._closed:
             self._closed = True
+            self.entrance.close()
             for port in self._ports:
                 port.close()
 
@@ -200,36 +220,39 @@ class Relay:
         self._poller.modify(descriptor, 0)
         self._paused.add(descriptor)
 
-    def has_room(self) -> bool:
-        """Tell whether there may be another client; one that is silent makes room, if its connection does not
-        tell that it is there.
-        """
-        if len(self.sessions) < MOST_CLIENTS:
-            return True
-        may_go = (
-            each
-            for each in self.sessions.values()
-            if each.conversation.transport is Transport.UDP or each.state == "half-open"
-        )
-        silent = min(may_go, key=lambda each: each.heard, default=None)
-        if silent is None or self.now - silent.heard < GIVE_WAY_AFTER:
-            return False
-        silent.close(False, "silent, and there are too many clients")
-        return True
+    def deny(self, client: Endpoint, why: str, what: str = "its connection is closed") -> None:
+        """Count a client that gets no place; tell the user of the 1st, 2nd, 4th, 8th … of them."""
+        self.counts[Count.DENIED] += 1
+        self._denied += 1
+        if is_told(self._denied):
+            self.tell(f"{client} {why}; {what}")
 
-    def meet(self, session: Session, ends: Sequence[Endpoint]) -> None:
+    def free_for_newcomer(self) -> bool:
+        """Free a file descriptor for a TCP client that may yet send a stop; tell whether there was one."""
+        return self.spares.give(keep=1) or self.entrance.drop() or self.spares.give()
+
+    def free_descriptor(self) -> bool:
+        """Free a file descriptor for a client that must get in; tell whether there was one to free."""
+        return (
+            self.entrance.drop()
+            or self.spares.give()
+            or any(places.end_oldest_stop() for places in self.places.values())
+        )
+
+    def meet(self, session: Session, ends: Sequence[Endpoint], when: int) -> None:
         """Take in a new client.
 
         Args:
             session: its way to the controller.
             ends: the client, where it came to, our end towards the controller, and the controller.
+            when: its first bytes came, ns since 1970.
         """
         self.counts[Count.CLIENTS] += 1
         self.sessions[session.number] = session
         if session.conversation.transport is Transport.TCP:
             self.ring.streams.add(session.number)
         told = json.dumps([session.conversation.transport, *ends]).encode()
-        self.ring.must(Kind.OPENED, session.number, told, time.time_ns())
+        self.ring.must(Kind.OPENED, session.number, told, when)
         if self.policy is not None:
             self.policy.opened(session.number, session.conversation, time.monotonic_ns())
 
@@ -240,6 +263,9 @@ class Relay:
     def part(self, session: Session, why: str) -> None:
         """Forget a client; that is told soon, behind what came of it and could not be passed on any more."""
         if self.sessions.pop(session.number, None) is not None:
+            self.places[session.conversation.transport].leave(session.number)
+            self.note_undecided(session, True)
+            self.note_undecided(session, False)
             self._parted.append((session.number, _encoded(why), time.time_ns()))
             if self.policy is not None:
                 self.policy.gone(session.number, time.monotonic_ns())
@@ -251,12 +277,28 @@ class Relay:
     def rule(self, session: Session, up: bool, data: bytes, came: int) -> None:
         """Ask the rules what becomes of something that came, and do it."""
         assert self.policy is not None
-        direction = direction_of(up)
-        decision = self.policy.receive(session.number, direction, data, time.monotonic_ns())
-        note, actions = decision.note, decision.actions
+        decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
+        arrival = _Arrival(session, up, data, came)
+        if decision.ticket:
+            self._undecided[decision.ticket] = arrival
+            self._perform(decision.actions)
+        else:
+            self.note_undecided(session, up)  # that came before
+            self._settle(arrival, decision.note, decision.actions)
+
+    def note_undecided(self, session: Session, up: bool) -> None:
+        """Note what came of a direction and still waits, so that what is noted next stands behind it."""
+        for ticket, each in list(self._undecided.items()) if self._undecided else ():
+            if each.session is session and each.up is up:
+                del self._undecided[ticket]
+                self.ring.put(up, session.number, each.came, 0, each.data)
+
+    def _settle(self, arrival: _Arrival, note: str, actions: Sequence[Send | Close]) -> None:
+        """Note something that came, and do what was decided about it."""
+        session, up, data, came = arrival
         if not note and len(actions) == 1:
             action = actions[0]
-            if action == Send(session.number, direction, data):
+            if action == Send(session.number, direction_of(up), data):
                 left = session.send(up, data)
                 self.ring.put(up, session.number, came, left, data)
                 return
@@ -292,7 +334,14 @@ class Relay:
             session = self.sessions.get(action.client)
             if session is None:
                 continue
-            if isinstance(action, Send):
+            if isinstance(action, LateDecision):
+                arrival = self._undecided.pop(action.ticket, None)
+                if arrival is None:  # it is noted, without what became of it
+                    self.counts[Count.RULED] += bool(action.note)
+                    self._perform(action.actions)
+                else:
+                    self._settle(arrival, action.note, action.actions)
+            elif isinstance(action, Send):
                 up = action.toward is Direction.REQUEST
                 left = session.send(up, action.data)
                 if left:
@@ -344,6 +393,8 @@ class Relay:
     def _sweep(self) -> None:
         while self._paused:
             self._poller.modify(self._paused.pop(), READ)
+        self.spares.fill()
+        self.entrance.sweep(self.now)
         for port in self._ports:
             port.sweep(self.now)
         for session in list(self.sessions.values()):
@@ -354,6 +405,20 @@ class Relay:
         self._left.clear()
         self._handlers.update(self._coming)
         self._coming.clear()
+
+
+def is_told(count: int) -> bool:
+    """Tell whether the user hears of what may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
+    return count & (count - 1) == 0
+
+
+class _Arrival(NamedTuple):
+    """Something that came; `came` is when, ns since 1970."""
+
+    session: Session
+    up: bool
+    data: bytes
+    came: int
 
 
 def _encoded(note: str) -> bytes:

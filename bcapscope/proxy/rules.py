@@ -1,4 +1,4 @@
-"""All that looks into what passes: addons, intercept, faults and guard, in this order: the relay's policy.
+"""All that looks into what passes: scripts, intercept, faults and guard, in this order: the relay's policy.
 
 The guard comes last, right before the controller: whatever the others have made of a message, it sees it.
 
@@ -8,8 +8,8 @@ its bytes pass as they come.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
@@ -18,21 +18,31 @@ from bcapscope.faults.fault import Ending
 from bcapscope.faults.message import Message, Output
 from bcapscope.faults.message import Send as Sent
 from bcapscope.faults.shaper import Shaper
-from bcapscope.protocol.commands import call_name
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.hresult import E_ACCESSDENIED
-from bcapscope.proxy.addons import Addons, Client
 from bcapscope.proxy.guard import Guard
-from bcapscope.proxy.hook import Action, Close, Decision, Send
+from bcapscope.proxy.hook import Action, Close, Decision, LateDecision, Send
 from bcapscope.proxy.intercept import Held, Intercept
+from bcapscope.proxy.rulereport import names_of, report_lines
+from bcapscope.proxy.scriptqueue import ScriptDecision, ScriptQueue
+from bcapscope.proxy.scriptwire import Answer
+from bcapscope.proxy.unscripted import is_stop, without_motion
 from bcapscope.proxy.way import Attendance, Way, Work, joined, part
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 from bcapscope.traffic.question import Questions
 
-_SETTLE = 50_000_000
-"""ns between looks for calls that have settled, as the tracker itself has it."""
 
-_MOST_NAMED = 8
+class Asked(NamedTuple):
+    """A message that the scripts are asked about.
+
+    Attributes:
+        way: on which it came.
+        came: what is done about all that came with it.
+    """
+
+    way: Way
+    came: Work
 
 
 class Rules:
@@ -42,8 +52,8 @@ class Rules:
         shaper: the faults.
         guard: what requests it refuses; None for none.
         intercept: what is held.
-        addons: the user's own.
-        refused: requests that the guard has refused.
+        scripts: the user's own; None without.
+        refused: requests that the guard has refused, or, since the scripts are off, motions.
         lost: requests that were held until nobody waited for them any more, and went no further.
         tell: is given a line for the user.
     """
@@ -53,7 +63,7 @@ class Rules:
         shaper: Shaper,
         guard: Guard | None = None,
         intercept: Intercept | None = None,
-        addons: Addons | None = None,
+        scripts: ScriptQueue[Asked] | None = None,
         *,
         epoch: int = 0,
     ) -> None:
@@ -63,13 +73,13 @@ class Rules:
             shaper: with or without faults.
             guard: refuses requests.
             intercept: holds messages.
-            addons: see messages.
+            scripts: see messages.
             epoch: what to add to the clock's ns for those since 1970.
         """
         self.shaper = shaper
         self.guard = guard
         self.intercept = intercept or Intercept()
-        self.addons = addons or Addons(())
+        self.scripts = scripts
         self.refused = 0
         self.lost = 0
         self.tell: Callable[[str], None] = lambda text: None
@@ -79,18 +89,19 @@ class Rules:
         self._numbers: dict[Conversation, int] = {}
         self._outbox: list[Action] = []
         self._messages = 0
+        self._budget = Budget()
         self._questions, self._manners = Questions(), Manners()
-        self._settle_at = 0
+        self._tickets = 0
 
     # as the relay's policy
 
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client."""
-        told = Client(client, conversation.client, conversation.server, conversation.transport)
-        self._ways[client] = {side: Way(told, Flow(conversation, side)) for side in Direction}
+        self._ways[client] = {side: Way(client, Flow(conversation, side), self._budget) for side in Direction}
         self._numbers[conversation] = client
         self._since[client] = now
-        self.addons.connected(told)
+        if self.scripts is not None:
+            self.scripts.connected(client, conversation, now)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> Decision:
         """Decide about a datagram, or the next bytes of a stream."""
@@ -105,7 +116,10 @@ class Rules:
         for piece in way.cut(data, looks or self.shaper.needs_frames(now)):
             self._process(way, piece, now, work)
         way.begun = True
-        return Decision("; ".join(dict.fromkeys(work.notes)), joined(work.actions, way))
+        actions = joined(work.actions, way)
+        if work.waiting:
+            return Decision("", actions, work.ticket)
+        return Decision(work.note, actions)
 
     def holds(self, client: int, direction: Direction) -> bool:
         """Tell whether something of this direction is still to be sent; nothing of a client that is gone."""
@@ -116,20 +130,21 @@ class Rules:
             bool(way.splitter and way.splitter.pending)
             or self.shaper.holds(way.flow)
             or self.intercept.holds(way.flow)
-            or any(isinstance(action, Send) and action.client == client for action in self._outbox)
+            or (self.scripts is not None and self.scripts.holds(way.flow))
+            or any(not isinstance(action, Close) and action.client == client for action in self._outbox)
         )
 
-    def is_full(self) -> bool:
-        """Tell whether so much is held that no stream is to be read."""
-        return self.shaper.is_full
+    def is_full(self, client: int) -> bool:
+        """Tell whether so much is held that no stream of a client is to be read."""
+        return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
 
-    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
+    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Send | Close]:
         """Let go of a frame that breaks off where a stream has ended."""
         way, work = self._ways[client][direction], Work()
+        way.ended = True
         for piece in way.rest():
             self._process(way, piece, now, work)
-        if direction is Direction.REQUEST:
-            self.intercept.pass_over(way.flow, "its client's connection has ended")
+        self._pass_over(way)
         return joined(work.actions, way)
 
     def hides_end(self, client: int) -> bool:
@@ -137,29 +152,33 @@ class Rules:
         ways = self._ways.get(client)
         return ways is not None and not self.shaper.passes_end(ways[Direction.REQUEST].flow.conversation)
 
-    def let_go(self, client: int, now: int) -> Sequence[Action]:
+    def let_go(self, client: int, now: int) -> Sequence[Send | Close]:
         """Give out what is still held of a client that is to end, or forget it.
 
         Answers go on, and requests that stop the robot or let go of something; all other requests do not.
         """
-        work, lost = Work(), Counter[str]()
-        work.actions = [action for action in self._outbox if action.client == client]
+        work = Work()
+        lost: list[Frame | bytes] = []
+        for action in self._outbox:
+            if action.client == client:
+                work.actions += action.actions if isinstance(action, LateDecision) else (action,)
         self._outbox = [action for action in self._outbox if action.client != client]
         for direction, way in self._ways[client].items():
             held = self.shaper.abandon(way.flow)
             held += (each.data for each in self.intercept.abandon(way.flow))
+            held += self.scripts.abandon(way.flow) if self.scripts is not None else ()
             held += way.rest()
             if self.hides_end(client):
                 continue
             if direction is Direction.REQUEST and held:
                 held, left = part(way, held)
-                lost.update(map(_named, left))
+                lost += left
             for data in held:
                 self._emit(way, data, "sent on, as it ends", work)
         if lost:
-            who = self._ways[client][Direction.REQUEST].client.address
-            self.tell(f"{who} ends; of what was held of it these were not sent on: {_counted(lost)}")
-            self.lost += lost.total()
+            who = self._ways[client][Direction.REQUEST].flow.conversation.client
+            self.tell(f"{who} ends; of what was held of it these were not sent on: {names_of(lost)}")
+            self.lost += len(lost)
         return work.actions
 
     def gone(self, client: int, now: int) -> None:
@@ -175,19 +194,24 @@ class Rules:
         self.intercept.forget(conversation)
         self._questions.forget(conversation)
         self._outbox = [action for action in self._outbox if action.client != client]
-        self.addons.gone(way.client, conversation)
+        if self.scripts is not None:
+            for each in ways.values():
+                self.scripts.abandon(each.flow)
+            self.scripts.gone(client, now)
 
     def due(self) -> int | None:
         """Tell when `take` is to be called."""
         if self._outbox:
             return 0
-        times = [self.shaper.due(), self.intercept.due(), self._settle_at if self.addons.waits else None]
+        times = [self.shaper.due(), self.intercept.due(), self.scripts.due() if self.scripts else None]
         return min((time for time in times if time is not None), default=None)
 
     def take(self, now: int) -> Sequence[Action]:
         """Give out what is to be done by now."""
+        if self.scripts is not None:
+            self._decide(self.scripts.advance(now, now + self._epoch), now)
+        outbox, self._outbox = self._outbox, []
         work = Work()
-        work.actions, self._outbox = self._outbox, []
         for held in self.intercept.expired(now):
             waited = f"intercept: nobody decided in {(held.until - held.since) / 1e9:g} s"
             why = held.given_up(now)
@@ -198,27 +222,28 @@ class Rules:
             else:
                 self._send_on(held, held.data, note, now, work)
         self._translate(self.shaper.advance(now), work)
-        if self.addons.waits and now >= self._settle_at:
-            self._settle_at = now + _SETTLE
-            self.addons.expire(now + self._epoch)
-        return work.actions
+        return [*outbox, *work.actions]
 
-    def close(self) -> None:
-        """Take notice that the proxy ends."""
-        self.addons.done()
+    def close(self, now: int) -> None:
+        """Let the scripts end, and wait until they have."""
+        if self.scripts is not None:
+            self.scripts.finish(now)
 
     def report(self) -> Sequence[str]:
         """Sum up what the rules did."""
-        lines = [f"fault {name}: struck {_times(count)}" for name, count in self.shaper.counts.items()]
-        if self.guard is not None:
-            lines.append(f"guard: refused {_times(self.refused)}")
-        if self.intercept.count:
-            lines.append(f"intercept: held {_times(self.intercept.count)}")
-        if self.lost:
-            lines.append(f"held requests that were not sent on, as nobody waited any more: {self.lost}")
-        if self.addons.errors:
-            lines.append(f"scripts: went wrong {_times(self.addons.errors)}")
-        return lines
+        return report_lines(self)
+
+    # for the process of the scripts
+
+    def hear_scripts(self, data: bytes, now: int) -> None:
+        """Take what came from the scripts' process; `take` gives out what becomes of what waited."""
+        if self.scripts is not None:
+            self._decide(self.scripts.receive(data, now), now)
+
+    def lose_scripts(self, now: int) -> None:
+        """Take notice that the scripts' process has ended."""
+        if self.scripts is not None:
+            self._decide(self.scripts.lost(now), now)
 
     # for the control socket and the screen
 
@@ -272,7 +297,9 @@ class Rules:
 
     @property
     def _looks(self) -> bool:
-        return self.guard is not None or not self.intercept.is_idle or self.addons.looks
+        if self.scripts is not None and self.scripts.looks:
+            return True
+        return self.guard is not None or not self.intercept.is_idle
 
     def _process(self, way: Way, data: bytes, now: int, work: Work) -> None:
         if self._looks:
@@ -281,32 +308,90 @@ class Rules:
             message.ask(self._questions)
             self._manners.see(way.flow, data)
             left = self._shown(way, message, work)
-            going = None if left is None else self._intercepted(way, left, work)
-            if going is None:
-                return
-            data = going
-        self._go(way, data, now, work)
+            if left is not None:
+                self._go_on(way, left, now, work)
+        else:
+            self._go(way, data, now, work)
 
     def _shown(self, way: Way, message: Message, work: Work) -> Message | None:
-        """Show a message to the addons; give what they leave of it."""
-        if not self.addons.looks:
+        """Show a message to the scripts; give what goes on of it now, without waiting for them."""
+        scripts = self.scripts
+        if scripts is None or not scripts.looks:
             return message
-        passing = self.addons.see(way.client, message)
-        for code in passing.answers:
-            self._answer(way, message.frames, code, "addon: answered", work)
-        if passing.dropped:
-            work.notes.append("addon: answered" if passing.answers else "addon: dropped")
+        if not scripts.is_on:
+            return self._unscripted(way, message, work)
+        if not scripts.decides(way.flow.direction) or is_stop(message.frames):
+            scripts.show(way.client, message, None)
+            return message
+        if message.datagram and not scripts.has_room(way.client):
+            work.notes.append("addon: dropped, too many messages wait")
             return None
-        if passing.data == message.data:
+        if not work.ticket:
+            self._tickets += 1
+            work.ticket = self._tickets
+        work.waiting += 1
+        scripts.show(way.client, message, Asked(way, work))
+        return None
+
+    def _decide(self, decisions: Iterable[ScriptDecision[Asked]], now: int) -> None:
+        """Let messages go on about which the scripts have decided, or did not in time."""
+        for decision in decisions:
+            (way, came), message, work = decision.token, decision.message, Work()
+            if decision.answer is None:
+                left = self._unscripted(way, message, work)
+            else:
+                left = self._as_answered(way, message, decision.answer, work)
+            if left is not None:
+                self._go_on(way, left, now, work)
+            came.waiting -= 1
+            came.notes += work.notes
+            if came.waiting:
+                self._outbox += work.actions
+            else:
+                actions = joined(work.actions, way)
+                self._outbox.append(LateDecision(way.client, came.ticket, came.note, actions))
+
+    def _as_answered(self, way: Way, message: Message, answer: Answer, work: Work) -> Message | None:
+        """Give what the scripts leave of a message."""
+        for code in answer.results:
+            self._answer(way, message.frames, code, "addon: answered", work)
+        if answer.dropped:
+            work.notes.append("addon: answered" if answer.results else "addon: dropped")
+            return None
+        return message if answer.data is None else self._changed(message, answer.data, "addon: changed", work)
+
+    def _unscripted(self, way: Way, message: Message, work: Work) -> Message | None:
+        """Give what passes of a message that no script decides about, as they are off: all but motion."""
+        if way.flow.direction is Direction.RESPONSE:
             return message
-        work.notes.append("addon: changed")
-        changed = Message(message.number, way.flow, passing.data, message.now, message.now + self._epoch)
+        passing, refused = without_motion(told.seen.item for told in message.told)
+        if not refused:
+            return message
+        self.refused += len(refused)
+        note = "script is off: motion is refused"
+        self._answer(way, refused, E_ACCESSDENIED, note, work)
+        if passing:
+            return self._changed(message, passing, note, work)
+        work.notes.append(note)
+        return None
+
+    def _changed(self, message: Message, data: bytes, note: str, work: Work) -> Message:
+        """Make the message that goes on in place of another."""
+        work.notes.append(note)
+        changed = Message(message.number, message.flow, data, message.now, message.time)
         changed.ask(self._questions)
         return changed
 
+    def _go_on(self, way: Way, message: Message, now: int, work: Work) -> None:
+        """Pass a message through the intercept and the faults."""
+        going = self._intercepted(way, message, work)
+        if going is not None:
+            self._go(way, going, now, work)
+
     def _intercepted(self, way: Way, message: Message, work: Work) -> bytes | None:
         """Give what the intercept lets pass of a message now; None for nothing."""
-        considered = self.intercept.consider(way.client.number, message)
+        considered = self.intercept.consider(way.client, message)
+        self._pass_over(way)
         if considered is None:
             return message.data
         work.notes.append(considered.note)
@@ -321,6 +406,11 @@ class Rules:
             for action in own.actions
         ]
 
+    def _pass_over(self, way: Way) -> None:
+        """Let the intercept know that a client that has ended its connection waits for nothing."""
+        if way.ended and way.flow.direction is Direction.REQUEST:
+            self.intercept.pass_over(way.flow, "its client's connection has ended")
+
     def _go(self, way: Way, data: bytes, now: int, work: Work) -> None:
         """Pass a message through the faults."""
         taken = self.shaper.take(way.flow, data, now)
@@ -329,7 +419,7 @@ class Rules:
 
     def _emit(self, way: Way, data: bytes, note: str, work: Work) -> None:
         """Send what is left of a message; what is for the controller as far as the guard lets it."""
-        number, direction = way.client.number, way.flow.direction
+        number, direction = way.client, way.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._guarded(self.guard, way, data, work)
             if not data:
@@ -350,7 +440,7 @@ class Rules:
     def _answer(self, way: Way, requests: Sequence[Frame], code: int, note: str, work: Work) -> None:
         for request in requests:
             raw = self._manners.answer(way.flow.conversation, request, code)
-            work.actions.append(Send(way.client.number, Direction.RESPONSE, raw, note))
+            work.actions.append(Send(way.client, Direction.RESPONSE, raw, note))
 
     def _translate(self, outputs: Sequence[Output], work: Work) -> None:
         for output in outputs:
@@ -362,21 +452,3 @@ class Rules:
             else:
                 number = self._numbers[output.conversation]
                 work.actions.append(Close(number, output.how is Ending.RESET, note))
-
-
-def _named(lost: Frame | bytes) -> str:
-    """Name what was lost."""
-    if isinstance(lost, bytes):
-        return "piece of a stream, or bytes that are no frame"
-    return call_name(lost.code, lost.variants)[:80]
-
-
-def _counted(lost: Counter[str]) -> str:
-    more = len(lost) - _MOST_NAMED
-    return ", ".join(f"{count} {name}" for name, count in lost.most_common(_MOST_NAMED)) + (
-        f" and {more} more" if more > 0 else ""
-    )
-
-
-def _times(count: int) -> str:
-    return {0: "never", 1: "once"}.get(count, f"{count} times")

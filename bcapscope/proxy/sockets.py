@@ -23,7 +23,9 @@ _RECEIVE_BUFFER = 4 << 20
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
-_BACKLOG = 32
+_BACKLOG = 1024
+"""Connections that wait to be accepted. If there are more, the system drops what a new client sends, and the
+client tries again after a second: too late for a stop."""
 
 
 class ListenError(BcapError):
@@ -42,8 +44,9 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     """
     family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
     stream = transport is Transport.TCP
-    sock = socket.socket(family, socket.SOCK_STREAM if stream else socket.SOCK_DGRAM)
+    sock = None
     try:
+        sock = socket.socket(family, socket.SOCK_STREAM if stream else socket.SOCK_DGRAM)
         sock.setblocking(False)
         if family == socket.AF_INET6:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
@@ -55,7 +58,8 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         else:
             prepare_datagrams(sock)
     except OSError as error:
-        sock.close()
+        if sock is not None:
+            sock.close()
         where = f"{endpoint.host} {transport.upper()} port {endpoint.port}"
         raise ListenError(f"cannot listen on {where}: {reason(error)}") from None
     return sock
@@ -105,6 +109,14 @@ def prepare_datagrams(sock: socket.socket) -> None:
         with suppress(OSError):  # beyond the usual limit only for root
             sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
     ask_for_times(sock)
+
+
+def keep_alive(sock: socket.socket) -> None:
+    """Have the system end a connection two minutes after its peer has vanished; without, it takes hours."""
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
+        if hasattr(socket, name):
+            sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 def drops(sock: socket.socket) -> int:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from bcapscope.errors import BcapError
+from bcapscope.protocol.numerals import read_integer
+from bcapscope.protocol.wording import shortened
 from bcapscope.traffic.observation import Endpoint, Transport
 
 BOTH = (Transport.UDP, Transport.TCP)
@@ -115,9 +117,12 @@ def _endpoint(text: str, option: str) -> Endpoint:
         raise SpecError(f"{option} {text}: {why}")
     if not host or not host.isprintable() or any(char in " []/" for char in host):
         raise SpecError(f"{option} {text}: {host!r} is no host")
-    if not (number.isascii() and number.isdigit()) or int(number) > 0xFFFF:
-        raise SpecError(f"{option} {text}: {number!r} is no port, which is a number up to 65535")
-    return Endpoint(host, int(number))
+    port = read_integer(number, 0, 0xFFFF)
+    if port is None:
+        raise SpecError(
+            f"{option} {shortened(text, 80)}: {shortened(number, 40)!r} is not a port from 0 to 65535"
+        )
+    return Endpoint(host, port)
 
 
 def _network(text: str) -> Network:

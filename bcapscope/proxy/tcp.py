@@ -10,13 +10,24 @@ from contextlib import suppress
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
 from bcapscope.proxy.relay import Relay, conversation
 from bcapscope.proxy.ring import Count, Kind
-from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, reason, resolve
-from bcapscope.proxy.spec import Listener
-from bcapscope.traffic.observation import Transport
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive, reason
+from bcapscope.traffic.observation import Endpoint, Transport
+from bcapscope.transport.lobby import source_of
 from bcapscope.transport.tcp import reset
 
 CONNECT_WITHIN = 10_000_000_000
 """ns."""
+
+ANSWER_WITHIN = 200_000_000_000
+"""ns for which a client that has ended its side may wait for a reply: a call may run 180 s, the default of
+InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+STUCK_FOR = 10_000_000_000
+"""ns without a byte after which a connection ends of which only the controller's side has, and after which a
+connection that is half closed, or does not read, gives its place to a new client."""
+
+ANSWERED_FOR = 1_000_000_000
+"""The same where the client has ended its side and something has come for it since."""
 
 MOST_PENDING = 1 << 18
 """Bytes that rules may hand over for a peer that does not read, before nothing more is read for it. Without
@@ -26,86 +37,6 @@ _AT_ONCE = 1 << 16
 
 _RESETS = errno.ECONNRESET, errno.EPIPE
 """What the system says of a connection that its peer has reset."""
-
-
-class TcpPort:
-    """A socket that clients connect to.
-
-    Attributes:
-        relay: whose it is.
-        address: where it listens.
-        controller: address family and address of the controller.
-        to: the same as the user says it.
-    """
-
-    def __init__(self, relay: Relay, listener: Listener) -> None:
-        """Listen.
-
-        Raises:
-            ListenError: that cannot be done.
-        """
-        self.relay = relay
-        self.controller = resolve(listener.to, Transport.TCP)
-        self.to = endpoint_of(self.controller[1])
-        self._socket = listen_on(listener.listen, Transport.TCP)
-        self.address = endpoint_of(self._socket.getsockname())
-        self._listener = listener
-        self._told = False
-
-    def open(self) -> None:
-        """Begin to take clients."""
-        self.relay.watch(self._socket.fileno(), self._acceptable)
-
-    def close(self) -> None:
-        """Take no more clients."""
-        self.relay.unwatch(self._socket.fileno())
-        self._socket.close()
-
-    def release(self) -> None:
-        """Do nothing: the socket is closed by now."""
-
-    def sweep(self, now: int) -> None:
-        """Do nothing."""
-
-    def _acceptable(self, _: int) -> None:
-        relay = self.relay
-        try:
-            client, address = self._socket.accept()
-        except (BlockingIOError, ConnectionError):
-            return
-        except OSError as error:  # no more file descriptors, say
-            self._pause(error)
-            return
-        why = self._refusal(address[0])
-        if why:
-            relay.counts[Count.DENIED] += 1
-            relay.tell(f"{endpoint_of(address)} {why}; its connection is closed")
-            reset(client)
-            return
-        try:
-            server = socket.socket(self.controller[0], socket.SOCK_STREAM)
-        except OSError as error:  # that was the last one
-            reset(client)
-            self._pause(error)
-            return
-        self._told = False
-        server.setblocking(False)
-        problem = server.connect_ex(self.controller[1])
-        session = TcpSession(self, client, server, address)
-        if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
-            session.fail(problem)
-
-    def _pause(self, error: OSError) -> None:
-        """Take no more clients for a while; that is told once, until one can be taken again."""
-        if not self._told:
-            self._told = True
-            self.relay.tell(f"no client can be taken on {self.address} TCP: {reason(error)}")
-        self.relay.pause(self._socket.fileno())
-
-    def _refusal(self, host: str) -> str:
-        if not self._listener.allows(host):
-            return "is not allowed"
-        return "" if self.relay.has_room() else "is one client too many"
 
 
 class _Half:
@@ -136,34 +67,50 @@ class TcpSession:
     Attributes:
         number: of the client.
         conversation: between the client and the controller.
+        source: where the client comes from.
         heard: `Relay.now` when the client was last heard.
     """
 
     def __init__(
-        self, port: TcpPort, client: socket.socket, server: socket.socket, address: SocketAddress
+        self,
+        relay: Relay,
+        to: Endpoint,
+        ends: tuple[socket.socket, socket.socket],
+        address: SocketAddress,
+        first: tuple[bytes, int],
     ) -> None:
-        """Take in a client that has connected; `server` is on its way."""
-        relay = port.relay
-        for sock in (client, server):
+        """Take in a client.
+
+        Args:
+            relay: whose it is.
+            to: the controller as the user names it.
+            ends: the client's connection, and the one to the controller, which is being made.
+            address: of the client.
+            first: what it has sent so far, and when that came, ns since 1970.
+        """
+        client, server = ends
+        for sock in ends:
             sock.setblocking(False)
             with suppress(OSError):  # on macOS a client that has gone by now has no options any more
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+                keep_alive(sock)
         self.number = relay.next_number()
-        self.conversation = conversation(endpoint_of(address), port.to, Transport.TCP)
-        self.heard = relay.now
+        self.conversation = conversation(endpoint_of(address), to, Transport.TCP)
+        self.source = source_of(address[0])
+        self.heard = self._moved = relay.now
+        self._first = first
         self._relay = relay
-        self._port = port
+        self._to = to
         self._client = client
         self._server = server
         self._up = _Half(True, client, server)
         self._down = _Half(False, server, client)
-        self._connected = self._closed = self._buried = self._ending = False
+        self._connected = self._closed = self._buried = self._ending = self._is_answered = False
         self._masks: dict[int, int | None] = {client.fileno(): 0, server.fileno(): WRITE}
         relay.watch(client.fileno(), self._client_happened, 0)
         relay.watch(server.fileno(), self._server_happened, WRITE)
-        ends = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
-        relay.meet(self, (*ends, port.to))
+        places = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
+        relay.meet(self, (*places, to), first[1])
 
     @property
     def state(self) -> str:
@@ -174,9 +121,8 @@ class TcpSession:
 
     def fail(self, problem: int) -> None:
         """Give up: the controller cannot be reached."""
-        to = self._port.to
         text = reason(OSError(problem, ""))
-        self._relay.tell(f"{self.conversation.client}: no connection to {to} over TCP: {text}")
+        self._relay.tell(f"{self.conversation.client}: no connection to {self._to} over TCP: {text}")
         self.close(True, "the controller cannot be reached")
 
     def send(self, up: bool, data: bytes) -> int:
@@ -190,8 +136,9 @@ class TcpSession:
         return left if sent == len(data) else 0
 
     def passed_on(self, up: bool) -> None:
-        """Pass the end of a direction on, if it has ended."""
+        """Pass the end of a direction on, if it has ended; else read on what was not read meanwhile."""
         self._shut(self._up if up else self._down)
+        self._want()
 
     def close(self, reset_both: bool, why: str) -> None:
         """Close both connections, after what rules still give out of what they held."""
@@ -225,6 +172,7 @@ class TcpSession:
 
     def _note(self, how: Kind, half: _Half, cause: bytes = b"", *, came: int = 0, left: int = 0) -> None:
         """Tell how a direction has ended."""
+        self._relay.note_undecided(self, half.up)
         self._relay.ring.must(how, self.number, cause, came, left=left, up=half.up)
 
     def _send_last(self, half: _Half) -> None:
@@ -239,17 +187,37 @@ class TcpSession:
             whose = "the controller" if half.up else "the client"
             self._relay.tell(f"{self.conversation.client}: {left} bytes were not taken by {whose} any more")
 
+    def quiet(self, now: int) -> int | None:
+        """Return the ns for which nothing has moved, if that is too long for a connection that is stuck."""
+        quiet = now - self._moved
+        if self._up.ended and self._is_answered:
+            return quiet if quiet > ANSWERED_FOR else None
+        is_stuck = (
+            self._buried or self._up.ended or self._down.ended or self._up.pending or self._down.pending
+        )
+        return quiet if is_stuck and quiet > STUCK_FOR else None
+
     def sweep(self, now: int) -> None:
-        """Give up a connection that is not made; go on where rules held too much, or have lost what they held
-        before an end.
+        """Give up a connection that is not made or has been half closed for too long; go on where rules held
+        too much, or have lost what they held before an end.
         """
         if not self._connected and now - self.heard > CONNECT_WITHIN:
             self.fail(errno.ETIMEDOUT)
+        elif not self._buried and self._is_left(now - self._moved):
+            self._close(False, "half closed, and nothing more came")
         elif self._relay.policy is not None:
             for half in (self._up, self._down):
                 if half.ended and not half.shut and not self._relay.holds(self, half.up):
                     self._shut(half)
             self._want()
+
+    def _is_left(self, quiet: int) -> bool:
+        """Tell whether one side has ended and the other has been quiet for longer than any call takes."""
+        if any(self._relay.holds(self, half.up) for half in (self._up, self._down)):
+            return False
+        if self._down.shut:
+            return quiet > STUCK_FOR
+        return self._up.shut and quiet > ANSWER_WITHIN
 
     def _client_happened(self, happened: int) -> None:
         self._handle(happened, self._client, self._up, self._down)
@@ -261,6 +229,10 @@ class TcpSession:
                 self.fail(problem)
             elif happened & WRITE:
                 self._connected = True
+                first, came = self._first
+                self._first = b"", 0
+                if first:
+                    self._take_in(self._up, first, came)
                 self._want()
         else:
             self._handle(happened, self._server, self._down, self._up)
@@ -291,17 +263,26 @@ class TcpSession:
             self._break(half, error.errno or 0)
             return
         came = time.time_ns()
+        self._moved = relay.now
         if half.up:
             self.heard = relay.now
+        elif self._up.ended:
+            self._is_answered = True
         if not size:
             self._note(Kind.END, half, came=came)
             self._finish(half)
-        elif relay.policy is not None:
-            relay.rule(self, half.up, bytes(relay.buffer[:size]), came)
-            if relay.policy.is_full():
-                self._want()
         else:
-            self._pass_on(half, memoryview(relay.buffer)[:size], came)
+            self._take_in(half, memoryview(relay.buffer)[:size], came)
+
+    def _take_in(self, half: _Half, data: bytes | memoryview, came: int) -> None:
+        """Do with bytes that came what the rules say, or pass them on."""
+        relay = self._relay
+        if relay.policy is None:
+            self._pass_on(half, memoryview(data), came)
+            return
+        relay.rule(self, half.up, bytes(data), came)
+        if relay.policy.is_full(self.number):
+            self._want()
 
     def _finish(self, half: _Half) -> None:
         """Take notice that the source of a direction says no more."""
@@ -350,6 +331,7 @@ class TcpSession:
         half.pending = pending
         del half.pending[:sent]
         if sent:
+            self._moved = self._relay.now
             self._relay.ring.put(half.up, self.number, 0, left, data[:sent])
         self._shut(half)
         self._want()
@@ -383,7 +365,7 @@ class TcpSession:
     def _reads(self, half: _Half) -> bool:
         """Tell whether more may be read: never while a peer does not take what there is."""
         policy = self._relay.policy
-        if policy is not None and policy.is_full():
+        if policy is not None and policy.is_full(self.number):
             return False
         most = 0 if policy is None else MOST_PENDING
         if half.up and policy is not None and len(self._down.pending) > most:

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from bcapscope.protocol.hresult import S_EXECUTING
-from bcapscope.proxy.relay import Handler, Relay, conversation
+from bcapscope.protocol.opening import begins_with_stop
+from bcapscope.proxy.admission import Place
+from bcapscope.proxy.relay import Handler, Relay, conversation, is_told
 from bcapscope.proxy.ring import BATCH, Count
 from bcapscope.proxy.sockets import (
     LARGEST,
@@ -25,10 +27,16 @@ from bcapscope.proxy.sockets import (
 from bcapscope.proxy.spec import Listener
 from bcapscope.traffic.observation import Transport
 from bcapscope.transport.arrival import CONTROL, kernel_time, receiver
+from bcapscope.transport.descriptors import NO_DESCRIPTORS, none_left
+from bcapscope.transport.lobby import source_of
 
 FORGET_AFTER = 600_000_000_000
 """ns of silence after which a client is forgotten. It would then be another client to the controller, so this
 is long; its socket costs nothing."""
+
+GIVE_WAY_AFTER = 10_000_000_000
+"""ns of silence after which a client gives its place to a new one if all are taken, as in DENSO's C server
+(orin_bcap C/src/bcap_server.c)."""
 
 _MOST_OLD = 10_000
 _TRIES = 2
@@ -68,8 +76,9 @@ class UdpPort:
         self._listener = listener
         self._forget_after = forget_after
         self._sessions: dict[SocketAddress, UdpSession] = {}
+        self._fresh: dict[SocketAddress, UdpSession] = {}
         self._strangers: set[str] = set()
-        self._dropped = self._wayless = self._surplus = 0
+        self._dropped = self._wayless = 0
 
     def open(self) -> None:
         """Begin to take clients; what came before is as if nobody had listened, since it may be old."""
@@ -92,13 +101,14 @@ class UdpPort:
     def sweep(self, now: int) -> None:
         """Forget who was silent for long; count what the system dropped."""
         self._count_drops()
-        for session in list(self._sessions.values()):
+        for session in (*self._sessions.values(), *self._fresh.values()):
             if now - session.heard > self._forget_after:
                 session.close(False, f"silent for {self._forget_after // 1_000_000_000} s")
 
     def forget(self, address: SocketAddress) -> None:
         """Forget a client."""
         self._sessions.pop(address, None)
+        self._fresh.pop(address, None)
 
     def _passing(self) -> Handler:
         """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
@@ -111,7 +121,7 @@ class UdpPort:
                 data, control, _flags, address = receive(LARGEST, CONTROL)
             except OSError:  # nothing there after all; on Windows an earlier client's closed port
                 return
-            session = known(address) or meet(address)
+            session = known(address) or meet(address, data)
             if session is None:
                 return
             session.heard = relay.now
@@ -135,7 +145,7 @@ class UdpPort:
                 data, control, _flags, address = receive(LARGEST, CONTROL)
             except OSError:
                 return
-            session = self._sessions.get(address) or self._meet(address)
+            session = self._sessions.get(address) or self._meet(address, data)
             if session is not None:
                 session.heard = relay.now
                 relay.counts[Count.CAME_UP] += 1
@@ -143,32 +153,71 @@ class UdpPort:
 
         return take
 
-    def _meet(self, address: SocketAddress) -> UdpSession | None:
-        """Open a way to the controller for a new client, if it may have one."""
-        relay = self.relay
+    def _meet(self, address: SocketAddress, data: bytes) -> UdpSession | None:
+        """Return the session of a client that was heard once at most; None if it may not have one."""
+        session = self._fresh.pop(address, None)
+        if session is not None:
+            self._sessions[address] = session
+            self.relay.places[Transport.UDP].settle(session.number)
+            return session
         if not self._listener.allows(address[0]):
-            relay.counts[Count.DENIED] += 1
-            if address[0] not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
-                self._strangers.add(address[0])
-                relay.tell(f"{endpoint_of(address)} is not allowed; its datagrams are dropped")
+            self._turn_away(address)
             return None
-        if not relay.has_room():
-            relay.counts[Count.DENIED] += 1
-            self._surplus += 1
-            if _is_told(self._surplus):
-                relay.tell(f"{endpoint_of(address)} is one client too many; its datagrams are dropped")
+        return self._admit(address, begins_with_stop(data))
+
+    def _turn_away(self, address: SocketAddress) -> None:
+        relay = self.relay
+        relay.counts[Count.DENIED] += 1
+        if address[0] not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
+            self._strangers.add(address[0])
+            relay.tell(f"{endpoint_of(address)} is not allowed; its datagrams are dropped")
+
+    def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
+        """Give a new client a place and a socket of its own towards the controller."""
+        relay = self.relay
+        places = relay.places[Transport.UDP]
+        place = places.find(address[0], relay.now, is_stop)
+        if place is Place.NONE:
+            self._refuse(address, "is one client too many")
             return None
         try:
-            upstream = connect_datagrams(*self.controller)
+            upstream = self._new_socket(is_stop)
         except OSError as error:
-            self._wayless += 1
-            if _is_told(self._wayless):
-                relay.tell(
-                    f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {reason(error)}"
-                )
+            self._tell_wayless(address, error)
             return None
-        session = self._sessions[address] = UdpSession(self, address, upstream)
+        if not relay.spares.fill():
+            place = Place.KEPT
+            if not is_stop:
+                upstream.close()
+                self._refuse(address, f"cannot be taken: {NO_DESCRIPTORS}")
+                return None
+        session = self._fresh[address] = UdpSession(self, address, upstream)
+        places.take(session, place, is_fresh=True)
         return session
+
+    def _refuse(self, address: SocketAddress, why: str) -> None:
+        self.relay.spares.fill()
+        self.relay.deny(endpoint_of(address), why, "its datagrams are dropped")
+
+    def _new_socket(self, is_stop: bool) -> socket.socket:
+        """Open a socket towards the controller, for a stop at the expense of others.
+
+        Raises:
+            OSError: there is no way to the controller, or no file descriptor.
+        """
+        while True:
+            try:
+                return connect_datagrams(*self.controller)
+            except OSError as error:
+                if not is_stop or not none_left(error) or not self.relay.free_descriptor():
+                    raise
+
+    def _tell_wayless(self, address: SocketAddress, error: OSError) -> None:
+        self._wayless += 1
+        if is_told(self._wayless):
+            self.relay.tell(
+                f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {reason(error)}"
+            )
 
     def _count_drops(self) -> None:
         dropped = drops(self.sender)
@@ -182,6 +231,7 @@ class UdpSession:
     Attributes:
         number: of the client.
         conversation: between the client and the controller.
+        source: where the client comes from.
         heard: `Relay.now` when the client was last heard.
         send_up: sends to the controller.
     """
@@ -197,6 +247,7 @@ class UdpSession:
         "heard",
         "number",
         "send_up",
+        "source",
     )
 
     def __init__(self, port: UdpPort, address: SocketAddress, upstream: socket.socket) -> None:
@@ -205,6 +256,7 @@ class UdpSession:
         client = endpoint_of(address)
         self.number = relay.next_number()
         self.conversation = conversation(client, port.to, Transport.UDP)
+        self.source = source_of(address[0])
         self.heard = relay.now
         self.send_up = upstream.send
         self._upstream = upstream
@@ -214,7 +266,8 @@ class UdpSession:
         self._send_down = port.sender.sendto
         self._dropped = 0
         relay.watch(upstream.fileno(), self._passing() if relay.policy is None else self._ruled())
-        relay.meet(self, (client, facing(port.sender, address), endpoint_of(upstream.getsockname()), port.to))
+        ends = client, facing(port.sender, address), endpoint_of(upstream.getsockname()), port.to
+        relay.meet(self, ends, time.time_ns())
 
     @property
     def state(self) -> str:
@@ -272,6 +325,11 @@ class UdpSession:
             if data[5:7] == request[5:7] and data[9:13] != _STILL_EXECUTING:
                 return True
         return False
+
+    def quiet(self, now: int) -> int | None:
+        """Return the ns for which the client was silent, if that is too long when others want its place."""
+        silent = now - self.heard
+        return silent if silent >= GIVE_WAY_AFTER else None
 
     def passed_on(self, up: bool) -> None:
         """Do nothing: datagrams have no end."""
@@ -347,7 +405,7 @@ class UdpSession:
         """Count what cannot be sent."""
         relay = self._relay
         relay.counts[Count.FULL] += 1
-        if _is_told(relay.counts[Count.FULL]):
+        if is_told(relay.counts[Count.FULL]):
             relay.tell(f"{self.conversation.client}: {len(data)} bytes could not be sent: {reason(error)}")
         return 0
 
@@ -355,8 +413,3 @@ class UdpSession:
         dropped = drops(self._upstream)
         self._relay.counts[Count.LOST] += dropped - self._dropped
         self._dropped = dropped
-
-
-def _is_told(count: int) -> bool:
-    """Tell whether the user hears of what may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
-    return count & (count - 1) == 0

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.stream import Splitter
-from bcapscope.proxy.addons import Client
-from bcapscope.proxy.hook import Action, Send
+from bcapscope.proxy.hook import Close, Send
 from bcapscope.traffic.observation import Conversation, Flow, Transport
 
 
@@ -20,20 +20,23 @@ class Way:
 
     Attributes:
         flow: for filters and faults.
-        client: whose.
+        client: number of the client.
         splitter: of a stream, while something must see its frames.
         begun: bytes have passed.
         pieces: datagrams, or reads of a stream, that came.
         last: when the last of them came; ns.
+        ended: the stream has ended.
     """
 
-    __slots__ = ("begun", "client", "flow", "last", "pieces", "splitter")
+    __slots__ = ("_budget", "begun", "client", "ended", "flow", "last", "pieces", "splitter")
 
-    def __init__(self, client: Client, flow: Flow) -> None:
+    def __init__(self, client: int, flow: Flow, budget: Budget | None = None) -> None:
+        """Begin; `budget` counts what is held of unfinished frames of all streams."""
+        self._budget = budget
         self.client = client
         self.flow = flow
         self.splitter: Splitter | None = None
-        self.begun = False
+        self.begun = self.ended = False
         self.pieces = self.last = 0
 
     @property
@@ -48,7 +51,7 @@ class Way:
             return
         if into_frames:
             if self.splitter is None:
-                self.splitter = Splitter(in_step=not self.begun)
+                self.splitter = Splitter(in_step=not self.begun, budget=self._budget)
             for piece in self.splitter.feed(data):
                 yield piece.item.raw
             return
@@ -85,13 +88,26 @@ class Attendance(NamedTuple):
 
 
 class Work:
-    """What is done about one piece of what came: actions in order, and what is said of it."""
+    """What is done about something that came: actions in order, and what is said of it.
 
-    __slots__ = ("actions", "notes")
+    Attributes:
+        actions: in order; those that were given out already are not among them.
+        notes: what is said.
+        waiting: how many messages in it wait for the scripts.
+        ticket: names it while any does; 0 for none so far.
+    """
+
+    __slots__ = ("actions", "notes", "ticket", "waiting")
 
     def __init__(self) -> None:
-        self.actions: list[Action] = []
+        self.actions: list[Send | Close] = []
         self.notes: list[str] = []
+        self.waiting = self.ticket = 0
+
+    @property
+    def note(self) -> str:
+        """All that is said of it."""
+        return "; ".join(dict.fromkeys(self.notes))
 
 
 class Parted(NamedTuple):
@@ -138,11 +154,11 @@ def _part(items: Iterable[Frame | Malformed]) -> Parted:
     return Parted(going, lost)
 
 
-def joined(actions: list[Action], way: Way) -> Sequence[Action]:
+def joined(actions: list[Send | Close], way: Way) -> Sequence[Send | Close]:
     """Join bytes of a stream that pass untouched into one piece again, as they came."""
     if not way.is_stream or len(actions) < 2:
         return actions
-    found: list[Action] = []
+    found: list[Send | Close] = []
     for action in actions:
         last = found[-1] if found else None
         if (

@@ -11,6 +11,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import parse_datagram
 from bcapscope.protocol.stream import Piece, Splitter
 from bcapscope.proxy.ring import Kind, Record, unseen
@@ -23,7 +24,7 @@ from bcapscope.traffic.observation import (
     Transport,
 )
 
-_MOST_MARKS = 1024
+_MOST_MARKS = 256
 """Pieces of one unfinished frame whose times are kept apart."""
 
 
@@ -55,20 +56,21 @@ def met(record: Record) -> Met:
 class _Way:
     """One direction of a client's conversation."""
 
-    def __init__(self, conversation: Conversation, direction: Direction) -> None:
+    def __init__(self, conversation: Conversation, direction: Direction, budget: Budget) -> None:
         self.flow = Flow(conversation, direction)
-        self.splitter = Splitter()
+        self.splitter = Splitter(budget=budget)
         self.size = 0
         self.marks: list[tuple[int, int]] = [(0, 0)]  # offset in the stream, and when what is there came
 
 
 class _Client:
-    def __init__(self, who: Met, came: int) -> None:
+    def __init__(self, who: Met, came: int, budget: Budget) -> None:
         self.heard = came
         conversation = Conversation(who.client, who.controller, who.transport, "the proxy")
         self.conversation = conversation
         self.is_stream = who.transport is Transport.TCP
-        self.ways = (_Way(conversation, Direction.RESPONSE), _Way(conversation, Direction.REQUEST))
+        response, request = Direction.RESPONSE, Direction.REQUEST
+        self.ways = _Way(conversation, response, budget), _Way(conversation, request, budget)
 
     def ended(self, up: bool, reset: bool, time: int) -> None:
         """Note that an end closed the connection."""
@@ -85,6 +87,7 @@ class Witness:
     def __init__(self) -> None:
         self.count = 0
         self._clients: dict[int, _Client] = {}
+        self._budget = Budget()
         self._gone: list[tuple[Conversation, str]] = []
 
     @property
@@ -108,7 +111,7 @@ class Witness:
         for record in records:
             kind, up, number, came, left, data, note = record
             if kind is Kind.OPENED:
-                clients[number] = _Client(met(record), came)
+                clients[number] = _Client(met(record), came, self._budget)
                 continue
             client = clients.get(number)
             if client is None:

@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
-from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, Param, function_name
+from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, Param, ResultKind, function_name
 from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant
 from bcapscope.render.escape import printable
 from bcapscope.render.notation import notation_text
@@ -28,6 +28,7 @@ _NAMED = frozenset(
         ObjectClass.COMMAND,
     )
 )
+_TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
@@ -130,18 +131,22 @@ def python_text(peer: Peer, function_id: int, arguments: Sequence[Variant], subj
         function_id: what is called; with an id that no function has, the program sends just that.
         arguments: all of them, the handle first.
         subject: what the handle stands for; the program opens it. None to give the number.
+
+    Returns:
+        The program, which is valid Python whatever the arguments are.
     """
     over = "over_tcp" if peer.tcp else "over_udp"
     option = f", {_literal(peer.service)}" if peer.service else ""
     chain = _chain(subject)
+    steps = [*_openings(chain), *_call(function_id, arguments, chain)]
+    needs_variants = any("Variant(" in step or "Variant.array(" in step for step in steps)
     lines = [
         f"from bcapscope.client import Blocking, connect, {over}",
-        "from bcapscope.protocol.variant import VT, Variant",
+        *(["from bcapscope.protocol.variant import VT, Variant"] if needs_variants else []),
         "",
         "with Blocking() as wait:",
-        f"    service = wait.enter(connect({over}({peer.host!r}, {peer.port}){option}))",
-        *(f"    {line}" for line in _openings(chain)),
-        f"    print({_call(function_id, arguments, chain)})",
+        f"    service = wait.enter(connect({over}({_literal(peer.host)}, {peer.port}){option}))",
+        *(f"    {step}" for step in steps),
     ]
     return "".join(f"{line}\n" for line in lines)
 
@@ -159,20 +164,48 @@ def _openings(chain: Sequence[Opened]) -> Iterator[str]:
     for opened in chain:
         name = str(opened.kind.lower())
         verb = "connect" if opened.kind is ObjectClass.CONTROLLER else f"get_{name}"
-        yield f"{name} = wait({owner}.{verb}({', '.join(map(_literal, opened.asked))}))"
+        yield f"{name} = wait({owner}.{verb}({', '.join(map(_literal, _asked(opened)))}))"
         owner = name
 
 
-def _call(function_id: int, arguments: Sequence[Variant], chain: Sequence[Opened]) -> str:
+def _asked(opened: Opened) -> Sequence[str]:
+    """Return as many strings as the method takes that opens the object, also if the request had others."""
+    match opened.kind:
+        case ObjectClass.MESSAGE:
+            return ()
+        case ObjectClass.CONTROLLER:
+            return opened.asked[:4]
+    return opened.asked[:2] or ("",)
+
+
+def _call(function_id: int, arguments: Sequence[Variant], chain: Sequence[Opened]) -> Iterator[str]:
+    """Write the call itself: by its method where the arguments have the types of one, else by its number."""
     function = FUNCTIONS.get(function_id)
-    fits = function is not None and len(function.params) == len(arguments)
-    if function is None or not fits or function.owner is ObjectClass.SERVICE or not chain:
-        values = ", ".join(map(_variant, arguments))
-        return f"wait(service.session.call({function_id}, [{values}]))  # {function_name(function_id)}"
-    values = ", ".join(
-        _value(param, argument) for param, argument in zip(function.params[1:], arguments[1:], strict=True)
+    subject = chain[-1].kind if chain else None
+    if function is None or subject is not function.owner or not _fits(function, arguments):
+        yield from _call_by_number(function_id, arguments, chain)
+        return
+    pairs = zip(function.params[1:], arguments[1:], strict=True)
+    call = f"wait({subject.lower()}.{method_name(function)}({', '.join(_value(*pair) for pair in pairs)}))"
+    yield call if function.result is ResultKind.NONE else f"print({call})"
+
+
+def _call_by_number(function_id: int, arguments: Sequence[Variant], chain: Sequence[Opened]) -> Iterator[str]:
+    values = list(map(_explicit, arguments))
+    function = FUNCTIONS.get(function_id)
+    if chain and arguments and arguments[0].value == chain[-1].handle:
+        values[0] = f"Variant({_type(arguments[0].vt)}, {chain[-1].kind.lower()}.handle)"
+    elif function is not None and function.takes_handle:
+        yield f"# It is not known how this {function.owner} was opened. Open it here and use its handle."
+    yield f"# {function_name(function_id)}"
+    yield f"print(wait(service.session.call({function_id}, [{', '.join(values)}])))"
+
+
+def _fits(function: Function, arguments: Sequence[Variant]) -> bool:
+    return len(function.params) == len(arguments) and all(
+        param.type == "VARIANT" or argument.vt == _TYPES[param.type]
+        for param, argument in zip(function.params, arguments, strict=True)
     )
-    return f"wait({chain[-1].kind.lower()}.{method_name(function)}({values}))"
 
 
 def method_name(function: Function) -> str:
@@ -183,36 +216,28 @@ def method_name(function: Function) -> str:
 
 
 def _value(param: Param, argument: Variant) -> str:
-    """Write an argument plainly where the method gives it the same type by itself."""
-    if param.type == "VT_BSTR" and argument.vt == VT.BSTR:
+    """Write an argument of a method, which gives it the type of the parameter."""
+    if param.type in _TYPES:
         return _literal(argument.value)
-    if param.type == "VT_I4" and argument.vt == VT.I4:
-        return _literal(argument.value)
-    if param.type == "VT_R4" and argument.vt == VT.R4:
-        return _literal(argument.value)
-    return _variant(argument)
-
-
-def _variant(variant: Variant) -> str:
-    if variant == EMPTY:
-        return "None"
-    vt, value = variant.vt, variant.value
-    base = vt & ~ARRAY
-    name = f"VT.{VT(base).name}" if base in VT.__members__.values() else hex(base)
-    if not vt & ARRAY:
-        return f"Variant({name}, {_literal(value)})"
-    if isinstance(value, tuple) and base == VT.VARIANT:
-        inner = "".join(f"{_explicit(item)}, " for item in value if isinstance(item, Variant))
-        return f"Variant.array({name}, ({inner.strip()}))"
-    return f"Variant.array({name}, {_literal(value)})"
+    return "None" if argument == EMPTY else _explicit(argument)
 
 
 def _explicit(variant: Variant) -> str:
-    return "Variant(VT.EMPTY, None)" if variant == EMPTY else _variant(variant)
+    """Write a VARIANT with its type."""
+    vt, value = variant.vt, variant.value
+    if vt & ARRAY and isinstance(value, (tuple, bytes)):
+        return f"Variant.array({_type(vt & ~ARRAY)}, {_literal(value)})"
+    return f"Variant({_type(vt)}, {_literal(value)})"
+
+
+def _type(vt: int) -> str:
+    return f"VT.{VT(vt).name}" if vt in VT.__members__.values() else hex(vt)
 
 
 def _literal(value: object) -> str:
     """Write a constant of Python; strings with nothing in them that a terminal would obey."""
+    if isinstance(value, Variant):
+        return _explicit(value)
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else f'float("{value}")'
     if isinstance(value, tuple):

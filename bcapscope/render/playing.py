@@ -38,6 +38,12 @@ _LABELS = {
 }
 """How one of each and how several are told."""
 
+RETRIES_EXPECTED = (
+    "about three retries per set point are normal here: the reply waits for the controller's cycle of 8 ms, "
+    "and the time-out is 2 ms"
+)
+"""DENSO Wave 2009, How to use the Slave mode: its values for Sync over UDP."""
+
 
 def peer_line(peer: Peer, tongue: Tongue = english) -> str:
     """Tell who is there and which mode it will be."""
@@ -80,6 +86,8 @@ def ended_lines(ended: Ended) -> Iterator[str]:
         counts = [(getattr(ended.counts, name), labels) for name, labels in _LABELS.items()]
         told = [counted(count, *labels) for count, labels in counts if count]
         yield f"set points: {ended.counts.sent} sent, {', '.join(told) or 'each answered at its first try'}"
+        if ended.counts.retries and ended.retries_expected:
+            yield RETRIES_EXPECTED
         priority = "with" if ended.realtime else "without"
         yield f"lateness, ms: {_spread(ended.lateness)}, {priority} real-time priority"
         yield f"from one set point to the next, ms: {_spread(ended.cycle)}"

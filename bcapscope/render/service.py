@@ -31,6 +31,11 @@ def report_line(peer: Peer, report: Report) -> str:
     return " ".join([*words, f"{took:.1f} ms"] if took else words)
 
 
+def reason_line(peer: Peer, report: Report) -> str:
+    """Return a line: client, and why its call was refused."""
+    return f"{_end(peer)}: {printable(report.answer.reason)}"
+
+
 def _end(peer: Peer) -> str:
     if not isinstance(peer, tuple):
         return str(peer)

@@ -21,7 +21,7 @@ from bcapscope.protocol.variant import Variant
 from bcapscope.replay.script import Line, Script
 from bcapscope.simulator.conversation import MOST_WAITING, Report
 from bcapscope.simulator.outcome import Answer
-from bcapscope.simulator.simulator import LARGEST_REQUEST, MOST_CLIENTS, Output, Peer
+from bcapscope.simulator.simulator import KEPT, LARGEST_REQUEST, MOST_CLIENTS, Output, Peer
 from bcapscope.traffic.question import Question, question_of
 
 FORGOTTEN_AFTER = 2_000_000_000
@@ -230,9 +230,9 @@ class StandIn:
             part = self._add(peer, udp=True, now=now)
         return self._outputs(peer, part, [frame], now)
 
-    def connect(self, peer: Peer, now: int) -> bool:
+    def connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Take a TCP connection; return False if there are too many, for the caller to close it."""
-        if len(self._of(udp=False)) >= MOST_CLIENTS:
+        if len(self._of(udp=False)) >= MOST_CLIENTS + KEPT * is_stop:
             return False
         self._add(peer, udp=False, now=now)
         return True

@@ -46,6 +46,10 @@ class Alarms:
         self.active.appendleft(alarm)
         self.log.appendleft(alarm)
 
+    def is_active(self, code: int) -> bool:
+        """Return whether an error of this code (unsigned) is active."""
+        return any(alarm.code == code for alarm in self.active)
+
     def clear(self) -> None:
         """Forget the active errors; the log keeps them."""
         self.active.clear()

@@ -143,7 +143,7 @@ class Arm:
 
     def follow(self, now: int) -> None:
         """Get ready for set points: the arm stands."""
-        here = self._motion.goal
+        here = self.goal
         self._forget_steps()
         self._steps.append((now, here))
 

@@ -51,19 +51,33 @@ _SYMBOLS = "orin_bcap CSharp ORiNDefine.cs"
 _COMMON = "orin_bcap C/include/dn_common.h"
 _LIMITS = "orin_bcap C/include/dn_udp.h"
 _PROVIDER = "H. Suzuki, VE026A_JNI.java (a wrapper of the RC8 provider)"
+_SCRIPTS = "DENSO's texts quoted in nkawa/Denso_CobottaPro900_MQTT_Control"
+_GRIPPER = "DENSORobot/denso_cobotta_ros denso_cobotta_gripper"
 _NONE = "no source says"
+_AS_SERVER = f"as in {_SERVER}"
 
 _D, _O, _A = Certainty.DOCUMENTED, Certainty.OBSERVED, Certainty.ASSUMED
+
+WITHOUT_EFFECT = (
+    *("AutoCal", "ForceWaitCondition", "PayLoad", "SpeedMode", "HighPathAccuracy", "GrvOffset"),
+    *("ManualReset", "ResetStoState", "ManualResetPreparation", "MotionPreparation"),
+)
+"""Commands that are accepted, whatever their parameter."""
 
 _PROFILE = (
     ("generation", _D, "modes 0x001 to 0x103 of RC7: Sync and Async", _SLIDES),
     ("generation", _D, "modes of later ones: 0 (0x00n), 1 (0x10n), 2 (0x20n)", _MODES),
     ("replies", _D, "reserved is repeated on RC7", f"{_SLIDES}, dumps of retries"),
-    ("replies", _A, "reserved is 0 on later ones", f"as in {_SERVER}"),
-    ("empty_result", _D, "slvChangeMode answers no argument on RC7", _SLIDES),
-    ("empty_result", _A, "a call without result answers EMPTY on later ones", f"as in {_SERVER}"),
-    ("empty_on_error", _A, "a refused call that could have a result carries EMPTY", f"as in {_SERVER}"),
-    ("empty_on_error", _A, "but not on RC7", _NONE),
+    ("replies", _A, "reserved is 0 on later ones", _AS_SERVER),
+    ("no_argument", _D, "on RC7 the reply to slvChangeMode carries no argument", _SLIDES),
+    ("no_argument", _A, "on RC7 that is so for a refused slvChangeMode too", _NONE),
+    (
+        "no_argument",
+        _A,
+        "any other reply without a value carries EMPTY if the call can return one",
+        _AS_SERVER,
+    ),
+    ("no_argument", _A, "--no-argument always sends none, never sends EMPTY also to slvChangeMode", "ours"),
     ("mode_type", _D, "slvGetMode answers VT_I2 on RC7", _SLIDES),
     ("mode_type", _A, "and VT_I4 on later ones", _NONE),
     ("real", _D, "poses are VT_R4 on RC7", _SLIDES),
@@ -78,6 +92,9 @@ _PROFILE = (
     ("running_result", _A, "in 32 bits that is 0000600B", _NONE),
     ("running_result", _D, "8150100D on later ones", _ERRORS),
     ("lacks", _A, "commands of other generations are not known", "who documents a command has it"),
+    ("TOOLn WORKn _ITP", _O, "are variables of RC7 only", "public RC7 clients"),
+    ("TOOLn WORKn", _A, "are the definitions of SetToolDef and SetWorkDef, six numbers", "their meaning"),
+    ("_ITP", _A, "is 0 and cannot be written", _NONE),
     ("version", _A, "@VERSION of each generation", _NONE),
     ("defects", _O, "the C server forgets the first serial and takes serial 0 for a retry", _SERVER),
 )
@@ -85,11 +102,11 @@ _PROFILE = (
 _RESULTS = (
     ("E_INVALIDARG", _O, "there is no such function, or WDT is too short", _SERVER),
     ("E_INVALIDARG", _O, "a format of set points is not known, or the provider is another", f"{_ISSUES}, 47"),
+    ("E_INVALIDARG", _A, "the provider is a camera's or another device's", "as for other providers"),
     ("E_INVALIDARG", _A, "an argument is missing or makes no sense; the C server does not look", _NONE),
     ("E_NOTIMPL", _O, "a function that is not simulated, as one without callback in the C server", _SERVER),
     ("E_NOTIMPL", _A, "Chuck, Unchuck, GoHome: not among the methods of the RC8 provider", _PROVIDER),
     ("E_NOTIMPL", _A, "Rotate, which RC8 has: no source spells out how its plane is given", _NONE),
-    ("E_NOTIMPL", _A, "hands, force control, tool and work frames, areas: known, not simulated", "ours"),
     ("E_NOTIMPL", _A, "what changes or runs files, deletes programs, answers messages: likewise", "ours"),
     ("E_HANDLE", _A, "a handle is wrong, released, or of another class", f"the name in {_COMMON}"),
     ("E_MAX_OBJECT", _O, "a client has 1000 objects", _SERVER),
@@ -120,9 +137,19 @@ _RESULTS = (
     ("ACCELERATION_LIMIT", _D, "a set point needs an axis to accelerate too much; slave mode ends", _ERRORS),
     ("INVALID_SET_POINT", _D, "a set point is no number; slave mode ends", _ERRORS),
     ("E_REFUSED_IN_SLAVE_MODE", _O, "a call that slave mode forbids, which ends it", f"{_ISSUES}, 42"),
+    ("E_REFUSED_IN_SLAVE_MODE", _A, "slvChangeMode to another mode does so too", f"{_ISSUES}, 42"),
     ("E_NOT_IN_SLAVE_MODE", _O, "slvMove while slave mode is off", f"{_ISSUES}, 6 and 42"),
     ("E_SLAVE_UNDERFLOW", _O, "no set point in time while moving; slave mode ends", f"{_ISSUES}, 49"),
     ("E_SLAVE_OVERFLOW", _D, "a set point more than the buffer of mode 0 holds", f"{_ERRORS}; {_SAMPLES}"),
+    ("HAND_IS_MOVING", _D, "a command to a hand that moves", _ERRORS),
+    ("HAND_SETTING", _D, "width, speed or force of a hand is out of range", _ERRORS),
+    ("GRIP_BEYOND_LIMIT", _D, "HandMoveAH ends beyond the hand's stroke", _ERRORS),
+    ("RELATIVE_GRIP_BEYOND_LIMIT", _D, "HandMoveRH ends beyond the hand's stroke", _ERRORS),
+    ("HAND_STOPPED", _D, "the hand command that HandStop or another stop ends", _ERRORS),
+    ("HAND_DEVIATION", _O, "fingers meet an object without gripping; the motor goes off", f"{_ISSUES}, 46"),
+    ("NOTHING_GRIPPED", _D, "TwofgGrip waits for a grip and meets nothing", _SCRIPTS),
+    ("BRACKET_IS_OPEN", _D, "SyncTimeStart or SyncMoveStart a second time", _ERRORS),
+    ("BRACKET_IS_CLOSED", _D, "SyncTimeEnd or SyncMoveEnd without its start", _ERRORS),
     ("S_BUF_FULL", _O, "the buffer of mode 0 is full now; the set point counts", f"{_DRIVER}; {_MAIN}"),
 )
 
@@ -138,6 +165,8 @@ _OTHERS = (
     ("time", _A, "where several came together on TCP, as if evenly since the last", "no other is known"),
     ("bad frame", _O, "ends its TCP connection without a reply", _SERVER),
     ("clients", _O, "20 over each transport; on UDP one may be forgotten after 10 s of silence", _SERVER),
+    ("clients", _A, "a connection takes a place with its first frame", "for the simulator's users"),
+    ("clients", _A, "a stop gets a place when all are taken", "for the simulator's users"),
     ("reset", _D, "the button on the pendant frees the places of dead clients", _SLIDES),
     ("period", _D, "one set point is taken each 8 ms", _SLIDES),
     ("period", _A, "on a grid of the controller's own, which does not follow the client", _NONE),
@@ -145,6 +174,14 @@ _OTHERS = (
     ("buffers", _A, "1 on RC7, and slvMove of a Sync mode answers when it was taken", _NONE),
     ("standstill", _D, "slvChangeMode waits 500 ms for it", _SLIDES),
     ("error", _D, "an error ends slave mode and RobSlave, and stays active until ClearError", _SLIDES),
+    ("current errors", _O, "RC8 lists 83500121 and 83501032 until ClearError", f"{_ISSUES}, 42"),
+    (
+        "current errors",
+        _A,
+        "RC7 does so too: a refused slvMove stops RobSlave",
+        f"as other errors in {_SLIDES}",
+    ),
+    ("current errors", _A, "each of the two is listed once, however often the call is repeated", _NONE),
     (
         "owed error",
         _O,
@@ -155,21 +192,71 @@ _OTHERS = (
     ("allowed in slave mode", _A, "other calls that only read", _NONE),
     ("motor", _D, "errors of level 4 and 5 switch it off", _ERRORS),
     ("motor", _A, "takes 400 ms to go on", _NONE),
+    ("@SERVO_ON", _O, "writing it switches the motor on or off", _DRIVER),
+    ("@SERVO_ON", _A, "the call lasts as long as Motor and is refused with the same results", _NONE),
+    ("@EXTSPEED @EXTACCEL @EXTDECEL", _A, "writing them is refused in slave mode as ExtSpeed is", _NONE),
+    ("task variables", _A, "writing @START and @STOP is refused as Task_Start and Task_Stop are", _NONE),
     ("arm's owner", _D, "TakeArm sets internal speed, tool and work back unless told to keep them", _SAMPLES),
     ("arm's owner", _A, "the arm is free when its client has gone", _NONE),
     ("hold", _D, "Robot_Hold pauses a motion, Robot_Unhold lets it go on", _PROVIDER),
     ("hold", _A, "on RC7 too; at once, and anybody may; what is left begins anew from rest", _NONE),
     ("encoders", _A, "show what was commanded 24 ms before", f"joints behind their set points in {_SLIDES}"),
     ("formats", _O, "slvSendFormat and slvRecvFormat choose the parts of slvMove", _DRIVER),
+    ("formats", _A, "0x400 of the send format 0x620 is accepted and changes nothing", _NONE),
     ("formats", _A, "before slvRecvFormat slvMove answers a pose of the mode's type", _SLIDES),
     ("motions", _A, "follow the minimum-jerk curve, as fast as the limits of the axes allow", _NONE),
     ("motions", _A, "a line is followed like PTP; @P lets the next one begin after 70 % of the time", "ours"),
-    ("motions", _A, "circles and free curves are not simulated", "ours"),
+    ("motions", _A, "a circle goes to its second pose like PTP; a free curve goes nowhere", "ours"),
     ("robot", _A, "a simple one of six axes; limits and lengths are ours", _NONE),
     ("order of checks", _A, "emergency stop, errors, mode, token, motor, arm", _NONE),
     ("control log", _D, "a record of 39 values", f"{_SAMPLES}, Get_Syslog"),
     ("control log", _A, "one each 8 ms, 10,000 at most; currents and loads from the encoders' lag", "ours"),
 )
 
-BEHAVIOURS: tuple[Behaviour, ...] = tuple(Behaviour(*row) for row in (*_PROFILE, *_RESULTS, *_OTHERS))
+_COMMANDS = (
+    ("HandMove...", _D, "0 to 30 mm, 1 to 100 % of 80 mm/s, 800 mm/s², 6 to 20 N", _GRIPPER),
+    ("HandMove...", _D, "the motor must be on", _GRIPPER),
+    ("HandMove...", _O, "TakeArm is not needed; another client may call it in slave mode", _SAMPLES),
+    ("HandMove...", _A, "the client in slave mode may not", f"no hand while the arm moves: {_ISSUES}, 13"),
+    ("HandMove...", _A, "the call lasts as long as the motion, unless the option is NEXT", _SAMPLES),
+    ("HandMove...", _A, "Robot_Halt and every other stop of the arm also stop the hand", _NONE),
+    ("HandMoveH", _A, "moves at 20 mm/s; the option DetectOn changes nothing", _NONE),
+    ("HandMoveAH HandMoveRH", _A, "grip an object on their way; reaching the width is no error", _SAMPLES),
+    ("HandMoveVH", _A, "40 to 100 %; the pressure follows the power, and the load is 50 %", _GRIPPER),
+    ("HandChuck HandUnChuck", _A, "50 % of the speed, 10 N, whatever the number of the point", _NONE),
+    ("HandStop", _O, "stops the vacuum", _SAMPLES),
+    ("HandStop", _A, "is accepted from every client, also in slave mode; a grip stays", _NONE),
+    ("HandHoldState", _A, "true while the fingers press on an object, which a scenario puts there", _SAMPLES),
+    ("HandHoldState", _D, "without the motor's power the hand loses its grip", f"80500371 in the {_ERRORS}"),
+    ("Hand0", _A, "the extension is COBOTTA's hand, and its CurPos is the width", _NONE),
+    ("HandGrip HandRelease", _A, "move the 2FG hand and do not wait", _SCRIPTS),
+    ("TwofgGrip", _D, "20 to 140 N, 10 to 100 %, 1 to 39 mm", _SCRIPTS),
+    ("TwofgGrip", _A, "100 mm/s at 100 %; the hand grips from outside", _NONE),
+    ("Dev DevH", _D, "move a pose in work or tool coordinates; Fig is that of the first", _SCRIPTS),
+    ("Dev DevH", _A, "turn about fixed axes in Dev, about the pose's own axes in DevH", _NONE),
+    ("CheckVirtualFence", _A, "answers 0: the simulated robot has no fences", "ours"),
+    ("SetToolDef SetWorkDef", _A, "are kept and returned; CurPos does not change", "ours"),
+    ("ConvertPosWork", _A, "from the first work to the second", _NONE),
+    ("SyncTimeStart SyncTimeEnd", _A, "motions between them run at once", "there is one robot"),
+    ("SyncMoveStart SyncMoveEnd", _A, "motions between them run at once", "there is one robot"),
+    ("MotionSkip", _A, "stops the arm; the motion's call answers S_OK", _SAMPLES),
+    ("ForceCtrl", _D, "needs TakeArm; stays off without the motor; numbers 1 to 10", _SCRIPTS),
+    ("ForceCtrl ForceParam", _A, "change no motion", "ours"),
+    ("GetMotionPreparationState", _A, "answers true", "ours"),
+    ("ForceValue CurForceSensorPayLoad", _A, "answer zeros", "ours"),
+    ("GetMechaButtonState ClearMechaButtonState CurScene CurSubScene SceneInfo", _A, "answer zeros", "ours"),
+    ("SetAreaEnabled GetAreaEnabled", _A, "areas 0 to 31 are kept; none limits the robot", "ours"),
+    ("Comm", _A, "each line can be opened, and nothing ever comes", "ours"),
+    ("CalcPos", _A, "counts from the first corner to the second, row by row to the third", _NONE),
+    *((name, _A, "answers S_OK and has no effect", _NONE) for name in WITHOUT_EFFECT),
+    ("results", _A, "types that the catalogue of commands infers", "their meaning"),
+    ('pose [1, "P", "@0"]', _O, "the number of a variable, its type and the pass", "public clients"),
+    ("option SPEED=F2", _O, "a variable gives the number", "public clients"),
+    ("option ACCEL DECEL", _A, "are checked and change nothing", "ours"),
+    ("ManualResetPreparation", _A, "is accepted on the controller, too", "a public client calls it there"),
+)
+
+BEHAVIOURS: tuple[Behaviour, ...] = tuple(
+    Behaviour(*row) for row in (*_PROFILE, *_RESULTS, *_OTHERS, *_COMMANDS)
+)
 """Every behaviour, those of the profiles first."""

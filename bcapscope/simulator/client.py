@@ -36,9 +36,21 @@ SHORTEST_WDT = 80
 DEFAULT_INVOKE_TIMEOUT = 180_000
 """ms."""
 
+LONGEST_QUOTED = 60
+"""Characters of a client's text in a reason."""
+
 _START, _CONNECT = 1, 3
 _VARIABLE_PUT = 102
-_SLAVE_MODE_OWN = frozenset(("slvchangemode", "slvmove"))
+_SLAVE_MODE_OWN = frozenset(("slvchangemode", "slvmove", "handstop", "twofgstop"))
+_OTHER_CLIENTS_OWN = frozenset(
+    (
+        *("handmovea", "handmover", "handmoveh", "handmoveah", "handmoverh", "handmovevh"),
+        *("handchuck", "handunchuck"),
+    )
+)
+"""What a client may call while another one is in slave mode (orin_bcap_python_samples
+others/bcapslavemove_handmove_COBOTTA.py). That the client in slave mode may not is assumed (issue 13 of
+DENSORobot/denso_robot_ros: the hand cannot move while slave mode moves the arm)."""
 
 
 class Client:
@@ -66,7 +78,7 @@ class Client:
         try:
             return self._call(function_id, arguments, now)
         except RefusedError as refusal:
-            return Answer(refusal.hresult)
+            return Answer(refusal.hresult, reason=refusal.reason)
 
     def leave(self, now: int) -> None:
         """Let go of everything, as the server does when a client goes (VRC parameters do not matter here)."""
@@ -76,6 +88,7 @@ class Client:
         self.machine.open.pop(self.number, None)
         if self.machine.owner == self.number:
             self.machine.owner = None
+            self.machine.equipment.brackets.clear()
 
     def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> Outcome:
         method = METHODS.get(function_id)
@@ -86,9 +99,10 @@ class Client:
         if handler is None:
             raise RefusedError(E_NOTIMPL)
         machine = self.machine
-        if machine.slave.mode is not None and not is_allowed_in_slave_mode(function_id, arguments):
-            machine.fail(E_REFUSED_IN_SLAVE_MODE, now, told=True)
-            raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
+        if machine.slave.mode is not None and not is_allowed_in_slave_mode(
+            function_id, arguments, is_other=machine.owner != self.number
+        ):
+            machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
         return handler(Context(machine, self.number, self.objects, found, now), arguments[1:])
 
     def _session(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> Outcome:
@@ -121,8 +135,8 @@ class Client:
         """
         name, provider, _, option = (text_of(nth(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
-        if providers and provider.strip().casefold() not in providers:
-            raise RefusedError(E_INVALIDARG)
+        if providers and provider.strip().casefold() not in map(str.casefold, providers):
+            raise RefusedError(E_INVALIDARG, _provider_reason(provider.strip(), providers))
         open_already = self.objects.named(ObjectClass.CONTROLLER, name, None) if name else None
         if "@ifnotmember" in option.casefold():
             if open_already:
@@ -132,19 +146,32 @@ class Client:
         return Answer(value=i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle))
 
 
+def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
+    asked = f"provider {provider[:LONGEST_QUOTED]!r} is not simulated" if provider else "no provider is given"
+    return f"Controller_Connect is refused: {asked}. This profile simulates {' or '.join(providers)}"
+
+
 def _has_controller(name: str, objects: Objects) -> bool:
     return objects.named(ObjectClass.CONTROLLER, name, None) is not None
 
 
-def is_allowed_in_slave_mode(function_id: int, arguments: tuple[Variant, ...]) -> bool:
+def is_allowed_in_slave_mode(
+    function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
+) -> bool:
     """Tell whether a call is accepted while slave mode is on.
 
     Where no source says, reading is and everything else is not; what is no command is refused elsewhere.
+
+    Args:
+        function_id: of the call.
+        arguments: of the call, the handle first.
+        is_other: the client is not the one that has the arm.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:
-        name = arguments[1].value if len(arguments) > 1 else None
-        return not isinstance(name, str) or name.casefold() not in refused
+        value = arguments[1].value if len(arguments) > 1 else None
+        name = value.casefold() if isinstance(value, str) else ""
+        return name not in refused or (is_other and name in _OTHER_CLIENTS_OWN)
     if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
         return True
     return function_effect(function_id) < Effect.MOVES

@@ -13,6 +13,7 @@ from bcapscope.protocol.hresult import E_INVALIDARG, describe
 from bcapscope.protocol.variant import Variant
 from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.context import Commands, Context, accepted
+from bcapscope.simulator.handcommands import HAND_COMMANDS
 from bcapscope.simulator.machine import AUTOMATIC, MANUAL, READY, RUNNING, Machine
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
 from bcapscope.simulator.refusals import BAD_INDEX, EMERGENCY_STOP
@@ -25,7 +26,7 @@ def clear_error(context: Context, parameter: Variant) -> Outcome:
     """Run ClearError; refused while the emergency stop is on."""
     if context.machine.emergency:
         raise RefusedError(EMERGENCY_STOP)
-    context.machine.alarms.clear()
+    context.machine.clear_errors()
     return DONE
 
 
@@ -125,6 +126,7 @@ def task_status(context: Context, parameter: Variant) -> Outcome:
 
 CONTROLLER_COMMANDS: Commands = MappingProxyType(
     {
+        **HAND_COMMANDS,
         "clearerror": clear_error,
         "geterrordescription": error_description,
         "getcurerrorcount": current_error_count,
@@ -135,6 +137,7 @@ CONTROLLER_COMMANDS: Commands = MappingProxyType(
         "sysstate": system_state,
         "stostate": lambda context, parameter: Answer(value=boolean(context.machine.emergency)),
         "manualreset": accepted,
+        "manualresetpreparation": accepted,
         "resetstostate": accepted,
         "putautomode": put_auto_mode,
         "getautomode": get_auto_mode,

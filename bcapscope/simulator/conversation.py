@@ -13,12 +13,13 @@ from typing import NamedTuple
 from bcapscope.errors import TooLargeError
 from bcapscope.protocol.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.functions import FUNCTIONS, ResultKind
-from bcapscope.protocol.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA, is_failure
+from bcapscope.protocol.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA
 from bcapscope.protocol.responder import Responder, Verdict
 from bcapscope.protocol.variant import EMPTY, Variant
 from bcapscope.simulator.client import Client
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.outcome import Answer, Running
+from bcapscope.simulator.profile import NoArgument
 
 MOST_WAITING = 16
 """Requests of one client that are held while a call runs; our bound."""
@@ -26,7 +27,7 @@ MOST_WAITING = 16
 MOST_REMEMBERED = 8
 """Answers kept for retries: more than the seven tries of any client, and each costs time in every call."""
 
-
+_ROBOT_EXECUTE = 64
 _NEW = Verdict.NEW
 _RETURNING = frozenset(each.id for each in FUNCTIONS.values() if each.result is not ResultKind.NONE)
 
@@ -172,5 +173,13 @@ class Conversation:
             return ()
         if answer.value is not None:
             return (answer.value,)
-        failed = is_failure(answer.hresult)
-        return (EMPTY,) if (self._profile.empty_on_error if failed else self._profile.empty_result) else ()
+        return () if self._has_no_argument(function_id) else (EMPTY,)
+
+    def _has_no_argument(self, function_id: int) -> bool:
+        """Return whether the profile sends no argument where the request has no value as its result."""
+        which = self._profile.no_argument
+        if which is not NoArgument.SLVCHANGEMODE:
+            return which is NoArgument.ALWAYS
+        arguments = self._request[1]
+        command = arguments[1].value if function_id == _ROBOT_EXECUTE and len(arguments) > 1 else None
+        return isinstance(command, str) and command.casefold() == "slvchangemode"

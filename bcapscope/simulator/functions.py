@@ -15,15 +15,16 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import TypeAlias
 
-from bcapscope.protocol.commands import command as known_command
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass
-from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL
+from bcapscope.protocol.hresult import E_INVALIDARG
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.simulator import systemvariables
 from bcapscope.simulator.alarms import Alarm
 from bcapscope.simulator.context import Command, Commands, Context
 from bcapscope.simulator.controllercommands import CONTROLLER_COMMANDS, TASK_COMMANDS
-from bcapscope.simulator.machine import RUNNING
+from bcapscope.simulator.equipmentcommands import LINE_COMMANDS
+from bcapscope.simulator.framecommands import PALLET_COMMANDS
+from bcapscope.simulator.handcommands import HAND_EXTENSION_COMMANDS
 from bcapscope.simulator.motions import drive, halt, hold, move, unhold
 from bcapscope.simulator.objects import kept
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError
@@ -37,7 +38,11 @@ Arguments: TypeAlias = "tuple[Variant, ...]"
 Handler: TypeAlias = Callable[[Context, Arguments], Outcome]
 
 MOST_FILES = 100
-_EXTENSIONS = ("Hand0",)
+_EXTENSIONS: Mapping[str, Commands] = {
+    "Hand0": HAND_EXTENSION_COMMANDS,
+    "Comm": LINE_COMMANDS,
+    "Pallet": PALLET_COMMANDS,
+}
 _STATE_DONE = 2
 
 
@@ -64,7 +69,7 @@ def _check_name(context: Context, kind: ObjectClass, name: str, option: str) -> 
     """Refuse a name that the controller has nothing of; any name does for its one robot."""
     machine, folded = context.machine, name.casefold()
     if kind is ObjectClass.VARIABLE:
-        systemvariables.check(context.object.kind, name)
+        systemvariables.check(context.object.kind, name, machine.profile.generation)
     elif kind in _NAMED and folded not in _NAMED[kind](context):
         raise RefusedError(OBJECT_NOT_FOUND)
     elif kind is ObjectClass.FILE and folded not in machine.files:
@@ -107,20 +112,18 @@ def release(context: Context, arguments: Arguments) -> Outcome:
     return DONE
 
 
-def executing(function_id: int, commands: Commands) -> Handler:
+def executing(commands: Commands) -> Handler:
     """Make what an ..._Execute function does: run one of its commands.
 
-    It refuses a command that the profile lacks, and one that is not simulated.
+    It refuses a command that the profile lacks.
     """
 
     @lru_cache(maxsize=256)
     def named(name: str, lacks: frozenset[str]) -> Command:
         folded = name.casefold()
         found = commands.get(folded)
-        if folded in lacks or (found is None and not known_command(function_id, folded)):
+        if found is None or folded in lacks:
             raise RefusedError(INVALID_COMMAND)
-        if found is None:
-            raise RefusedError(E_NOTIMPL)
         return found
 
     def execute(context: Context, arguments: Arguments) -> Outcome:
@@ -130,6 +133,13 @@ def executing(function_id: int, commands: Commands) -> Handler:
         return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
 
     return execute
+
+
+_EXTENSION_HANDLERS = {name.casefold(): executing(commands) for name, commands in _EXTENSIONS.items()}
+
+
+def _extension_execute(context: Context, arguments: Arguments) -> Outcome:
+    return _EXTENSION_HANDLERS[context.object.name.casefold()](context, arguments)
 
 
 def _command_execute(context: Context, arguments: Arguments) -> Outcome:
@@ -193,8 +203,7 @@ def _robot_change(context: Context, arguments: Arguments) -> Outcome:
 def _task_start(context: Context, arguments: Arguments) -> Outcome:
     if integer_of(nth(arguments, 0)) not in (1, 2, 3):
         raise RefusedError(E_INVALIDARG)
-    context.machine.check_state()
-    context.machine.tasks[context.object.name.casefold()] = RUNNING
+    context.machine.start_task(context.object.name)
     return DONE
 
 
@@ -206,8 +215,7 @@ def _task_stop(context: Context, arguments: Arguments) -> Outcome:
 
 
 def _put_value(context: Context, arguments: Arguments) -> Outcome:
-    systemvariables.write(context, nth(arguments, 0))
-    return DONE
+    return systemvariables.write(context, nth(arguments, 0))
 
 
 def _date(context: Context, arguments: Arguments) -> Outcome:
@@ -235,14 +243,14 @@ _OF_ALL: Mapping[str, Handler] = {
     "Release": release,
     "Disconnect": release,
     "GetVariableNames": lambda context, arguments: Answer(
-        value=names(systemvariables.names(context.object.kind))
+        value=names(systemvariables.names(context.object.kind, context.machine.profile.generation))
     ),
 }
 """By the verb that several classes have."""
 
 _OWN: Mapping[str, Handler] = {
     "Controller_GetMessage": get_message,
-    "Controller_Execute": executing(17, CONTROLLER_COMMANDS),
+    "Controller_Execute": executing(CONTROLLER_COMMANDS),
     "Controller_GetExtensionNames": lambda context, arguments: Answer(value=names(_EXTENSIONS)),
     "Controller_GetFileNames": lambda context, arguments: Answer(value=names(context.machine.files.values())),
     "Controller_GetRobotNames": lambda context, arguments: Answer(value=names(("Arm0",))),
@@ -255,7 +263,8 @@ _OWN: Mapping[str, Handler] = {
     "File_GetSize": lambda context, arguments: Answer(value=i4(0)),
     "File_GetType": lambda context, arguments: Answer(value=bstr(context.object.name.rpartition(".")[2])),
     "File_GetValue": lambda context, arguments: Answer(value=bstr("")),
-    "Robot_Execute": executing(64, ROBOT_COMMANDS),
+    "Extension_Execute": _extension_execute,
+    "Robot_Execute": executing(ROBOT_COMMANDS),
     "Robot_Accelerate": _robot_accelerate,
     "Robot_Change": _robot_change,
     "Robot_Drive": _robot_drive,
@@ -264,7 +273,7 @@ _OWN: Mapping[str, Handler] = {
     "Robot_Move": _robot_move,
     "Robot_Speed": _robot_speed,
     "Robot_Unhold": lambda context, arguments: unhold(context),
-    "Task_Execute": executing(87, TASK_COMMANDS),
+    "Task_Execute": executing(TASK_COMMANDS),
     "Task_Start": _task_start,
     "Task_Stop": _task_stop,
     "Task_GetFileName": lambda context, arguments: Answer(value=bstr(f"{context.object.name}.pac")),

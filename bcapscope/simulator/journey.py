@@ -62,6 +62,11 @@ class Journey:
         if self.is_held:
             self._go(now, self._left)
 
+    def skip(self, now: int) -> None:
+        """End where the command is."""
+        self._arm.halt(now)
+        self.done = now
+
     def _go(self, now: int, least: int) -> None:
         ends = self._arm.move(self._goal, now, self._speed, least).ends
         if self._passing == END_OF_ENCODERS:

@@ -165,9 +165,10 @@ def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
     return position(joints) if pose_type is _P else trans(joints)
 
 
-_SHORTEST = {_P: 6, _J: 6, _T: 9}
+SHORTEST: Mapping[PoseType, int] = MappingProxyType({_P: 6, _J: 6, _T: 9})
+"""How many numbers a pose has at least."""
 
 POSE_LENGTHS: Mapping[PoseType, range] = MappingProxyType(
-    {pose_type: range(_SHORTEST[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
+    {pose_type: range(SHORTEST[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
 )
 """How many numbers a set point may have: Fig may be missing, one more may be appended."""

@@ -8,12 +8,14 @@ and all durations are ours. Times are ns of a clock that is passed in.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NoReturn
 
 from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE
 from bcapscope.simulator.alarms import Alarms
 from bcapscope.simulator.arm import MS, Arm
 from bcapscope.simulator.controllog import ControlLog, Record
 from bcapscope.simulator.drive import SlaveDrive
+from bcapscope.simulator.equipment import Equipment
 from bcapscope.simulator.journey import Journey
 from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, Joints, beyond_limit
 from bcapscope.simulator.memory import Memory
@@ -23,6 +25,7 @@ from bcapscope.simulator.profile import Profile
 from bcapscope.simulator.refusals import (
     EMERGENCY_STOP,
     ERROR_IS_ACTIVE,
+    HAND_DEVIATION,
     MOTOR_IS_OFF,
     NO_TOKEN,
     NOT_AUTOMATIC,
@@ -59,8 +62,10 @@ class Start:
         tasks: programs that are loaded.
         running: those of them that run.
         errors: active ones, the oldest first.
+        empty: names of variables of the robot that answer EMPTY, in capitals.
         emergency: the emergency stop is pressed.
         arm_taken: a client that is not seen here has the arm.
+        object_width: of an object between the fingers of the hands, mm; None for no object.
         udp_clients: places on UDP that half-open clients hold.
         tcp_clients: the same on TCP.
         epoch: ns since 1970 at the time 0 of the model's clock.
@@ -77,8 +82,10 @@ class Start:
     tasks: tuple[str, ...] = (ROBSLAVE, "Pro1")
     running: tuple[str, ...] = ()
     errors: tuple[int, ...] = ()
+    empty: tuple[str, ...] = ()
     emergency: bool = False
     arm_taken: bool = False
+    object_width: float | None = None
     udp_clients: int = 0
     tcp_clients: int = 0
     epoch: int = 0
@@ -114,6 +121,7 @@ class Machine:
         stops: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
         stopped_by: result of the last of them.
         journey: the last ordinary motion; None if it was stopped.
+        equipment: hands and what else belongs to the controller.
     """
 
     def __init__(self, profile: Profile, start: Start | None = None, now: int = 0) -> None:
@@ -139,6 +147,7 @@ class Machine:
         self.stops = 0
         self.stopped_by = 0
         self.journey: Journey | None = None
+        self.equipment = Equipment.around(self.start.object_width)
         self._motor_at: int | None = now if self.start.motor else None
         for code in (*self.start.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
             self.alarms.raise_(code, now)
@@ -164,7 +173,7 @@ class Machine:
     def switch_motor(self, on: bool, now: int) -> int:
         """Switch the motor; return when it is done."""
         if not on:
-            self._motor_at = None
+            self._lose_power()
             self.stop(now, MOTOR_IS_OFF, told=False)
             return now
         self.check_state()
@@ -230,6 +239,7 @@ class Machine:
         """
         self.slave.leave(0 if told else code)
         self.arm.halt(now)
+        self.equipment.stop(now)
         self.stops += 1
         self.stopped_by = code
         self.journey = None
@@ -245,14 +255,45 @@ class Machine:
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
         if level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
-            self._motor_at = None
+            self._lose_power()
+
+    def refuse(self, code: int, now: int) -> NoReturn:
+        """Refuse a call with an error that stays active until ClearError; its effects are those of `fail`.
+
+        The error is listed once, however often the client repeats the call: 32 set points in a row would
+        otherwise push the error that ended slave mode out of the list.
+
+        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). That
+        an RC7 does the same is assumed from DENSO Wave 2009, How to use the Slave mode: any result other than
+        S_OK stops RobSlave and ends slave mode.
+
+        Raises:
+            RefusedError: always, with `code`.
+        """
+        if not self.alarms.is_active(code):
+            self.fail(code, now, told=True)
+        raise RefusedError(code)
+
+    def clear_errors(self) -> None:
+        """Clear the active errors; slvMove does not answer a cleared one."""
+        self.alarms.clear()
+        self.slave.owed = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
         """Turn the mode switch; leaving the automatic mode ends all motion and switches the motor off."""
         self.mode = mode
         if mode != AUTOMATIC:
-            self._motor_at = None
+            self._lose_power()
             self.stop(now, NOT_AUTOMATIC, told=False)
+
+    def start_task(self, name: str) -> None:
+        """Start a program.
+
+        Raises:
+            RefusedError: as `check_state`.
+        """
+        self.check_state()
+        self.tasks[name.casefold()] = RUNNING
 
     def stop_task(self, name: str, now: int) -> None:
         """Stop a program; slave mode of RC7 ends with RobSlave."""
@@ -274,11 +315,21 @@ class Machine:
                 self.fail(fault.code, fault.time)
         if log.due is not None:
             log.advance(now, self._record)
+        collision = self.equipment.hand.collides_at
+        if collision is not None and collision <= now:
+            self.equipment.hand.stop(collision, HAND_DEVIATION)
+            self.fail(HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
         """Return when time changes something by itself, in ns; None if nothing is under way."""
         slave = self.slave
-        return None if slave.mode is None or slave.is_empty else slave.next_tick
+        due = None if slave.mode is None or slave.is_empty else slave.next_tick
+        collision = self.equipment.hand.collides_at
+        return due if collision is None else collision if due is None else min(due, collision)
+
+    def _lose_power(self) -> None:
+        self._motor_at = None
+        self.equipment.lose_power()
 
     def _record(self, time: int) -> Record:
         return Record(time - self.began, self.arm.commanded(time), self.arm.actual(time))

@@ -73,7 +73,7 @@ class Memory:
         if letter == "S":
             self._texts[index] = _short(value)
         elif letter in _ROW_LENGTHS:
-            self._rows[letter, index] = _row(value, _ROW_LENGTHS[letter], self._real)
+            self._rows[letter, index] = vector_of(value, _ROW_LENGTHS[letter], self._real)
         else:
             self._numbers[letter, index] = _number(value, letter)
 
@@ -133,7 +133,12 @@ def _short(value: Variant) -> str:
     return value.value
 
 
-def _row(value: Variant, length: int, real: VT) -> tuple[float, ...]:
+def vector_of(value: Variant, length: int, real: VT) -> tuple[float, ...]:
+    """Convert an array to `length` numbers; missing ones are 0.
+
+    Raises:
+        RefusedError: it is no array of numbers, is empty or too long.
+    """
     if not value.vt & ARRAY:
         raise RefusedError(TYPE_MISMATCH)
     numbers = values.numbers_of(value)

@@ -11,44 +11,82 @@ import re
 from types import MappingProxyType
 from typing import NamedTuple
 
-from bcapscope.protocol.hresult import E_INVALIDARG, E_NOTIMPL, E_ROBOTISBUSY
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.hresult import E_INVALIDARG, E_ROBOTISBUSY
+from bcapscope.protocol.variant import Variant
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Commands, Context
 from bcapscope.simulator.journey import Journey
 from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError, Running
-from bcapscope.simulator.posenotation import END_OF_ENCODERS, LONGEST, PASSING, Target, parse_target
+from bcapscope.simulator.posenotation import (
+    END_OF_ENCODERS,
+    LONGEST,
+    PASSING,
+    ReadVariable,
+    Target,
+    parse_target,
+    pass_of,
+    pass_of_text,
+)
 from bcapscope.simulator.values import bstr, integer_of, items_of, nth, number_of, text_of
 
 IS_STOPPING = 0x83201404
 LONGEST_TIME = 3_600_000
 """ms; ours."""
 
-_PTP, _LINE = 1, 2
-_GIVEN = re.compile(r"\b(SPEED|TIME)\s*=\s*([^\s,]+)")
+_PTP, _LINE, _CIRCLE, _FREE_CURVE = 1, 2, 3, 4
+_BETWEEN_POSES = re.compile(r",\s*(?=[@PJT])", re.IGNORECASE)
+_GIVEN = re.compile(r"\b(SPEED|S|ACCEL|DECEL|TIME)\s*=\s*([^\s,]+)")
+_VARIABLE = re.compile(r"([IFD])([0-9]{1,9})")
+_AXES = re.compile(
+    r"\s*(?:@(?P<pass>[PE]|[0-9]{1,4})\s*)?(?P<pairs>\([^()]*\)(?:\s*,\s*\([^()]*\))*)\s*", re.IGNORECASE
+)
+_PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: Context, interpolation: Variant, pose: Variant, option: Variant) -> Outcome:
-    """Run Robot_Move; a line is followed like PTP here.
+    """Run Robot_Move; lines and circles are followed like PTP here, and free curves hold no points.
 
     Raises:
-        RefusedError: circles and free curves, among the reasons of every motion.
+        RefusedError: there is no such interpolation, among the reasons of every motion.
     """
-    if integer_of(interpolation) not in (_PTP, _LINE):
-        raise RefusedError(E_NOTIMPL)
-    target = parse_target(pose, context.machine.memory.read)
-    return run_motion(context, target, text_of(option))
+    kind, read = integer_of(interpolation), context.machine.memory.read
+    if kind == _CIRCLE:
+        targets = [parse_target(each, read) for each in _poses(pose)]
+        if len(targets) != 2:
+            raise RefusedError(E_INVALIDARG)
+        context.machine.check_reach(targets[0].joints)
+        return run_motion(context, targets[1], text_of(option))
+    if kind == _FREE_CURVE:
+        if integer_of(pose) < 1:
+            raise RefusedError(E_INVALIDARG)
+        return run_motion(context, Target(context.machine.arm.goal, 0), text_of(option))
+    if kind not in (_PTP, _LINE):
+        raise RefusedError(E_INVALIDARG)
+    return run_motion(context, parse_target(pose, read), text_of(option))
 
 
-def drive(context: Context, ways: list[tuple[int, float]], absolute: bool, option: str) -> Outcome:
-    """Move single axes (1..6) by, or to, angles in degrees."""
+def _poses(pose: Variant) -> tuple[Variant, ...]:
+    """Take the poses of a circle apart: `P1, @E P2`, or an array of two."""
+    if not isinstance(pose.value, str):
+        return items_of(pose)
+    return tuple(map(bstr, _BETWEEN_POSES.split(pose.value[:LONGEST])))
+
+
+def drive(
+    context: Context, ways: list[tuple[int, float]], absolute: bool, option: str, passing: int | None = None
+) -> Outcome:
+    """Move single axes (1..6) by, or to, angles in degrees.
+
+    The pass, if it is not given, is taken from the option.
+    """
     joints = list(context.machine.arm.goal)
     for axis, way in ways:
         if not 1 <= axis <= AXIS_COUNT:
             raise RefusedError(E_INVALIDARG)
         joints[axis - 1] = way if absolute else joints[axis - 1] + way
-    return run_motion(context, Target(tuple(joints), _passing(option)), option)
+    passing = _passing(option) if passing is None else passing
+    return run_motion(context, Target(tuple(joints), passing), option)
 
 
 def halt(context: Context) -> Outcome:
@@ -88,7 +126,7 @@ def run_motion(context: Context, target: Target, option: str = "") -> Outcome:
     if now < machine.free_at:
         raise RefusedError(E_ROBOTISBUSY)
     machine.check_reach(target.joints)
-    manner = _manner(option)
+    manner = _manner(option, machine.memory.read)
     speed = machine.speeds.share_at(manner.speed)
     journey = Journey(machine.arm, target.joints, now, speed, passing=target.passing, least=manner.time)
     machine.journey = journey
@@ -109,15 +147,23 @@ class _Manner(NamedTuple):
     next: bool
 
 
-def _manner(option: str) -> _Manner:
-    """Read an option such as `SPEED=50, TIME=2000, NEXT`; that the time is in ms is assumed."""
+def _manner(option: str, read: ReadVariable) -> _Manner:
+    """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`; that the time is in ms is assumed.
+
+    The words are those of H. Suzuki, VE026A_JNI.java, and of the samples. ACCEL and DECEL are checked, but
+    they do not change the motion.
+    """
     text = option[:LONGEST].upper()
-    given = dict(_GIVEN.findall(text))
-    speed = number_of(bstr(given["SPEED"])) if "SPEED" in given else None
-    time = number_of(bstr(given.get("TIME", "0")))
-    if not 0 <= time <= LONGEST_TIME or (speed is not None and not 0 < speed <= 100):
+    given = {name: _option_number(value, read) for name, value in _GIVEN.findall(text)}
+    speed, time = given.get("SPEED", given.get("S")), given.pop("TIME", 0)
+    if not 0 <= time <= LONGEST_TIME or not all(0 < share <= 100 for share in given.values()):
         raise RefusedError(E_INVALIDARG)
     return _Manner(speed, round(time * MS), "NEXT" in text.replace(",", " ").split())
+
+
+def _option_number(text: str, read: ReadVariable) -> float:
+    variable = _VARIABLE.fullmatch(text)
+    return number_of(read(variable[1], int(variable[2])) if variable else bstr(text))
 
 
 def _running(context: Context, journey: Journey) -> Running:
@@ -144,11 +190,13 @@ def _beside(joints: Joints, distance: float) -> Joints:
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Read `@P 10`, `10` or a number; return mm and the pass."""
-    if not isinstance(part.value, str):
-        return float(number_of(part)), 0
-    last = part.value.split()[-1:] or ["0"]
-    return float(number_of(Variant(VT.BSTR, last[0]))), _passing(part.value)
+    """Read `@P 10`, `10`, a number, or `[10, "", "@P"]`; return mm and the pass."""
+    if isinstance(part.value, str):
+        last = part.value.split()[-1:] or ["0"]
+        return float(number_of(bstr(last[0]))), _passing(part.value)
+    items = items_of(part)
+    passing = next((pass_of(item) for item in items[1:] if isinstance(item.value, str) and item.value), 0)
+    return float(number_of(part)), passing
 
 
 def approach(context: Context, parameter: Variant) -> Outcome:
@@ -180,16 +228,50 @@ def _drive_to(context: Context, parameter: Variant) -> Outcome:
 
 
 def _drive_many(context: Context, parameter: Variant, absolute: bool) -> Outcome:
-    """Run DriveEx or DriveAEx: pairs of axis and angle, then an option."""
+    """Run DriveEx or DriveAEx: axes and angles as text or as pairs, then an option."""
     items = items_of(parameter)
-    ways = [
-        (integer_of(nth(pair, 0)), float(number_of(nth(pair, 1))))
-        for pair in map(items_of, items_of(nth(items, 0)))
-    ]
-    return drive(context, ways, absolute, _option(items, 1))
+    axes = nth(items, 0)
+    ways, passing = _ways_of_text(axes.value) if isinstance(axes.value, str) else _ways_of_pairs(axes)
+    return drive(context, ways, absolute, _option(items, 1), passing)
+
+
+def _ways_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
+    """Read `@E (1, 5), (2, -10)`."""
+    match = _AXES.fullmatch(text) if len(text) <= LONGEST else None
+    pairs = _PAIR.findall(match["pairs"]) if match else []
+    if match is None or len(pairs) != match["pairs"].count("("):
+        raise RefusedError(E_INVALIDARG)
+    ways = [(int(axis), float(number_of(bstr(angle)))) for axis, angle in pairs]
+    return ways, pass_of_text(match["pass"]) if match["pass"] else None
+
+
+def _ways_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
+    """Read pairs of axis and angle; DENSO's ROS driver sends each as `[pair, type, pass]`."""
+    ways, passing = [], None
+    for parts in map(items_of, items_of(axes)):
+        wrapped = isinstance(nth(parts, 0).value, tuple)
+        pair = items_of(parts[0]) if wrapped else parts
+        if wrapped and passing is None and len(parts) > 2:
+            passing = pass_of(parts[2])
+        ways.append((integer_of(nth(pair, 0)), float(number_of(nth(pair, 1)))))
+    return ways, passing
+
+
+def motion_skip(context: Context, parameter: Variant) -> Outcome:
+    """Run MotionSkip: the motion under way ends where the arm is, and the call that waits for it succeeds."""
+    machine, now = context.machine, context.now
+    if machine.journey and now < machine.free_at:
+        machine.journey.skip(now)
+    return DONE
 
 
 MOTION_COMMANDS: Commands = MappingProxyType(
-    {"approach": approach, "depart": depart, "driveex": _drive_by, "driveaex": _drive_to}
+    {
+        "approach": approach,
+        "depart": depart,
+        "driveex": _drive_by,
+        "driveaex": _drive_to,
+        "motionskip": motion_skip,
+    }
 )
 """Commands of Robot_Execute by their names in lower case."""

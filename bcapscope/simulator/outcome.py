@@ -21,10 +21,12 @@ class Answer(msgspec.Struct, frozen=True):
     Attributes:
         hresult: unsigned.
         value: the result; None where there is none, which the profile turns into no argument or EMPTY.
+        reason: for the simulator's user, why the call was refused; empty where the result says it.
     """
 
     hresult: int = S_OK
     value: Variant | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +50,10 @@ DONE = Answer()
 class RefusedError(BcapError):
     """A call is refused; the controller answers with `hresult`."""
 
-    def __init__(self, hresult: int) -> None:
+    def __init__(self, hresult: int, reason: str = "") -> None:
         super().__init__(f"refused with {hresult:08X}")
         self.hresult = hresult
+        self.reason = reason
 
 
 def answer_at(time: int, value: Variant | None = None) -> Running:

@@ -1,7 +1,9 @@
 """Poses as clients write them: text, arrays, or arrays of both.
 
 `@E J(0, 0, 90, 0)`, `@P P1`, a bare array of numbers, or a VARIANT array of numbers, type, pass and extra
-axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2).
+axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable may stand
+for the numbers, as in `[1, "P", "@0"]`. The samples' README gives its type as VT_R4, and the samples send VT_I4.
+They also write the pass before the type.
 """
 
 from __future__ import annotations
@@ -14,9 +16,9 @@ from bcapscope.protocol.enumerations import POSE_TYPES
 from bcapscope.protocol.hresult import E_INVALIDARG
 from bcapscope.protocol.poses import guess_type
 from bcapscope.protocol.slavemode import PoseType
-from bcapscope.protocol.variant import ARRAY, VT, Variant
+from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator import values
-from bcapscope.simulator.kinematics import Joints, joints_of
+from bcapscope.simulator.kinematics import SHORTEST, Joints, joints_of
 from bcapscope.simulator.outcome import RefusedError
 
 END_OF_ENCODERS = -2
@@ -47,21 +49,62 @@ class Target(NamedTuple):
     passing: int
 
 
+class WrittenPose(NamedTuple):
+    """A pose as a client wrote it.
+
+    Attributes:
+        type: of the pose.
+        values: its numbers, at least six.
+        passing: as in `Target`.
+    """
+
+    type: PoseType
+    values: tuple[float, ...]
+    passing: int
+
+
 def parse_target(pose: Variant, read: ReadVariable) -> Target:
-    """Read a pose in any notation; `read` gives the values of P, J and T variables.
+    """Read where a motion goes; `read` gives the values of P, J and T variables.
 
     Raises:
         RefusedError: it makes no sense, or the arm cannot reach it.
     """
+    written = parse_pose(pose, read)
+    return Target(joints_of(written.type, written.values), written.passing)
+
+
+def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
+    """Read a pose in any notation; `read` gives the values of P, J and T variables.
+
+    Raises:
+        RefusedError: it makes no sense.
+    """
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = values.items_of(pose)
-    if pose.vt == ARRAY | VT.VARIANT and items and (items[0].vt & ARRAY or items[0].vt == VT.BSTR):
+    if items and (not _is_number(items[0]) or _is_index(items)):
         return _from_parts(items, read)
-    return Target(_joints(None, values.numbers_of(pose)), 0)
+    return _written(None, values.numbers_of(pose), 0)
 
 
-def _from_text(text: str, read: ReadVariable) -> Target:
+def pass_of(part: Variant) -> int:
+    """Read a pass: `@P`, `@E`, `@10` or its number; 0 for an empty text."""
+    if not isinstance(part.value, str):
+        return values.integer_of(part)
+    match = re.fullmatch(r"\s*@([PE]|[0-9]{1,4})\s*|\s*", part.value[:LONGEST], re.IGNORECASE)
+    if match is None:
+        raise RefusedError(E_INVALIDARG)
+    return pass_of_text(match[1])
+
+
+def pass_of_text(text: str | None) -> int:
+    """Read what follows the `@` of a pass: `P`, `E` or a number; None is 0."""
+    if text is None:
+        return 0
+    return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
+
+
+def _from_text(text: str, read: ReadVariable) -> WrittenPose:
     match = _TEXT.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
         raise RefusedError(E_INVALIDARG)
@@ -70,45 +113,55 @@ def _from_text(text: str, read: ReadVariable) -> Target:
         numbers = values.numbers_of(read(type_, int(match["index"])))
     else:
         numbers = tuple(map(_number, match["list"].split(",")))
-    return Target(_joints(type_, numbers), _pass_of_text(match["pass"]))
+    return _written(type_, numbers, pass_of_text(match["pass"]))
 
 
-def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> Target:
+def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
+    type_, passing = _type_and_pass(items[1:3])
     if items[0].vt == VT.BSTR:
-        return parse_target(items[0], read)
-    type_ = _type(items[1]) if len(items) > 1 else None
-    passing = _pass(items[2]) if len(items) > 2 else 0
-    return Target(_joints(type_, values.numbers_of(items[0])), passing)
-
-
-def _joints(type_: PoseType | None, numbers: tuple[float, ...]) -> Joints:
-    type_ = type_ or guess_type(numbers)
+        written = parse_pose(items[0], read)
+        return written._replace(passing=passing or written.passing)
+    if not _is_number(items[0]):
+        return _written(type_, values.numbers_of(items[0]), passing)
     if type_ is None:
         raise RefusedError(E_INVALIDARG)
-    return joints_of(type_, numbers)
+    return _written(type_, values.numbers_of(read(type_, values.integer_of(items[0]))), passing)
 
 
-def _type(part: Variant) -> PoseType:
-    letter = part.value if isinstance(part.value, str) else POSE_TYPES.get(values.integer_of(part), "")
+def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
+    """Read type and pass, in this order unless the first is a text with `@`."""
+    if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
+        parts = (parts[1] if len(parts) > 1 else values.bstr(""), parts[0])
+    type_ = _type(parts[0]) if parts else None
+    return type_, pass_of(parts[1]) if len(parts) > 1 else 0
+
+
+def _is_number(item: Variant) -> bool:
+    return isinstance(item.value, int | float)
+
+
+def _is_index(items: tuple[Variant, ...]) -> bool:
+    """Tell a variable's number, type and pass from the numbers of a pose, of which there are six at least."""
+    return 1 < len(items) <= 4 and _is_number(items[0])
+
+
+def _written(type_: PoseType | None, numbers: tuple[float, ...], passing: int) -> WrittenPose:
+    type_ = type_ or guess_type(numbers)
+    if type_ is None or len(numbers) < SHORTEST[type_]:
+        raise RefusedError(E_INVALIDARG)
+    return WrittenPose(type_, numbers, passing)
+
+
+def _type(part: Variant) -> PoseType | None:
+    """Read a pose type; None for an empty text and for -1, which is no type."""
+    value = part.value
+    letter = value.strip() if isinstance(value, str) else POSE_TYPES.get(values.integer_of(part), "?")
+    if letter in ("", "none"):
+        return None
     try:
-        return PoseType(letter.strip().upper())
+        return PoseType(letter.upper())
     except ValueError:
         raise RefusedError(E_INVALIDARG) from None
-
-
-def _pass(part: Variant) -> int:
-    if isinstance(part.value, str):
-        match = re.fullmatch(r"\s*@([PE]|[0-9]{1,4})\s*|\s*", part.value[:LONGEST], re.IGNORECASE)
-        if match is None:
-            raise RefusedError(E_INVALIDARG)
-        return _pass_of_text(match[1])
-    return values.integer_of(part)
-
-
-def _pass_of_text(text: str | None) -> int:
-    if text is None:
-        return 0
-    return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
 
 
 def _number(text: str) -> float:

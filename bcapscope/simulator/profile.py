@@ -9,17 +9,45 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from types import MappingProxyType
 
+from bcapscope.protocol.command_row import COBOTTA, COBOTTA_PRO
+from bcapscope.protocol.commands import commands
 from bcapscope.protocol.convention import ReplyReserved
 from bcapscope.protocol.responder import Defect
 from bcapscope.protocol.slavemode import Generation
 from bcapscope.protocol.variant import VT
 
-_RC8_ONLY = frozenset(
-    ("slvsendformat", "slvrecvformat", "manualreset", "resetstostate", "stostate", "takearmstate")
+_CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
+
+
+def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
+    """Return the commands that the sources name for these controllers only, in lower case."""
+    return frozenset(
+        each.name.casefold() for each in commands(function_id) if each.controllers in controllers
+    )
+
+
+_HAND = _documented_for(_CONTROLLER_EXECUTE, COBOTTA)
+_RC8_ONLY = (
+    frozenset(("slvsendformat", "slvrecvformat", "manualreset", "resetstostate", "stostate", "takearmstate"))
+    | _HAND
+    | _documented_for(_ROBOT_EXECUTE, COBOTTA, COBOTTA_PRO)
 )
 _RC7_ONLY = frozenset(("putautomode", "getautomode"))
+
+
+class NoArgument(StrEnum):
+    """Which replies without a value carry no argument, in calls that can return one; the others carry EMPTY.
+
+    Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
+    DENSO's C# and Java clients throw if a successful reply of such a call has no argument.
+    """
+
+    NEVER = "never"
+    SLVCHANGEMODE = "slvchangemode"
+    ALWAYS = "always"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +59,10 @@ class Profile:
         title: in words.
         generation: which meaning the numbers of slave modes have.
         replies: what replies carry in reserved.
-        empty_result: a call without result that could have one answers EMPTY; else no argument.
-        empty_on_error: a refused call that could have a result carries EMPTY.
+        no_argument: replies without a value that carry no argument instead of EMPTY.
         mode_type: type of slvGetMode's result.
         real: element type of poses.
-        providers: accepted by Controller_Connect, in lower case; () where the name is ignored.
+        providers: accepted by Controller_Connect in any case; () where the name is ignored.
         needs_robslave: slave mode needs the task RobSlave.
         needs_arm: motion needs TakeArm.
         async_detector: a late set point is an error in RC7's Async modes, as the pendant may say.
@@ -49,8 +76,7 @@ class Profile:
     title: str
     generation: Generation
     replies: ReplyReserved
-    empty_result: bool
-    empty_on_error: bool
+    no_argument: NoArgument
     mode_type: VT
     real: VT
     providers: tuple[str, ...]
@@ -68,11 +94,10 @@ _RC8 = Profile(
     title="RC8, RC8A, COBOTTA",
     generation=Generation.RC8,
     replies=ReplyReserved.ZERO,
-    empty_result=True,
-    empty_on_error=True,
+    no_argument=NoArgument.NEVER,
     mode_type=VT.I4,
     real=VT.R8,
-    providers=("caoprov.denso.vrc",),
+    providers=("CaoProv.DENSO.VRC",),
     needs_robslave=False,
     needs_arm=True,
     async_detector=False,
@@ -86,8 +111,7 @@ _RC7 = Profile(
     title="RC7",
     generation=Generation.RC7,
     replies=ReplyReserved.ECHOED,
-    empty_result=False,
-    empty_on_error=False,
+    no_argument=NoArgument.SLVCHANGEMODE,
     mode_type=VT.I2,
     real=VT.R4,
     providers=(),
@@ -100,7 +124,14 @@ _RC7 = Profile(
 )
 
 
-_RC9 = replace(_RC8, name="rc9", title="RC9, COBOTTA PRO", providers=("caoprov.denso.vrc9",), version="1.0.0")
+_RC9 = replace(
+    _RC8,
+    name="rc9",
+    title="RC9, COBOTTA PRO",
+    providers=("CaoProv.DENSO.VRC9",),
+    lacks=_RC7_ONLY | _HAND,
+    version="1.0.0",
+)
 _CSERVER = replace(
     _RC8,
     name="cserver",

@@ -28,6 +28,17 @@ POSITION_LIMIT = 0x83204230
 SOFTWARE_LIMIT = 0x83204070
 
 
+HAND_IS_MOVING = 0x83500301
+HAND_SETTING = 0x83500314
+HAND_STOPPED = 0x835002FF
+HAND_DEVIATION = 0x8450031C
+GRIP_BEYOND_LIMIT = 0x83500362
+RELATIVE_GRIP_BEYOND_LIMIT = 0x83500363
+NOTHING_GRIPPED = 0x8350048F
+BRACKET_IS_OPEN = {"time": 0x83500189, "move": 0x83500190}
+BRACKET_IS_CLOSED = {"time": 0x83500191, "move": 0x83500192}
+
+
 def level(code: int) -> int:
     """Return the error level of a controller code, its second hex digit; 0 for the others."""
     return code >> 24 & 0xF if code >> 28 == 8 else 0

@@ -9,16 +9,17 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
-from bcapscope.protocol.poses import AXES
 from bcapscope.protocol.slavemode import PoseType
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.context import Command, Commands, Context, accepted
 from bcapscope.simulator.controllog import record_values
-from bcapscope.simulator.kinematics import Joints, beyond_limit, joints_of, pose_of
+from bcapscope.simulator.equipmentcommands import EQUIPMENT_COMMANDS
+from bcapscope.simulator.framecommands import FRAME_COMMANDS
+from bcapscope.simulator.handcommands import GRIPPER_COMMANDS
+from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.motions import MOTION_COMMANDS
 from bcapscope.simulator.outcome import DONE, Answer, Outcome, RefusedError, answer_at
-from bcapscope.simulator.posenotation import parse_target
 from bcapscope.simulator.refusals import BAD_INDEX
 from bcapscope.simulator.slavecommands import SLAVE_COMMANDS, currents
 from bcapscope.simulator.values import (
@@ -105,37 +106,6 @@ def destination(context: Context, parameter: Variant) -> Outcome:
     return Answer(value=row(context.machine.profile.real, pose_of(_P, context.machine.arm.goal)))
 
 
-def _convert(from_type: PoseType, to_type: PoseType) -> Command:
-    def run(context: Context, parameter: Variant) -> Outcome:
-        return Answer(
-            value=row(context.machine.profile.real, pose_of(to_type, _pose(context, from_type, parameter)))
-        )
-
-    return run
-
-
-def _pose(context: Context, pose_type: PoseType, parameter: Variant) -> Joints:
-    """Read a pose whose type the command tells where the notation does not."""
-    items = items_of(parameter)
-    if items and all(isinstance(item.value, int | float) for item in items):
-        return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
-    return parse_target(parameter, context.machine.memory.read).joints
-
-
-def out_range(context: Context, parameter: Variant) -> Outcome:
-    """Run OutRange: 0 inside, bits of the axes beyond their limits, -1 unreachable."""
-    items = items_of(parameter)
-    pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
-    try:
-        joints = parse_target(pose, context.machine.memory.read).joints
-    except RefusedError as refusal:
-        if refusal.hresult == E_INVALIDARG:
-            raise
-        return Answer(value=i4(-1))
-    axis = beyond_limit(joints, context.machine.start.limits)
-    return Answer(value=i4(1 << axis - 1 if axis else 0))
-
-
 def motion_complete(context: Context, parameter: Variant) -> Outcome:
     """Run MotionComplete: by the command, or by the encoders where the second number is 1."""
     items = items_of(parameter)
@@ -197,6 +167,9 @@ ROBOT_COMMANDS: Commands = MappingProxyType(
     {
         **SLAVE_COMMANDS,
         **MOTION_COMMANDS,
+        **FRAME_COMMANDS,
+        **GRIPPER_COMMANDS,
+        **EQUIPMENT_COMMANDS,
         "takearm": take_arm,
         "givearm": give_arm,
         "takearmstate": take_arm_state,
@@ -213,13 +186,6 @@ ROBOT_COMMANDS: Commands = MappingProxyType(
         "curextspd": _speed("external"),
         "curextacc": _speed("external_acceleration"),
         "curtool": lambda context, parameter: Answer(value=i4(context.machine.tool)),
-        "j2p": _convert(_J, _P),
-        "j2t": _convert(_J, _T),
-        "p2j": _convert(_P, _J),
-        "p2t": _convert(_P, _T),
-        "t2j": _convert(_T, _J),
-        "t2p": _convert(_T, _P),
-        "outrange": out_range,
         "motioncomplete": motion_complete,
         "getsrvdata": servo_data,
         "getrobottypename": type_name,

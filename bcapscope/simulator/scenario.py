@@ -23,17 +23,20 @@ from msgspec import Meta
 from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldError, read_document
 from bcapscope.faults.fault import AnyFault
 from bcapscope.faults.quantities import Duration, ResultCode
+from bcapscope.protocol.functions import ObjectClass
 from bcapscope.protocol.hresult import is_failure
 from bcapscope.protocol.responder import Defect
+from bcapscope.protocol.slavemode import Generation
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.simulator.event import LONGEST_NAME, AnyEvent, Joints6, Mode, Percent
 from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, beyond_limit, eight
 from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, Start
 from bcapscope.simulator.memory import Memory
 from bcapscope.simulator.outcome import RefusedError
-from bcapscope.simulator.profile import PROFILES, Profile
+from bcapscope.simulator.profile import PROFILES, NoArgument, Profile
 from bcapscope.simulator.refusals import BAD_INDEX
 from bcapscope.simulator.simulator import MOST_CLIENTS
+from bcapscope.simulator.systemvariables import names
 from bcapscope.simulator.values import boolean, bstr, r8, row
 from bcapscope.traffic.filter_tokens import nearest
 
@@ -126,8 +129,10 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         speed: external speed in percent, as set on the pendant.
         type_name: of the robot.
         errors: that are active, the oldest first.
+        empty: names of variables of the robot that answer EMPTY, such as @CURRENT_ANGLE.
         emergency: whether the emergency stop is pressed.
         arm_taken: whether a client that is not seen has the arm.
+        object_width: width in mm of an object between the fingers of the hands; None for no object.
         udp_clients: places on UDP that half-open clients hold, of 20.
         tcp_clients: the same on TCP.
     """
@@ -140,8 +145,10 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     speed: Percent = 100.0
     type_name: Name = ROBOT_TYPE
     errors: Annotated[tuple[ResultCode, ...], Meta(max_length=32)] = ()
+    empty: Names = ()
     emergency: bool = False
     arm_taken: bool = False
+    object_width: Annotated[float, Meta(gt=0, le=39)] | None = None
     udp_clients: Places = 0
     tcp_clients: Places = 0
 
@@ -149,6 +156,10 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for index, code in enumerate(self.errors):
             if not is_failure(code):
                 raise FieldError(("errors", index), f"{code.text} is no error")
+        known = {name for generation in Generation for name in names(ObjectClass.ROBOT, generation)}
+        for index, name in enumerate(self.empty):
+            if name.upper() not in known:
+                raise FieldError(("empty", index), f"the robot has no variable {name}")
 
 
 class Tasks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -222,6 +233,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         client: that meets it.
         profile: kind of controller.
         defects: of DENSO's C server that it has; None for those of the profile.
+        no_argument: replies without a value that carry no argument; None for those of the profile.
         start: what it is like at the beginning.
         variables: values by name, such as ``I1``, ``P3`` or ``IO128``.
         tasks: programs.
@@ -238,13 +250,14 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     client: Client = Client()
     profile: Kind = Kind.RC8
     defects: tuple[Defective, ...] | None = None
+    no_argument: NoArgument | None = None
     start: Beginning = Beginning()
     variables: dict[Name, Setting] = {}
     tasks: Tasks = Tasks()
     limits: Limits = Limits()
     faults: Trouble = ()
     in_slave_mode: Trouble = ()
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
 
     def __post_init__(self) -> None:
         self.fill(Memory(VT.R8))
@@ -263,12 +276,15 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def controller(self) -> Profile:
-        """The profile with the defects that it is to have."""
+        """The profile with what the scenario changes in it."""
         profile = self.profile.profile
-        if self.defects is None:
-            return profile
-        defects = reduce(or_, (each.defect for each in self.defects), Defect.NONE)
-        return replace(profile, defects=defects)
+        if self.defects is not None:
+            profile = replace(
+                profile, defects=reduce(or_, (each.defect for each in self.defects), Defect.NONE)
+            )
+        if self.no_argument is not None:
+            profile = replace(profile, no_argument=self.no_argument)
+        return profile
 
     def beginning(self, epoch: int = 0) -> Start:
         """Return the state of the controller at the beginning; `epoch` as in `Start`."""
@@ -285,8 +301,10 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             tasks=self.tasks.loaded,
             running=self.tasks.running,
             errors=start.errors,
+            empty=tuple(name.upper() for name in start.empty),
             emergency=start.emergency,
             arm_taken=start.arm_taken,
+            object_width=start.object_width,
             udp_clients=start.udp_clients,
             tcp_clients=start.tcp_clients,
             epoch=epoch,

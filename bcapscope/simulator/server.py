@@ -1,6 +1,7 @@
 """The sockets of the simulator: UDP and TCP on one port, one thread, no more waiting than needed.
 
-There are never more sockets than clients, 20 on TCP, and some of those who serve.
+There are never more sockets than clients, 20 on TCP and a few that send stops, connections that have not sent
+a frame yet, and those who serve.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Protocol, TypeAlias
 
-from bcapscope.errors import BcapError
+from bcapscope.protocol.opening import begins_with_stop
 from bcapscope.simulator.clock import Clock
-from bcapscope.simulator.simulator import Abort, Output, Peer
+from bcapscope.simulator.listening import listen
+from bcapscope.simulator.simulator import KEPT, Abort, Output, Peer
 from bcapscope.simulator.turns import Turns
 from bcapscope.simulator.watch import Ready, Watch
 from bcapscope.transport.arrival import CONTROL, Control, ask_for_times, kernel_time, receiver
+from bcapscope.transport.descriptors import SpareDescriptors, none_left
+from bcapscope.transport.lobby import Lobby
 from bcapscope.transport.tcp import reset
 
 LARGEST_DATAGRAM = 65535
@@ -35,17 +39,14 @@ _AT_ONCE = 1024  # datagrams that are taken from the system before any but the f
 _PORTION = 256  # bytes that are taken of a connection before the others have their turn
 _PILE = 16384  # the same where each set point has its own time
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # or what looks like it, which does no harm
-_AT_ONE_TIME = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
+_MOST_ACCEPTED = 16  # connections that are taken before others have their turn
+_SPARE_DESCRIPTORS = 3  # for clients that may turn out to send a stop when there are no others
+_TIDY_EACH = 1_000_000_000  # ns
 
-_RECEIVE_BUFFER = 4 << 20
-"""Bytes of datagrams that may wait while others are answered; the system gives what its own limit allows."""
+_AT_ONE_TIME = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
 
 Address: TypeAlias = tuple[str, int]
 _Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
-
-
-class ListenError(BcapError):
-    """An address cannot be listened on."""
 
 
 class Tap(Protocol):
@@ -72,7 +73,7 @@ class Answerer(Protocol):
     @property
     def waits(self) -> bool: ...
     def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
-    def connect(self, peer: Peer, now: int) -> bool: ...
+    def connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
     def segment(self, peer: Peer, data: bytes, now: int) -> list[Output]: ...
     def disconnect(self, peer: Peer, now: int) -> None: ...
     def reset(self, now: int) -> list[Output]: ...
@@ -125,15 +126,21 @@ class Server:
         self.turns: Turns[_Address] = Turns()
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
+        self._lobby: Lobby[int] = Lobby()
+        self._stops: list[_Connection] = []  # beyond the controller's limit, the oldest first
+        self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
+        self._is_paused = False
+        self._tidied = -_TIDY_EACH  # not earlier: what the command needs to run comes before spares
         self._awake_until = 0
         self._may_be_more = True
         self._moment = 0  # before which nothing was there
         self._clock = Clock(simulator)
-        self._udp, self._tcp = _listen(host, port)
+        self._udp, self._tcp = listen(host, port)
         self._datagrams, self._newcomers = self._udp.fileno(), self._tcp.fileno()
         self._receive = receiver(self._udp)
         self._also: tuple[int, ...] = ()
-        self._arrange()
+        self._watch = Watch((), ())
+        self._is_rearranged = True
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
     def now(self) -> int:
@@ -146,6 +153,7 @@ class Server:
             self._drop(connection)
         self._udp.close()
         self._tcp.close()
+        self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, also: Sequence[int] = ()) -> list[int]:
         """Wait for one thing to do and do it.
@@ -158,9 +166,12 @@ class Server:
             Those of `also` that can be read.
         """
         now = self._clock.now()
+        self._tidy()
         due = self._simulator.due(now)
         if self._also != (others := tuple(also)):
             self._also = others
+            self._is_rearranged = True
+        if self._is_rearranged:
             self._arrange()
         readable, writable = self._wait(0 if self.turns.waiting else until, due, now)
         moment = self._clock.look()
@@ -252,25 +263,68 @@ class Server:
         return self._clock.as_of(kernel_time(control, 0)) if self._may_be_more else self._moment
 
     def _accept(self) -> None:
-        with suppress(OSError):
-            sock, address = self._tcp.accept()
-            peer = ("tcp", address)
-            if not self._simulator.connect(peer, self._tell_now()):
-                sock.close()
-                return
+        """Take connections; they are clients of the controller with their first frame."""
+        for _ in range(_MOST_ACCEPTED):
+            try:
+                sock, address = self._tcp.accept()
+            except (BlockingIOError, ConnectionError):
+                break
+            except OSError as error:
+                if none_left(error) and (self._spares.give() or self._drop_newcomer(self._lobby.drop())):
+                    continue
+                self._is_paused = True  # or it would be told again and again that somebody waits
+                break
             sock.setblocking(False)
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            with suppress(OSError):  # on macOS a client that has gone by now has no options any more
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             ask_for_times(sock)
             connection = _Connection(sock, address)
-            self._connections[connection.number] = self._by_peer[peer] = connection
-            self._arrange()
+            self._drop_newcomer(self._lobby.enter(connection.number, address[0]))
+            self._connections[connection.number] = self._by_peer[connection.peer] = connection
+        self._is_rearranged = True
+
+    def _drop_newcomer(self, number: int | None) -> bool:
+        """Close a connection that left the lobby for another; tell whether there was one."""
+        if number is None:
+            return False
+        self._drop(self._connections[number], by_reset=True)
+        return True
+
+    def _tidy(self) -> None:
+        """Once a second, end what takes too long and look again for what there was no room for."""
+        now = time.monotonic_ns()
+        if now - self._tidied < _TIDY_EACH:
+            return
+        self._tidied = now
+        self._spares.fill()
+        for number in self._lobby.overdue(now):
+            self._drop_newcomer(number)
+        if self._is_paused:
+            self._is_paused = False
+            self._is_rearranged = True
+
+    def _admit(self, connection: _Connection, first: bytes) -> bool:
+        """Make a connection a client of the controller; else close it. A stop always gets in."""
+        is_stop = begins_with_stop(first)
+        has_room = self._spares.fill() and self._simulator.connect(connection.peer, self._tell_now())
+        if not has_room and is_stop:
+            self._stops = [each for each in self._stops if each.number in self._connections]
+            if len(self._stops) >= KEPT:
+                self._drop(self._stops.pop(0))
+            has_room = self._simulator.connect(connection.peer, self._tell_now(), is_stop=True)
+            self._stops.append(connection)
+        if not has_room:
+            self._drop(connection)
+        return has_room
 
     def _arrange(self) -> None:
         """Say anew what is waited for: a client that does not read is not read from either."""
+        self._is_rearranged = False
         connections = self._connections.items()
         writers = [number for number, each in connections if each.blocked]
         own = (number for number, each in connections if not each.blocked)
-        self._watch = Watch([self._datagrams, self._newcomers, *own, *self._also], writers)
+        listeners = [self._datagrams] if self._is_paused else [self._datagrams, self._newcomers]
+        self._watch = Watch([*listeners, *own, *self._also], writers)
 
     def _take_segment(self, number: int) -> None:
         connection = self._connections.get(number)
@@ -290,6 +344,11 @@ class Server:
                 self.tap.finished(connection.client, self.address, time.time_ns())
             self._drop(connection)
             return
+        if number in self._lobby:
+            first = self._lobby.feed(number, data, time.monotonic_ns())
+            if first is None or not self._admit(connection, first):
+                return
+            data = first
         if self.tap:
             self.tap.segment(connection.client, self.address, data, time.time_ns())
         came, since = self._came(control), connection.heard
@@ -345,7 +404,7 @@ class Server:
         del backlog[:sent]
         if connection.blocked is not bool(backlog):
             connection.blocked = bool(backlog)
-            self._arrange()
+            self._is_rearranged = True
 
     def _part_from(self, connection: _Connection, error: OSError) -> None:
         """Let go of a client that has reset its connection, or cannot be reached any more."""
@@ -357,7 +416,8 @@ class Server:
         if self._connections.pop(connection.number, None) is None:
             return
         del self._by_peer[connection.peer]
-        self._arrange()
+        self._lobby.leave(connection.number)
+        self._is_rearranged = True
         if self.tap:
             if not is_broken:
                 self.tap.finished(self.address, connection.client, time.time_ns(), reset=by_reset)
@@ -367,42 +427,6 @@ class Server:
             reset(connection.socket)
         else:
             connection.socket.close()
-
-
-def _listen(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Open both sockets; with port 0 the one that TCP gets, tried again where UDP has it already."""
-    tries = 1 if port else 20
-    for last in range(tries - 1, -1, -1):
-        tcp = _bind(host, port, socket.SOCK_STREAM)
-        try:
-            return _bind(host, tcp.getsockname()[1], socket.SOCK_DGRAM), tcp
-        except ListenError:
-            tcp.close()
-            if not last:
-                raise
-    raise AssertionError("one of the tries returns or raises")
-
-
-def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
-    word = "TCP" if kind == socket.SOCK_STREAM else "UDP"
-    sock = None
-    try:
-        family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=socket.AI_PASSIVE)[0]
-        sock = socket.socket(family, kind)
-        sock.setblocking(False)
-        if kind == socket.SOCK_STREAM:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        else:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
-            ask_for_times(sock)
-        sock.bind(address)
-        if kind == socket.SOCK_STREAM:
-            sock.listen(32)
-    except OSError as error:
-        if sock is not None:
-            sock.close()
-        raise ListenError(f"cannot listen on {host} {word} port {port}: {error.strerror or error}") from error
-    return sock
 
 
 def serve(server: Server, idle: Callable[[], bool], also: Callable[[int], None], watch: list[int]) -> None:

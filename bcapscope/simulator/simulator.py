@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.content import EOT, SMALLEST_FRAME, SOH
 from bcapscope.protocol.frame import LARGEST_UDP_FRAME, Frame
+from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.stream import Splitter
 from bcapscope.simulator.conversation import Conversation, Report
 from bcapscope.simulator.machine import Machine, Start
@@ -19,6 +20,9 @@ from bcapscope.simulator.profile import Profile
 
 MOST_CLIENTS = 20
 """On TCP, and again on UDP."""
+
+KEPT = 4
+"""Further clients of each transport whose first request is a stop; ours, as DENSO's C server refuses them."""
 
 FORGOTTEN_AFTER = 10_000_000_000
 """ns of silence after which a UDP client gives way to a new one when the list is full."""
@@ -96,6 +100,7 @@ class Simulator:
         self._report = report
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, Conversation] = {}
+        self._stops: dict[Peer, None] = {}  # UDP clients in a kept place, the oldest first
         self._number = 0
         for place in range(self.machine.start.udp_clients):
             self._add(("half-open", "udp", place), None, now)
@@ -108,15 +113,21 @@ class Simulator:
         if frame is None:
             self.dropped += 1
             return []
-        link = self._links.get(peer) or self._new_udp(peer, now)
+        link = self._links.get(peer) or self._new_udp(peer, frame, now)
         if link is None:
             self.dropped += 1
             return []
         return self._receive(peer, link.conversation, frame, now)
 
-    def connect(self, peer: Peer, now: int) -> bool:
-        """Take a TCP connection; return False if there are too many, for the caller to close it."""
-        if self._count(udp=False) >= MOST_CLIENTS:
+    def connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
+        """Take a TCP connection; return False if there are too many, for the caller to close it.
+
+        Args:
+            peer: the client.
+            now: ns.
+            is_stop: its first request is a stop, which is taken beyond the usual limit.
+        """
+        if self._count(udp=False) >= MOST_CLIENTS + KEPT * is_stop:
             self.refused += 1
             return False
         self._add(peer, Splitter(limit=LARGEST_REQUEST), now)
@@ -147,6 +158,7 @@ class Simulator:
         """Let go of a client that is gone."""
         link = self._links.pop(peer, None)
         self._running.pop(peer, None)
+        self._stops.pop(peer, None)
         if link is not None:
             link.conversation.close(now)
 
@@ -206,9 +218,13 @@ class Simulator:
     def _count(self, udp: bool) -> int:
         return sum((link.splitter is None) is udp for link in self._links.values())
 
-    def _new_udp(self, peer: Peer, now: int) -> _Link | None:
-        if self._count(udp=True) >= MOST_CLIENTS and not self._forget_one(now):
-            return None
+    def _new_udp(self, peer: Peer, frame: Frame, now: int) -> _Link | None:
+        if self._count(udp=True) - len(self._stops) >= MOST_CLIENTS and not self._forget_one(now):
+            if not always_passes(frame.code, frame.variants):
+                return None
+            if len(self._stops) >= KEPT:
+                self.disconnect(next(iter(self._stops)), now)
+            self._stops[peer] = None
         return self._add(peer, None, now)
 
     def _forget_one(self, now: int) -> bool:

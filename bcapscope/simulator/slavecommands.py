@@ -51,7 +51,7 @@ def change_mode(context: Context, parameter: Variant) -> Outcome:
     if mode.pose_type is None:
         return _leave(context)
     if context.machine.slave.mode is not None:
-        raise RefusedError(E_REFUSED_IN_SLAVE_MODE)
+        context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
     context.machine.check_slave_mode(context.client, context.now)
     return _enter(context, mode)
 
@@ -83,7 +83,10 @@ def _leave(context: Context) -> Outcome:
     slave.drain()
 
     def poll(now: int) -> Answer | None:
-        if slave.mode is None or slave.run != run:
+        if slave.run != run:
+            return DONE
+        if slave.mode is None:
+            slave.owed = 0  # this reply reports the end of slave mode; slvMove need not report why
             return DONE
         if not slave.is_empty or not machine.arm.stands(now):
             return None
@@ -126,7 +129,9 @@ def slave_move(context: Context, parameter: Variant) -> Outcome:
     mode = slave.mode
     if mode is None or mode.pose_type is None:
         owed, slave.owed = slave.owed, 0
-        raise RefusedError(owed or E_NOT_IN_SLAVE_MODE)
+        if owed:
+            raise RefusedError(owed)
+        machine.refuse(E_NOT_IN_SLAVE_MODE, context.now)
     if machine.profile.needs_arm and machine.owner != context.client:
         raise RefusedError(E_ARM_NOT_TAKEN)
     point = split_set_point(parameter, mode.pose_type, slave.send, slave.receive)

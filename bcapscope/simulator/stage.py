@@ -98,10 +98,10 @@ class Stage:
         outputs = self._pass_time(now)
         return outputs + self._hear(self._line(peer, Transport.UDP), data, now)
 
-    def connect(self, peer: Peer, now: int) -> bool:
+    def connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Take a TCP connection; return False if there are too many, for the caller to close it."""
         self._line(peer, Transport.TCP)
-        taken = self.simulator.connect(peer, now)
+        taken = self.simulator.connect(peer, now, is_stop)
         if not taken:
             self._forget(peer)
         return taken

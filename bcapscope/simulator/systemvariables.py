@@ -1,7 +1,8 @@
 """Reading and writing the variables of controller, robot and task objects.
 
-Names and types: `bcapscope.protocol.variables`. Which of the named ones can be written is documented
-nowhere; here those are that a session needs.
+Names and types: `bcapscope.protocol.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and their
+configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config). That
+the other speeds can be written is assumed. TOOLn, WORKn and _ITP were seen on RC7 only.
 """
 
 from __future__ import annotations
@@ -9,22 +10,32 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import NamedTuple
 
 from bcapscope import __version__
 from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
-from bcapscope.protocol.slavemode import PoseType
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.context import Context
+from bcapscope.protocol.slavemode import Generation, PoseType
+from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.simulator.context import Command, Context
+from bcapscope.simulator.equipment import Frame
+from bcapscope.simulator.framecommands import NOWHERE, frame_number
 from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.machine import READY, RUNNING
-from bcapscope.simulator.memory import COUNT, LETTERS
+from bcapscope.simulator.memory import COUNT, LETTERS, vector_of
 from bcapscope.simulator.objects import Object
-from bcapscope.simulator.outcome import RefusedError
+from bcapscope.simulator.outcome import DONE, Outcome, RefusedError
 from bcapscope.simulator.refusals import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND
+from bcapscope.simulator.robotcommands import motor
 from bcapscope.simulator.values import boolean, bstr, i4, integer_of, number_of, r4, row
 
-_NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS])([0-9]{1,9}|\*)")
+_NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS]|TOOL|WORK)([0-9]{1,9}|\*)")
+_ONLY_ON_RC7 = frozenset(("TOOL", "WORK", "_ITP"))
+_FRAMES: Mapping[str, Callable[[Context], dict[int, Frame]]] = {
+    "TOOL": lambda context: context.machine.equipment.tools,
+    "WORK": lambda context: context.machine.equipment.works,
+}
 
 Read = Callable[[Context], Variant]
 
@@ -32,51 +43,77 @@ TYPE_NUMBER = 999
 """Value of @TYPE; DENSO's arms have others."""
 
 
-def check(owner: ObjectClass, name: str) -> None:
-    """Refuse a variable that the object does not have.
+def check(owner: ObjectClass, name: str, generation: Generation) -> None:
+    """Refuse a variable that the object does not have on a controller of this generation.
 
     Raises:
         RefusedError: there is none of that name or number.
     """
     upper = name.strip().upper()
-    if owner is ObjectClass.CONTROLLER and _NUMBERED.fullmatch(upper):
-        return
-    if (owner, upper) not in _READERS:
+    match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
+    is_known = match is not None or (owner, upper) in _READERS
+    if not is_known or not _is_on(generation, match[1] if match else upper):
         raise RefusedError(OBJECT_NOT_FOUND)
+
+
+def _is_on(generation: Generation, name: str) -> bool:
+    return name not in _ONLY_ON_RC7 or generation is Generation.RC7
 
 
 def read(context: Context) -> Variant:
     """Read the variable of `context.object`."""
     place = _place(context.object)
+    if place and place[0] in _FRAMES:
+        return _read_frame(context, *place)
     if place:
         return context.machine.memory.read(*place)
-    return _READERS[_owner(context.object), context.object.name.strip().upper()](context)
+    owner, name = _owner(context.object), context.object.name.strip().upper()
+    if owner is ObjectClass.ROBOT and name in context.machine.start.empty:
+        return EMPTY
+    return _READERS[owner, name](context)
 
 
-def write(context: Context, value: Variant) -> None:
-    """Write the variable of `context.object`.
+def write(context: Context, value: Variant) -> Outcome:
+    """Write the variable of `context.object`; one that acts as a command runs as long as the command.
 
     Raises:
-        RefusedError: it cannot be written, or the value does not fit.
+        RefusedError: it cannot be written, the value does not fit, or the command is refused.
     """
     place = _place(context.object)
+    if place and place[0] in _FRAMES:
+        return _write_frame(context, *place, value)
     if place:
         context.machine.memory.write(*place, value)
-        return
+        return DONE
     name = context.object.name.strip().upper()
-    task = context.object.parent
-    if task is not None and task.kind is ObjectClass.TASK and name in ("@START", "@STOP"):
-        context.machine.tasks[task.name.casefold()] = RUNNING if name == "@START" else READY
-        return
-    if name not in _SPEEDS or not 0 < number_of(value) <= 100:
+    act = _ACTS.get((_owner(context.object), name))
+    if act is None:
         raise RefusedError(NOT_WRITABLE)
-    setattr(context.machine.speeds, _SPEEDS[name], float(number_of(value)))
+    if context.machine.slave.mode is not None and not act.in_slave_mode:
+        context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
+    return act.command(context, value)
 
 
-def names(owner: ObjectClass) -> tuple[str, ...]:
+def names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
     """List the variables of an object, the numbered ones by their first."""
-    numbered = tuple(f"{letter}0" for letter in LETTERS) if owner is ObjectClass.CONTROLLER else ()
-    return (*numbered, *(name for kind, name in _READERS if kind is owner))
+    letters = (*LETTERS, *_FRAMES) if owner is ObjectClass.CONTROLLER else ()
+    named = (name for kind, name in _READERS if kind is owner)
+    return (
+        *(f"{letter}0" for letter in letters if _is_on(generation, letter)),
+        *(name for name in named if _is_on(generation, name)),
+    )
+
+
+def _read_frame(context: Context, kind: str, number: int) -> Variant:
+    frame = _FRAMES[kind](context).get(frame_number(number), NOWHERE)
+    return row(context.machine.profile.real, frame)
+
+
+def _write_frame(context: Context, kind: str, number: int, value: Variant) -> Outcome:
+    """Define a tool or work; a seventh number, the Fig of a position, is dropped."""
+    frame = vector_of(value, 7, context.machine.profile.real)[:6]
+    _FRAMES[kind](context)[frame_number(number, first=1)] = frame
+    return DONE
 
 
 def _place(variable: Object) -> tuple[str, int] | None:
@@ -129,6 +166,58 @@ _SPEEDS: Mapping[str, str] = {
 }
 
 
+def _put_speed(field: str) -> Command:
+    def run(context: Context, value: Variant) -> Outcome:
+        speed = float(number_of(value))
+        if not 0 < speed <= 100:
+            raise RefusedError(NOT_WRITABLE)
+        setattr(context.machine.speeds, field, speed)
+        return DONE
+
+    return run
+
+
+def _start_task(context: Context, value: Variant) -> Outcome:
+    context.machine.start_task(_task_name(context))
+    return DONE
+
+
+def _stop_task(context: Context, value: Variant) -> Outcome:
+    context.machine.stop_task(_task_name(context), context.now)
+    return DONE
+
+
+def _task_name(context: Context) -> str:
+    task = context.object.parent
+    return task.name if task else ""
+
+
+class _Act(NamedTuple):
+    """What writing a variable does.
+
+    Attributes:
+        command: takes the value that is written as its parameter.
+        in_slave_mode: slave mode allows it, as it allows the function or command of the same effect.
+    """
+
+    command: Command
+    in_slave_mode: bool
+
+
+_ACTS: Mapping[tuple[ObjectClass, str], _Act] = MappingProxyType(
+    {
+        (ObjectClass.ROBOT, "@SERVO_ON"): _Act(motor, False),
+        (ObjectClass.TASK, "@START"): _Act(_start_task, False),
+        (ObjectClass.TASK, "@STOP"): _Act(_stop_task, True),
+        **{
+            (ObjectClass.ROBOT, name): _Act(_put_speed(field), not name.startswith("@EXT"))
+            for name, field in _SPEEDS.items()
+        },
+    }
+)
+"""Variables that do what a command or function does when they are written: Motor, Task_Start, ExtSpeed."""
+
+
 def _speed(field: str) -> Read:
     return lambda context: r4(getattr(context.machine.speeds, field))
 
@@ -151,6 +240,7 @@ _CONTROLLER: dict[str, Read] = {
     "@NORMAL_STATUS": lambda context: boolean(not context.machine.alarms.active),
     "@AUTO_ENABLE": _fixed(boolean(True)),
     "@IO_ALLOC_MODE": _fixed(i4(0)),
+    "_ITP": _fixed(i4(0)),
     **{f"@VAR_{letter}_LEN": _fixed(i4(COUNT)) for letter in LETTERS},
 }
 

@@ -75,6 +75,7 @@ class Exchange:
         skipped_handles: how many handles the one that came back is ahead of the next in sequence, where so
             many tries went unanswered; otherwise 0.
         habits: how the conversation used the reserved field, as far as was known when the call settled.
+        weight: bytes of its frames, and what keeping them costs, as far as its lane has counted them.
     """
 
     __slots__ = (
@@ -91,6 +92,7 @@ class Exchange:
         "request",
         "silent",
         "skipped_handles",
+        "weight",
     )
 
     def __init__(
@@ -111,7 +113,7 @@ class Exchange:
         self.others: list[Event] | tuple[()] = ()  # nearly all calls share the empty one
         self.gone_on = 0
         self.silent = self.let_go = False
-        self.skipped_handles = 0
+        self.skipped_handles = self.weight = 0
 
     def __repr__(self) -> str:
         events = ", ".join(f"{event.role} {event.seen.number}" for event in self.events)

@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple, TypeAlias, TypeGuard
 
 from bcapscope.protocol.arguments import Argument
+from bcapscope.protocol.numerals import read_integer
 from bcapscope.protocol.variant import Variant
 from bcapscope.traffic.observation import Endpoint
 
@@ -164,9 +165,10 @@ def _parse_endpoint(written: str) -> tuple[Address, int | None] | None:
 def _parse_port(written: str) -> int | None:
     if not written:
         return None
-    if not (written.isascii() and written.isdecimal()) or int(written) > 0xFFFF:
+    port = read_integer(written, 0, 0xFFFF)
+    if port is None:
         raise ValueError(written)
-    return int(written)
+    return port
 
 
 def equality(wanted: Sequence[Wanted], negated: bool) -> Match:

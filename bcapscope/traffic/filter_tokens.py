@@ -8,15 +8,14 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
 
+from bcapscope.protocol.numerals import LONGEST_NUMBER
 from bcapscope.protocol.wording import display_width
 
 LONGEST_EXPRESSION = 8192
 """Characters; what people and rule files write is a hundredth of it."""
 
-LONGEST_NUMBER = 40
-"""Characters; a 64-bit number in decimals needs 20, a time with nine digits behind the point as many."""
-
 _SHOWN_AROUND = 60
+_LONGEST_MISSPELT = 60  # characters; looking for what is near takes the square of the time
 
 
 class FilterError(ValueError):
@@ -51,6 +50,8 @@ def _printable(text: str) -> str:
 
 def nearest(word: str, candidates: Iterable[str]) -> str:
     """Give ``, did you mean 'retries'?`` for a misspelt word, "" where nothing is near."""
+    if len(word) > _LONGEST_MISSPELT:
+        return ""
     by_folded = {candidate.casefold(): candidate for candidate in candidates}
     found = difflib.get_close_matches(word.casefold(), by_folded, n=1)
     return f", did you mean '{by_folded[found[0]]}'?" if found else ""

@@ -10,9 +10,10 @@ from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass
 from bcapscope.protocol.hresult import is_success
 from bcapscope.protocol.variant import EMPTY, VT
+from bcapscope.protocol.wording import shortened
 from bcapscope.traffic.exchange import Exchange, FrameObservation
 from bcapscope.traffic.observation import Conversation
-from bcapscope.traffic.question import MOST_CONVERSATIONS
+from bcapscope.traffic.question import LONGEST_NAME, MOST_CONVERSATIONS
 
 MOST_OBJECTS = 4096
 """Objects of one client that are known at once; the oldest is forgotten first. The official server allows
@@ -234,7 +235,7 @@ def name_asked(exchange: Exchange, function: Function) -> str:
     if index is None or index >= len(arguments):
         return ""
     value = arguments[index].variant.value
-    return value if isinstance(value, str) else ""
+    return shortened(value, LONGEST_NAME) if isinstance(value, str) else ""
 
 
 def _handle_given(reply: FrameObservation | None) -> int | None:

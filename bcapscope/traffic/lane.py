@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import Frame
 from bcapscope.protocol.functions import FUNCTIONS, ResultKind
 from bcapscope.protocol.hresult import E_BUSY, S_EXECUTING, is_failure
@@ -45,9 +46,15 @@ MOST_SHADOWED = 16
 """Unanswered requests of one serial on TCP that are remembered for their replies."""
 
 MOST_HELD = 65536
-"""Retries, notices and further replies of open calls that are kept, about 30 MB. The older C client tries
-without end (start-jsk/denso b-Cap.c): every 20 ms, it is there in 20 minutes. The call that goes beyond is
-let go with those before it, and what else comes of it begins another."""
+"""Retries, notices and further replies of open calls that a conversation keeps, about 30 MB. The older C
+client tries without end (start-jsk/denso b-Cap.c): every 20 ms, it is there in 20 minutes. The call that goes
+beyond is let go with those before it, and what else comes of it begins another."""
+
+_EVENT_COST = 512
+"""Bytes that each of these costs beside its content."""
+
+_HEAVY = 64 * 1024
+"""Bytes of a settled call that are not kept for the sake of the next call's."""
 
 MOST_PAST = 1024
 """Serials of settled calls: at least as many are known, at most twice."""
@@ -62,10 +69,12 @@ class Lane:
 
     Attributes:
         waiting: the calls that have not settled, in the order of their start.
+        weight: bytes that they hold.
     """
 
     __slots__ = (
         "_answered",
+        "_budget",
         "_by_serial",
         "_conversation",
         "_habits",
@@ -83,17 +92,21 @@ class Lane:
         "_session",
         "_shadowed",
         "waiting",
+        "weight",
     )
 
-    def __init__(self, conversation: Conversation, let_go: int = 0) -> None:
+    def __init__(self, conversation: Conversation, let_go: int = 0, budget: Budget | None = None) -> None:
         """Begin.
 
         Args:
             conversation: between whom.
+            budget: counts what the open calls of all conversations hold.
             let_go: the latest call of the traffic that may have been one of this conversation, and was let go
                 and forgotten; 0 where there is none.
         """
         self.waiting: deque[Exchange] = deque()
+        self.weight = 0
+        self._budget = budget or Budget()
         self._conversation = conversation
         self._let_go = let_go
         self._is_tcp = conversation.transport is Transport.TCP
@@ -215,6 +228,7 @@ class Lane:
             self._shadow(frame.serial)
         self._by_serial[frame.serial] = self._newest = exchange
         self.waiting.append(exchange)
+        self._charge(exchange, len(frame.raw))
 
     def _belongs_to(self, prior: Exchange, seen: FrameObservation, frame: Frame) -> bool:
         """Take in a request that `prior` has already, or the first try of it that its retries overtook."""
@@ -239,6 +253,7 @@ class Lane:
         prior.others = [Event(Role.RETRY, prior.request), *prior.others]
         prior.request = seen
         self._held += 1
+        self._charge(prior, len(frame.raw) + _EVENT_COST)
         self._heard_of(prior).add(Role.REQUEST, seen)
         return True
 
@@ -305,8 +320,14 @@ class Lane:
     def _note(self, exchange: Exchange, role: Role, seen: FrameObservation) -> None:
         exchange.add(role, seen)
         self._held += 1
+        self._charge(exchange, len(seen.item.raw) + _EVENT_COST)
         if exchange in self._heard:
             self._heard[exchange].add(role, seen)
+
+    def _charge(self, exchange: Exchange, weight: int) -> None:
+        exchange.weight += weight
+        self.weight += weight
+        self._budget.held += weight
 
     def _heard_of(self, exchange: Exchange) -> Heard:
         heard = self._heard.get(exchange)
@@ -324,6 +345,7 @@ class Lane:
     def _accept(self, exchange: Exchange, seen: FrameObservation, frame: Frame) -> None:
         exchange.reply = seen
         exchange.activity = seen.time
+        self._charge(exchange, len(frame.raw))
         if self._heard and exchange in self._heard:
             self._heard[exchange].add(Role.REPLY, seen)
         if exchange.call > self._answered and frame.code != E_BUSY:
@@ -382,6 +404,11 @@ class Lane:
         while overtaking and overtaking[0][0] <= exchange.call:
             overtaking.popleft()
         exchange.habits = self._habits
+        weight = exchange.weight
+        self.weight -= weight
+        self._budget.held -= weight
+        if weight > _HEAVY and exchange is self._newest:
+            self._newest = None
         if exchange.question.function_id in _OPENERS:
             self._follow_handles(exchange)
         if self._heard:

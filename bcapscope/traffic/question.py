@@ -7,6 +7,7 @@ from typing import NamedTuple
 from bcapscope.protocol.frame import Frame, Malformed
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.protocol.variant import VT
+from bcapscope.protocol.wording import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MOST_KINDS = 4096
@@ -21,6 +22,10 @@ never waits meets replies a second late."""
 MOST_CONVERSATIONS = 256
 """Conversations known to `Questions`; the one that was silent longest is forgotten first. The official
 server takes 20 clients on either transport (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+LONGEST_NAME = 256
+"""Characters of a command's or an object's name that are kept; the others are cut off, with … in their place.
+No name of a controller is nearly as long."""
 
 COMMAND_FUNCTIONS = frozenset(
     function.id
@@ -40,8 +45,8 @@ class Question(NamedTuple):
 
     Attributes:
         function_id: number of the function, known or not.
-        command: as it was sent, for the ..._Execute functions; None for all others, and where the bytes hold
-            no string in its place.
+        command: as it was sent, but not more than `LONGEST_NAME` of it, for the ..._Execute functions; None
+            for all others, and where the bytes hold no string in its place.
     """
 
     function_id: int
@@ -88,7 +93,7 @@ def _learn(request: Frame, beginning: bytes) -> Question:
 def _read(request: Frame) -> Question:
     arguments = request.arguments
     value = arguments[1].variant.value if len(arguments) > 1 else None
-    return Question(request.code, value if isinstance(value, str) else None)
+    return Question(request.code, shortened(value, LONGEST_NAME) if isinstance(value, str) else None)
 
 
 class Questions:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from operator import attrgetter
 
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import Frame
 from bcapscope.traffic.exchange import Exchange, Settled
 from bcapscope.traffic.lane import Lane
@@ -14,6 +16,11 @@ MOST_OPEN = 8192
 """Calls that are kept open in all, about 10 MB; when there are more, the older half of the busiest
 conversation's is let go. Where four clients send a set point each 2 ms and get no answer, those are older
 than a second, after which a reply would be late, so that they count as unanswered."""
+
+MOST_BYTES = 64 * 1024 * 1024
+"""Bytes of all frames of open calls, with what keeping them costs; when there are more, the older half of the
+calls is let go of the conversation that holds most. That is two calls whose request and reply have the
+largest size."""
 
 SWEEP_NS = 50_000_000
 """Time of the traffic between two looks for calls that have settled: too short for people to notice."""
@@ -39,6 +46,7 @@ class Tracker:
         self._lanes: dict[Conversation, Lane] = {}
         self._conversation: Conversation | None = None
         self._lane: Lane
+        self._budget = Budget(MOST_BYTES)
         self._started = 0
         self._given_out = 0
         self._let_go = 0  # the latest call that may have been let go together with its conversation
@@ -72,6 +80,8 @@ class Tracker:
                 stray = self._lane.reply(observation, item)  # type: ignore[arg-type]  # item is a frame
                 if stray is not None:
                     self._due.append(stray)
+            while self._budget.is_exceeded:
+                self._give_out_half(max(self._lanes.values(), key=attrgetter("weight")))
         return self._take_due() if self._due else ()
 
     def expire(self, now: int) -> Sequence[Settled]:
@@ -95,7 +105,7 @@ class Tracker:
         return sorted(rest, key=lambda exchange: exchange.call)
 
     def _turn_to(self, conversation: Conversation) -> None:
-        lane = self._lanes.pop(conversation, None) or Lane(conversation, self._let_go)
+        lane = self._lanes.pop(conversation, None) or Lane(conversation, self._let_go, self._budget)
         while len(self._lanes) >= MOST_CONVERSATIONS:
             silent = self._lanes.pop(next(iter(self._lanes)))
             if silent.waiting:
@@ -111,8 +121,10 @@ class Tracker:
         self._swept, self._sweep_at = now, now + SWEEP_NS
 
     def _make_room(self) -> None:
-        busiest = max(self._lanes.values(), key=lambda lane: len(lane.waiting))
-        self._give_out(busiest.let_go((len(busiest.waiting) + 1) // 2))
+        self._give_out_half(max(self._lanes.values(), key=lambda lane: len(lane.waiting)))
+
+    def _give_out_half(self, lane: Lane) -> None:
+        self._give_out(lane.let_go((len(lane.waiting) + 1) // 2))
 
     def _give_out(self, exchanges: Iterable[Exchange]) -> None:
         before = len(self._due)

@@ -22,6 +22,7 @@ from textual.driver import Driver
 from textual.filter import LineFilter
 from textual.reactive import reactive
 
+from bcapscope.tui.browser import outlasting_server
 from bcapscope.tui.halting import HALT_KEYS, halting
 from bcapscope.tui.harmless import Harmless
 from bcapscope.tui.ink import Styles
@@ -209,8 +210,9 @@ class Scope(KeyOrder):
         return key.upper() if key[1:].isdecimal() else key
 
     def get_driver_class(self) -> type[Driver]:
-        """Return the platform's driver, which knows the keys of HALT."""
-        return halting(super().get_driver_class(), self._halt_by_key)
+        """Return the platform's driver or that of browsers, which knows the keys of HALT."""
+        driver = outlasting_server(super().get_driver_class(), self._asked_to_end)
+        return halting(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer HALT only where there is something to halt."""

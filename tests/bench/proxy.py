@@ -3,14 +3,15 @@
 Run from the project's root as ``python -m tests.bench.proxy`` (``trips``: flat out and paced at 1 kHz, five
 runs of each way in turn, their medians) or ``python -m tests.bench.proxy robots 60`` (four clients that send
 a set point each millisecond for so many seconds: what was lost, and what the memory did). Figures compare
-within one run only. As root bcapscope takes real-time priority, and keeps the processors from sleeping, by
-itself. ``chrt -f 10`` before it gives clients, server and all relays the priority: it keeps out whatever else
-the machine does, and puts all ways on a par, as programs with real-time priority are woken on the processor
-where they ran last, those without where the waker runs. ``--awake`` keeps the processors from sleeping
-whatever is measured: without it, what is gained by that is gained by bcapscope alone.
+within one run only. As root bcapscope takes real-time priority automatically. ``chrt -f 10`` gives clients,
+server and all relays the priority: it keeps out whatever else the machine does, and makes the ways
+comparable, as programs with real-time priority are woken on the processor where they ran last, those without
+where the waker runs. ``--awake`` keeps the processors from sleeping for all ways; without it, only
+``--low-latency`` does.
 
 The ways: direct; a relay of `RELAY_C`, where there is a C compiler; socat; the least that Python can do with
-epoll (`bare`); bcapscope, recording and decoding all that passes.
+epoll (`bare`); bcapscope, recording and decoding all traffic; the same with ``--low-latency``, which makes a
+difference only to users who may write /dev/cpu_dma_latency.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ from statistics import median
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import ARRAY, VT, Variant
 from tests.bench.awake import add_option, awake
+
+PROXIES = {"bcapscope": (), "--low-latency": ("--low-latency",)}
+"""Ways over bcapscope, each with its options."""
 
 TRIPS = 20_000
 PACED = 8_000
@@ -142,17 +146,17 @@ def way(name: str, server: int, folder: Path) -> Iterator[int]:
     if name == "direct":
         yield server
         return
-    if name == "bcapscope":
+    if name in PROXIES:
         recording = str(folder / f"{port}.pcapng")
         spec = ("--listen", f"udp:127.0.0.1:{port}", "--to", f"127.0.0.1:{server}", "--record", recording)
-        argv: tuple[str, ...] = (sys.executable, "-m", "bcapscope", "proxy", *spec)
+        argv: tuple[str, ...] = (sys.executable, "-m", "bcapscope", "proxy", *spec, *PROXIES[name])
     elif name == "socat":
         argv = ("socat", f"UDP4-LISTEN:{port},bind=127.0.0.1", f"UDP4:127.0.0.1:{server}")
     elif name == "C":
         argv = (str(folder / "relay"), str(port), str(server))
     else:
         argv = (*me, "bare", str(port), str(server))
-    with running(*argv, settle=4.0 if name == "bcapscope" else 1.0):
+    with running(*argv, settle=4.0 if name in PROXIES else 1.0):
         yield port
 
 
@@ -186,7 +190,7 @@ def percentile(values: list[int], share: float) -> float:
 
 def compare(folder: Path, runs: int) -> None:
     """Print the medians of all ways."""
-    names = ["direct", "bare", "bcapscope"]
+    names = ["direct", "bare", *PROXIES]
     if shutil.which("socat"):
         names.insert(1, "socat")
     if compiled(folder):
@@ -209,7 +213,7 @@ def compare(folder: Path, runs: int) -> None:
         for name in names:
             p50, p99, p999 = (median(run[place] for run in found[kind, name]) for place in range(3))
             ratio = f"{p50 / base[0]:5.2f} {p999 / base[1]:5.2f}"
-            print(f"  {name:10} p50 {p50:6.1f}  p99 {p99:7.1f}  p99.9 {p999:8.1f}   {ratio}")
+            print(f"  {name:13} p50 {p50:6.1f}  p99 {p99:7.1f}  p99.9 {p999:8.1f}   {ratio}")
 
 
 def robots(folder: Path, seconds: float) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
+from itertools import repeat
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.capture import hexblock
+from bcapscope.capture.hexblock import LARGEST_BLOCK
 from bcapscope.capture.hextext import MOST_REPEATED, HexPacket, read_hex_text
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import VT, Variant
@@ -18,6 +22,7 @@ from tests.dumps import (
     characters,
     hexdump,
     one_line,
+    packets_in,
     rows,
     window,
     wireshark_bare_dump,
@@ -36,11 +41,11 @@ ZEROS = encode(7, 0, 0, (Variant.array(VT.R8, (0.0,) * 20),))
 
 
 def found(text: str) -> list[bytes]:
-    return [packet.data for packet in read_hex_text(text)]
+    return [packet.data for packet in packets_in(text)]
 
 
 def only(text: str) -> HexPacket:
-    (packet,) = read_hex_text(text)
+    (packet,) = packets_in(text)
     return packet
 
 
@@ -77,7 +82,7 @@ def test_quoted_mail(form: Form, quote: str, end: str) -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_captions_give_direction_and_line(form: Form) -> None:
     text = f"We saw this.\n\nTX\n{form(MOVE)}\n\nRX\n{form(MOVED)}\n"
-    first, second = read_hex_text(text)
+    first, second = packets_in(text)
     assert (first.direction, first.guessed, first.data) == (REQUEST, False, MOVE)
     assert (second.direction, second.guessed, second.data) == (RESPONSE, False, MOVED)
     lines = text.splitlines()
@@ -113,7 +118,7 @@ def test_of_a_paragraph_the_last_sentence() -> None:
     words = "The window shows 'SendData' and 'ReceiveData'. " + "It is big. " * 20
     send = f"The 'SendData' block holds: {one_line(CHANGE_MODE)}. "
     receive = f"The 'ReceiveData' block holds: {one_line(DONE)}."
-    first, second = read_hex_text(words + send + receive)
+    first, second = packets_in(words + send + receive)
     assert (first.data, first.direction, first.caption) == (
         CHANGE_MODE,
         REQUEST,
@@ -143,14 +148,14 @@ def test_a_caption_that_the_bytes_contradict() -> None:
 
 def test_a_serial_that_no_request_has() -> None:
     other = encode(8, 0, 0)
-    notes = [packet.notes for packet in read_hex_text("\n\n".join(map(window, (CHANGE_MODE, other, DONE))))]
+    notes = [packet.notes for packet in packets_in("\n\n".join(map(window, (CHANGE_MODE, other, DONE))))]
     assert notes == [(), ("serial 8, the request above has 5: they do not belong together",), ()]
 
 
 def test_replies_to_earlier_tries_are_no_mismatch() -> None:
     tries = [encode(serial, 1232, 2) for serial in (1232, 1233, 1234)]
     text = "\n\n".join(map(window, [*tries, encode(1233, 1232, 0)]))
-    assert [packet.notes for packet in read_hex_text(text)] == [()] * 4
+    assert [packet.notes for packet in packets_in(text)] == [()] * 4
 
 
 def test_blank_lines_do_not_cut_a_frame() -> None:
@@ -164,7 +169,7 @@ def test_the_number_of_a_page_does_not_get_into_a_frame() -> None:
 
 
 def test_blank_lines_separate_whole_frames() -> None:
-    first, second = read_hex_text(f"TX\n{window(CHANGE_MODE)}\n\n{window(DONE)}")
+    first, second = packets_in(f"TX\n{window(CHANGE_MODE)}\n\n{window(DONE)}")
     assert (first.direction, first.guessed) == (REQUEST, False)
     assert (second.direction, second.guessed) == (RESPONSE, True)
 
@@ -298,7 +303,7 @@ commit 2c26b46b68ffc68ff99b453c1d30413413422d70
 
 
 def test_prose_is_left_alone() -> None:
-    assert read_hex_text(PROSE) == []
+    assert packets_in(PROSE) == []
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -338,7 +343,7 @@ TEXTS = st.lists(
 @given(TEXTS.map("".join) | st.text())
 def test_any_text_is_read(text: str) -> None:
     lines = text.count("\n") + text.count("\r") + 1
-    for packet in read_hex_text(text):
+    for packet in packets_in(text):
         assert packet.data
         assert 1 <= packet.line <= lines
         assert packet.direction is not None or not packet.guessed
@@ -367,11 +372,53 @@ def test_any_text_is_read(text: str) -> None:
 )
 def test_long_texts_take_no_longer_than_they_are(text: str) -> None:
     """Each would take minutes if the work grew with the square of the length."""
-    read_hex_text(text)
+    packets_in(text)
 
 
 def test_asterisks_do_not_make_much_of_a_short_text() -> None:
     rows = [f"{60_000 * row:08x}  00 00 00 00\n*" for row in range(200)]
     assert len(rows) * 60_000 > 10 * MOST_REPEATED
-    packets = read_hex_text("\n".join(rows))
+    packets = packets_in("\n".join(rows))
     assert sum(len(packet.data) for packet in packets) <= MOST_REPEATED + 4 * len(rows)
+
+
+FRAME = encode(1, 0, 64, [Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove"), Variant.array(VT.R8, (0.5,) * 8)])
+MANY = 200
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_frames_of_a_long_dump_are_whole_wherever_it_is_split(
+    form: Callable[[bytes], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hexblock, "LARGEST_BLOCK", 8 * 1024)
+    packets = packets_in(form(FRAME * MANY))
+    assert {packet.data for packet in packets} == {FRAME}
+    assert len(packets) == MANY
+    assert [packet.line for packet in packets] == sorted(packet.line for packet in packets)
+    assert not any(packet.notes for packet in packets)
+
+
+@pytest.mark.parametrize(
+    "line", ["01 02 03 00 00 00 00 00", "00", "0" * 2_000, "0000: 01", "TX 01 00", "a b ", ""]
+)
+def test_lines_without_end_are_read_in_bounded_memory(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing that is kept grows with the number of lines."""
+    monkeypatch.setattr(hexblock, "LARGEST_BLOCK", 8 * 1024)
+    monkeypatch.setattr(hexblock, "MOST_ROWS", 512)
+    sizes = []
+    for repeats in (3_000, 9_000):
+        lines = repeat(line, repeats)
+        tracemalloc.start()
+        for _ in read_hex_text(lines):
+            pass
+        sizes.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert sizes[1] < 1.2 * sizes[0] + 50_000
+
+
+def test_bytes_of_a_dump_that_are_no_frames_are_cut_and_said_to_be() -> None:
+    lines = [f"{place:08x}: " + "00 " * 16 for place in range(0, 2 * LARGEST_BLOCK, 16)]
+    first, *others = packets_in("\n".join(lines))
+    assert not first.notes
+    assert len(first.data) + sum(len(packet.data) for packet in others) == 2 * LARGEST_BLOCK
+    assert all("of which there are too many" in packet.notes[0] for packet in others)

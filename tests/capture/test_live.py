@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +17,7 @@ from bcapscope.capture.live import LiveCapture, open_live
 from bcapscope.capture.observer import Observer
 from bcapscope.errors import CaptureError
 from tests.capture.packets import request
+from tests.security.harness import process_tree
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="packet sockets are Linux's")
 
@@ -66,12 +70,47 @@ def test_names_the_interface_it_came_from() -> None:
 @linux
 def test_scapys_socket_sees_them_too(talk: tuple[int, Callable[[bytes], int]]) -> None:
     port, send = talk
-    with started(live._ScapySocket, "lo") as capture:
+    with started(live._Sniffer, "lo") as capture:
         send(request(1))
         seen = Observer({port}).observe(capture)  # others, too, may send to a port that had another owner
         observation = next(each for each in seen if each.item.raw == request(1))
         assert abs(observation.time - time.time_ns()) < 10 * 10**9
         assert capture.lost == 0
+
+
+@linux
+def test_the_process_that_captures_ends_with_the_capture() -> None:
+    with started(live._Sniffer, "lo"):
+        (sniffer,) = _sniffers()
+    assert not _sniffers()
+    assert not Path(f"/proc/{sniffer}").exists()
+
+
+@linux
+def test_a_capture_whose_process_is_killed_ends_with_a_reason() -> None:
+    with started(live._Sniffer, "lo") as capture:
+        (sniffer,) = _sniffers()
+        os.kill(sniffer, signal.SIGKILL)
+        with pytest.raises(CaptureError, match=r"^capturing on lo ended: the capturing process has ended$"):
+            for _ in capture:
+                pass
+
+
+@linux
+def test_the_process_that_captures_reports_what_scapy_refuses() -> None:
+    started(live._Sniffer, "lo").__exit__(None, None, None)
+    with pytest.raises(CaptureError, match=r"^cannot capture on nowhere0: "):
+        live._Sniffer("nowhere0")
+    assert not _sniffers()
+
+
+def _sniffers() -> list[int]:
+    """Return the processes that this one has started to capture with scapy."""
+    return [
+        pid
+        for pid in process_tree(os.getpid())[1:]
+        if b"capture.sniffer" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
 
 
 @linux
@@ -107,7 +146,7 @@ def test_missing_rights_are_told_with_how_to_give_them(
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(live, "_PacketSocket", refuse)
-    monkeypatch.setattr(live, "_ScapySocket", refuse)
+    monkeypatch.setattr(live, "_Sniffer", refuse)
     monkeypatch.setattr(sys, "platform", platform)
     with pytest.raises(CaptureError, match=how):
         open_live("lo")

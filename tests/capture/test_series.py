@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import resource
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -148,3 +152,94 @@ def test_where_there_is_no_room_the_file_ends_with_a_whole_block(tmp_path: Path)
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     series.close()
     assert 20 < len(packets(tmp_path / "a.pcapng")) < 30
+
+
+class SmallDisk:
+    """Lets the files of a folder hold so many bytes together, as a small disk does.
+
+    A write that finds less room takes what fits, and the next one fails, as on Linux.
+    """
+
+    def __init__(self, folder: Path, size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder = folder
+        self.size = size
+        self._open = Path.open
+
+        def open_here(path: Path, mode: str = "r", **names: Any) -> object:
+            return self.open(path) if mode == "xb" else self._open(path, mode, **names)
+
+        def disk_usage(_: Path) -> SimpleNamespace:
+            return SimpleNamespace(free=self.free)
+
+        monkeypatch.setattr(Path, "open", open_here)
+        monkeypatch.setattr("bcapscope.capture.series.shutil.disk_usage", disk_usage)
+
+    @property
+    def free(self) -> int:
+        return self.size - sum(each.stat().st_size for each in self.folder.iterdir())
+
+    def open(self, path: Path) -> io.FileIO:
+        disk = self
+
+        class OnDisk(io.FileIO):
+            def write(self, data: Any, /) -> int:
+                room = min(disk.free, len(data))
+                if room <= 0:
+                    raise OSError(errno.ENOSPC, "No space left on device")
+                return super().write(data[:room])
+
+        return OnDisk(path, "x")
+
+
+def test_a_ring_on_a_full_disk_removes_its_oldest_file_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = SmallDisk(tmp_path, 100_000, monkeypatch)
+    series = Series(tmp_path / "a.pcapng", Bounds(10, size=50_000))
+    for number in range(1000):
+        series.turn()
+        series.recording.datagram(CLIENT, SERVER, number.to_bytes(2) * 500, number)
+        series.flush()
+        assert disk.free >= 0
+    series.close()
+    assert series.freed
+    assert sorted(series.paths) == sorted(tmp_path.iterdir())
+    found = [packet[0] for path in series.paths for packet in packets(path)]
+    assert found == list(range(1000 - len(found), 1000))
+    assert len(found) * 1000 > 40_000
+
+
+def test_a_disk_that_is_filled_by_others_leaves_a_ring_that_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = SmallDisk(tmp_path, 1_000_000, monkeypatch)
+    series = Series(tmp_path / "a.pcapng", Bounds(5, size=20_000))
+    for number in range(100):
+        if number == 50:
+            disk.size = 60_000  # others have taken the rest
+        series.turn()
+        series.recording.datagram(CLIENT, SERVER, bytes(1000), number)
+        series.flush()
+    series.close()
+    found = [packet[0] for path in series.paths for packet in packets(path)]
+    assert found == list(range(100 - len(found), 100))
+    assert series.freed
+
+
+def test_a_ring_with_no_file_to_remove_gives_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    SmallDisk(tmp_path, 5_000, monkeypatch)
+    series = Series(tmp_path / "a.pcapng", Bounds(5, size=20_000))
+    with pytest.raises(OSError, match="No space left"):
+        write(series, 100)
+    series.close()
+    assert 5 < len(packets(tmp_path / series.paths[0])) < 15
+    assert not series.freed
+
+
+def test_one_file_on_a_full_disk_is_not_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    SmallDisk(tmp_path, 5_000, monkeypatch)
+    series = Series(tmp_path / "a.pcapng")
+    with pytest.raises(OSError, match="No space left"):
+        write(series, 100)
+    series.close()
+    assert len(packets(tmp_path / "a.pcapng")) > 5

@@ -23,6 +23,7 @@ from bcapscope.capture.tcp import (
     Stream,
     read_segment,
 )
+from bcapscope.protocol.budget import Budget
 from bcapscope.protocol.frame import Frame, Malformed
 from tests.capture.packets import ipv4, reply, request, tcp
 
@@ -40,7 +41,7 @@ def segment(start: int, data: bytes, flags: int = ACK, ack: int = 0, missing: in
 
 
 def stream(origin: int = 0, from_start: bool = True) -> Stream:
-    made = Stream()
+    made = Stream(Budget())
     made.begin(origin, from_start)
     return made
 
@@ -277,7 +278,7 @@ def test_bytes_outside_of_frames_have_the_times_of_their_own_segments() -> None:
 
 
 def both(*sent: tuple[int, Segment]) -> tuple[Connection, list[tuple[int, bytes]]]:
-    connection = Connection()
+    connection = Connection(Budget())
     found = []
     for number, (sender, each) in enumerate(sent):
         found += connection.receive(sender, each, number, number)
@@ -355,7 +356,7 @@ STARTS = [len(b"".join(FRAMES[:count])) for count in range(len(FRAMES) + 1)]
 def test_the_short_way_gives_what_the_long_way_gives(
     drawn: list[tuple[int, tuple[int, int], int, int, int]], origin: int
 ) -> None:
-    short, long = Connection(), Connection()
+    short, long = Connection(Budget()), Connection(Budget())
     for number, (sender, (first, last), odd, acked, flags) in enumerate(drawn):
         data = CONTENT[STARTS[first] : STARTS[last] + odd]
         made = segment(origin + STARTS[first], data, flags, origin + STARTS[acked])
@@ -370,7 +371,7 @@ def test_the_short_way_gives_what_the_long_way_gives(
 
 
 def test_the_short_way_is_for_the_next_frame_of_a_connection_that_has_begun() -> None:
-    connection = Connection()
+    connection = Connection(Budget())
     first = segment(0, FRAMES[0])
     assert connection.receive_usual(0, first, 1, 1) is None
     connection.receive(0, first, 1, 1)

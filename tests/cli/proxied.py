@@ -45,6 +45,11 @@ class Proxied:
             reader.join(PATIENCE)
         return "\n".join(self.said)
 
+    def kill(self) -> None:
+        """Kill it."""
+        self._process.kill()
+        self._process.wait(PATIENCE)
+
     def _reader(self, pipe: IO[str] | None) -> threading.Thread:
         assert pipe is not None
         thread = threading.Thread(target=self._read, args=(pipe,), daemon=True)

@@ -32,8 +32,10 @@ class Process:
         popen: the process.
     """
 
-    def __init__(self, words: list[str], stdout: int) -> None:
+    def __init__(self, words: list[str], stdout: int, descriptors: int | None = None) -> None:
         argv = [sys.executable, "-m", "bcapscope", *words]
+        if descriptors is not None:
+            argv = ["sh", "-c", f'ulimit -n {descriptors}; exec "$@"', "sh", *argv]
         self.popen = subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=stdout, stderr=subprocess.PIPE)
         self._err: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -59,10 +61,10 @@ class Process:
             time.sleep(0.01)
         return found
 
-    def end(self, number: int) -> str:
-        """Send it a signal and wait for its end; return all that it told."""
+    def end(self, number: int, code: int = 0) -> str:
+        """Send it a signal and wait for its end with an exit code; return all that it told."""
         self.popen.send_signal(number)
-        assert self.popen.wait(PATIENCE) == 0, self.err
+        assert self.popen.wait(PATIENCE) == code, self.err
         self.close()
         return self.err
 
@@ -77,9 +79,9 @@ class Process:
 
 
 @contextmanager
-def simulator(*words: str) -> Iterator[Process]:
-    """Run ``bcapscope sim``."""
-    process = Process(["sim", "-q", "--port", "0", *words], subprocess.DEVNULL)
+def simulator(*words: str, descriptors: int | None = None) -> Iterator[Process]:
+    """Run ``bcapscope sim``, perhaps with a limit of file descriptors."""
+    process = Process(["sim", "-q", "--port", "0", *words], subprocess.DEVNULL, descriptors)
     try:
         yield process
     finally:
@@ -87,10 +89,12 @@ def simulator(*words: str) -> Iterator[Process]:
 
 
 @contextmanager
-def proxy(to: int, *words: str, stdout: int = subprocess.DEVNULL) -> Iterator[Process]:
+def proxy(
+    to: int, *words: str, stdout: int = subprocess.DEVNULL, descriptors: int | None = None
+) -> Iterator[Process]:
     """Run ``bcapscope proxy`` before a port; it is recording when the block begins."""
     spec = ["proxy", "--listen", "127.0.0.1:0", "--to", f"127.0.0.1:{to}"]
-    process = Process([*spec, *words], stdout)
+    process = Process([*spec, *words], stdout, descriptors)
     try:
         yield process
     finally:

@@ -180,28 +180,97 @@ def test_an_explicit_handle() -> None:
     assert executed == [("Robot_Execute", 55, "slvGetMode", None)]
 
 
-@pytest.mark.parametrize("words", [("Robot_Move", "1", "@E J(1)"), ("Robot_Execute", "NoSuchCommand")])
-def test_motion_needs_arming_or_the_simulator(words: tuple[str, ...]) -> None:
-    ran, executed = _call(*words)
-    assert ran.code == Exit.UNARMED
-    assert "may move a robot" in ran.err
-    assert words[0] not in [call[0] for call in executed]
-    assert executed[-1] == ("Service_Stop",)
-    ran, executed = _call(*words, "--arm")
-    assert ran.code == Exit.OK
-    assert "Controller_GetVariable" not in [call[0] for call in executed]
-    ran, executed = _call(*words, simulator=True)
-    assert ran.code == Exit.OK
-    assert words[0] in [call[0] for call in executed]
+_SERVO_ON = ("--robot", "Arm", "Robot_GetVariable", "@Servo_On", "--exec")
 
 
 @pytest.mark.parametrize(
-    "words", [("Robot_Halt",), ("Robot_Execute", "slvChangeMode", "0"), ("Robot_Execute", "CurJnt")]
+    "words",
+    [
+        ("Robot_Move", "1", "@E J(1)"),
+        ("Robot_Execute", "NoSuchCommand"),
+        ("Robot_Execute", "Motor", "1"),
+        ("Robot_Execute", "Motor", "i4[]:1,0"),
+        ("Robot_Execute", "TakeArm"),
+        ("Robot_Execute", "ExtSpeed", "50"),
+        ("Robot_Execute", "slvChangeMode", "0x202"),
+        ("Controller_Execute", "ManualReset"),
+        ("Controller_Execute", "HandMoveA", "variant[]:i4:1;i4:1"),
+        ("Task_Start", "1"),
+        (*_SERVO_ON, "Variable_PutValue true"),
+        ("--variable", "@SERVO_ON", "Variable_PutValue", "true"),
+        ("--variable", "I1", "Variable_PutValue", "0"),
+        ("Variable_PutValue", "77", "bool:false"),
+    ],
 )
-def test_stopping_and_reading_need_no_arming(words: tuple[str, ...]) -> None:
+def test_what_energises_or_moves_needs_arming_or_the_simulator(words: tuple[str, ...]) -> None:
+    name = "Variable_PutValue" if "Variable_PutValue" in " ".join(words) else words[0]
+    ran, executed = _call(*words)
+    assert ran.code == Exit.UNARMED
+    assert "may move a robot" in ran.err
+    assert "Add --arm" in ran.err
+    assert name not in [call[0] for call in executed]
+    assert executed[-1] == ("Service_Stop",)
+    ran, executed = _call(*words, "--arm")
+    assert ran.code == Exit.OK
+    assert "Controller_GetVariable" not in [call[0] for call in executed if call[2:3] != ("I1",)]
+    ran, executed = _call(*words, simulator=True)
+    assert ran.code == Exit.OK
+    assert name in [call[0] for call in executed]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("Robot_Halt",),
+        ("Robot_Hold",),
+        ("Task_Stop", "1"),
+        ("--command", "C", "Command_Cancel"),
+        ("Controller_Execute", "HandStop"),
+        ("Robot_Execute", "slvChangeMode", "0"),
+        ("Robot_Execute", "Motor", "0"),
+        ("Robot_Execute", "Motor", "i4[]:0,0"),
+        ("Robot_Execute", "GiveArm"),
+        ("Robot_Execute", "CurJnt"),
+        (*_SERVO_ON, "Variable_PutValue bool:false"),
+        ("--variable", "@SERVO_ON", "Variable_PutValue", "false"),
+    ],
+)
+def test_stopping_switching_off_and_reading_need_no_arming(words: tuple[str, ...]) -> None:
     ran, executed = _call(*words)
     assert ran.code == Exit.OK
     assert "Controller_GetVariable" not in [call[0] for call in executed]
+    assert [call for call in executed if call[0] in (*words, "Variable_PutValue")]
+
+
+def _logged(folder: Path) -> list[dict[str, object]]:
+    paths = (folder / "bcapscope").rglob("actions-*.jsonl")
+    return [json.loads(line) for path in paths for line in path.read_bytes().splitlines()]
+
+
+def test_armed_calls_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    calls = ("--exec", "Robot_Execute CurJnt", "--exec", "Robot_Execute Motor 1", "--exec", "Robot_Halt")
+    ran, _ = _call(*calls)
+    assert (ran.code, _logged(tmp_path)) == (Exit.UNARMED, [])
+    ran, _ = _call(*calls, simulator=True)
+    assert (ran.code, _logged(tmp_path)) == (Exit.OK, [])
+    ran, _ = _call(*calls, "--arm")
+    assert ran.code == Exit.OK
+    sent, received = _logged(tmp_path)
+    assert (sent["program"], sent["host"], sent["sent"]) == ("call", "127.0.0.1", "Robot_Execute Motor")
+    assert (received["call"], received["received"]) == ("Robot_Execute Motor", "S_OK")
+
+
+def test_armed_calls_are_sent_though_the_log_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    ran, executed = _call("--arm", "Robot_Execute", "Motor", "1", "--exec", "Robot_Execute TakeArm")
+    assert ran.code == Exit.OK
+    assert len([call for call in executed if call[0] == "Robot_Execute"]) == 2
+    assert ran.err.count("cannot write the action log") == 1
+    assert "Calls are sent without it." in ran.err
 
 
 def test_a_refusal() -> None:

@@ -12,9 +12,11 @@ import time
 import pytest
 
 from bcapscope.cli.exits import Exit
+from bcapscope.protocol.functions import ID
+from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
 from bcapscope.protocol.simulated import SIMULATOR_TEXT
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.variant import EMPTY, VT, Variant
 from tests.cli.run import run_here
 from tests.client.peer import Answer, Peer
 from tests.client.server import breaking_server, udp_server
@@ -42,8 +44,19 @@ def test_what_is_there_and_how_fast() -> None:
         "set points each 1 ms",
     ]
     (peer,) = server.peers.values()
+    assert not any(needs_arming(ID[str(name)], ()) for name in peer.functions)
     assert peer.functions.count("Controller_GetAttribute") == 5
     assert peer.functions[-1] == "Service_Stop"
+
+
+def test_what_is_empty_is_left_out() -> None:
+    def prepare(peer: Peer) -> None:
+        peer.answers["Variable_GetValue"] = S_OK, (EMPTY,)
+
+    with udp_server(prepare) as server:
+        words = ("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
+        assert run_here(*words).lines[0] == f"127.0.0.1:{server.port} over UDP: a controller"
+        assert json.loads(run_here(*words, "--json").out)["facts"] == {}
 
 
 def test_json_and_the_simulator() -> None:

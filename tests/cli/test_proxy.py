@@ -223,6 +223,8 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
         if whom == "watcher":
             process.wait_for("watching has ended; the relay goes on")
             assert flood(process.port, 0.2)[0]
+            told = process.end(signal.SIGINT, Exit.UNWRITABLE)
+            assert f"{path} is incomplete: the recorder ended early" in told
         else:
             wait_for_end(watcher)
     assert run_here("decode", path).code in (0, 3)
@@ -302,7 +304,7 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
             flood(process.port, 0.1, PAUSE)
         process.wait_for("standard output is closed")
         assert flood(process.port, 0.1)[0]
-        process.end(signal.SIGINT)
+        process.end(signal.SIGINT, Exit.UNWRITABLE)
     assert run_here("decode", path).code == 0  # whole blocks only
 
 

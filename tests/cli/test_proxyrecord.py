@@ -15,6 +15,7 @@ from bcapscope.capture.packet import Packet
 from bcapscope.capture.series import Bounds, Series
 from bcapscope.cli.proxyrecord import ProxyRecorder
 from bcapscope.proxy.ring import Kind, Record
+from tests.capture.test_series import SmallDisk
 
 ENDS = (("127.0.0.1", 50001), ("127.0.0.1", 5008), ("127.0.0.1", 50002), ("127.0.0.1", 5007))
 ROOM = 10_000
@@ -229,6 +230,24 @@ def test_a_disk_that_is_full_while_things_pass_is_told_once(
     recorder.close()
     assert len(told) == 1
     assert told[0].endswith("is not written any more: no space left on device")
+    assert recorder.failed
+
+
+def test_a_ring_on_a_full_disk_goes_on_and_that_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    SmallDisk(tmp_path, 50_000, monkeypatch)
+    told: list[str] = []
+    recorder = ProxyRecorder(tmp_path / "r.pcapng", Bounds(10, size=ROOM), told.append)
+    recorder.take([opened(1, "udp")])
+    for number in range(200):
+        recorder.take([Record(Kind.DATA, True, 1, number + 1, number + 1, bytes(500), "")])
+        recorder.flush()
+    recorder.close()
+    assert told == [f"the disk is full: the recording {tmp_path}/r.pcapng removes its oldest files early"]
+    assert not recorder.failed
+    packets = [packet for path in sorted(tmp_path.iterdir()) for packet in packets_of(path)]
+    assert packets[-1][0] == 200
 
 
 def test_what_is_flushed_can_be_read_before_the_end(tmp_path: Path) -> None:

@@ -19,9 +19,10 @@ from bcapscope.cli.proxyrun import Proxy, _share
 from bcapscope.cli.proxywishes import Look, Wishes
 from bcapscope.faults.shaper import Shaper
 from bcapscope.player.realtime import Grade
-from bcapscope.proxy.addons import Addons, Client
+from bcapscope.proxy.addons import Client
 from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.spec import parse_listeners
+from tests.proxy.scripting import Here
 
 pytestmark = pytest.mark.lifecycle
 
@@ -60,11 +61,11 @@ def test_a_terminal_that_is_closed_does_not_ask_to_end_at_once() -> None:
     here, there = socket.socketpair()
     here.setblocking(False)
     with here, there, closing(Proxy(Wishes(None, None, Look(None), "never"), here)) as proxy:
-        assert not proxy._is_asked_again()
+        assert not proxy.is_asked_again()
         there.send(bytes([signal.SIGHUP]))
-        assert not proxy._is_asked_again()
+        assert not proxy.is_asked_again()
         there.send(bytes([signal.SIGHUP, signal.SIGTERM]))
-        assert proxy._is_asked_again()
+        assert proxy.is_asked_again()
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="there is no such thing")
@@ -104,7 +105,7 @@ def test_scripts_are_told_of_the_end_after_all_clients_have_gone(monkeypatch: py
     diary = Diary()
     here, there = socket.socketpair()
     here.setblocking(False)
-    policy = Rules(Shaper((), now=0), addons=Addons([diary]))
+    policy = Rules(Shaper((), now=0), scripts=Here(diary).queue)
     (listener,) = parse_listeners(["udp:127.0.0.1:0"], ["127.0.0.1:9"])
     with (
         here,

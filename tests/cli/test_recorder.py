@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Callable
 from io import BytesIO, FileIO, RawIOBase
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import pytest
 
@@ -193,3 +195,22 @@ def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
     assert not recorder._basket.blocks
     assert not recorder.close()
     assert told == ["a\\x1b.pcapng is not written any more: no space left on device"]
+
+
+def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path) -> None:
+    class SmallDisk(FileIO):
+        def write(self, data: Any, /) -> int:
+            room = 5001 - self.tell()
+            if not room:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data[:room])
+
+    told = list[str]()
+    recorder = Recorder(SmallDisk(tmp_path / "a.pcapng", "x"), "a.pcapng", told.append)
+    while not told:
+        recorder.datagram(CLIENT, SERVER, REQUEST, TIME)
+        recorder.idle()
+        time.sleep(0.001)
+    assert not recorder.close()
+    with captured(str(tmp_path / "a.pcapng")) as capture:
+        assert len(list(capture)) > 10

@@ -57,13 +57,29 @@ def test_as_client_and_as_server_at_once() -> None:
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
         refused = run(*words)
         assert refused.code == Exit.UNARMED
-        assert "nobody said that it may: not sent without --arm" in refused.err
+        assert "the recording was not sent. It may move a robot or energise it" in refused.err
+        assert "Add --arm" in refused.err
         done = run(*words, "--arm", "-f", "function != Robot_Execute")
         assert (done.code, len(done.lines)) == (Exit.OK, 7)
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=30)
     assert process.returncode == 0
     assert re.fullmatch(r"\d+ calls, 1 of them not in the recording\n", err), err
+
+
+def test_armed_calls_are_logged(tmp_path: Path) -> None:
+    words = ("replay", SESSION, "127.0.0.1", "--as", "client", "--anywhere", "--arm")
+    with recorded_controller(SESSION, "--no-delay", "-q") as (_, port):
+        done = run(*words, "--port", str(port), XDG_STATE_HOME=str(tmp_path))
+    assert "all as recorded" in done.err, done.err
+    paths = (tmp_path / "bcapscope").rglob("actions-*.jsonl")
+    lines = [json.loads(line) for path in paths for line in path.read_bytes().splitlines()]
+    assert {(line["program"], line["port"]) for line in lines} == {("replay", port)}
+    sent = [line["sent"].removeprefix("Robot_Execute ") for line in lines if "sent" in line]
+    moves = ["Robot_Move", "slvChangeMode", "slvMove", "slvMove"]
+    assert sent == ["TakeArm", "Motor", "ExtSpeed", *moves]
+    assert lines[-1]["set_points"] == 240
+    assert any(line.get("call") == "Robot_Execute Motor" and line["received"] == "S_OK" for line in lines)
 
 
 def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.variant import EMPTY
 from bcapscope.simulator.values import bstr
 from tests.cli.run import run, run_here
 
@@ -179,6 +180,22 @@ def test_the_detector_of_rc7_is_switched_as_on_its_pendant() -> None:
     assert [("no error" in line) for line in told] == [False, True]
 
 
+def test_stderr_says_why_a_provider_is_refused_also_if_calls_are_not_shown() -> None:
+    with simulator("--quiet") as (process, port), socket.create_connection(("127.0.0.1", port), 20) as sock:
+        texts = ("", "CaoProv.Canon.N10-W02\x1b[31m", "", "Server=192.168.0.90")
+        for request in (encode(1, 0, 1, [bstr("")]), encode(2, 0, 3, [*map(bstr, texts)])):
+            sock.sendall(request)
+            reply = Frame(sock.recv(4096))
+        assert reply.code == 0x80070057
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    reason = next(line for line in err.splitlines() if "refused" in line)
+    assert reason.startswith("tcp 127.0.0.1:")
+    assert "provider 'CaoProv.Canon.N10-W02\\x1b[31m' is not simulated" in reason
+    assert "CaoProv.DENSO.VRC" in reason
+    assert "\x1b" not in err
+
+
 def test_behaviours_are_listed_with_their_sources() -> None:
     ran = run_here("sim", "--behaviours")
     assert ran.code == 0
@@ -233,6 +250,29 @@ def test_a_scenario_is_played_recorded_and_diagnosed(tmp_path: Path, transport: 
     assert "# delay: delayed by 1 ms\n" in out
     findings = run_here("diagnose", path, "--port", str(port), "--json").lines
     assert '"rule":"arm-taken-by-other"' in findings[0].replace(" ", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "count"),
+    [
+        (("--profile", "rc7"), 1),
+        (("--profile", "rc7", "--no-argument", "always"), 0),
+        (("--profile", "rc8"), 1),
+        (("--scenario", "emergency-stop", "--no-argument", "always"), 0),
+    ],
+)
+def test_replies_without_a_value_can_carry_no_argument(words: tuple[str, ...], count: int) -> None:
+    with simulator(*words) as (_, port), socket.socket(type=socket.SOCK_DGRAM) as sock:
+        sock.settimeout(20)
+        sock.connect(("127.0.0.1", port))
+        texts = ("", "CaoProv.DENSO.VRC", "localhost", "")
+        sock.send(encode(1, 0, 1, [bstr("")]))
+        sock.recv(4096)
+        sock.send(encode(2, 0, 3, [*map(bstr, texts)]))
+        handle = Frame(sock.recv(4096)).variants[0]
+        sock.send(encode(3, 0, 17, [handle, bstr("GetNothing"), EMPTY]))
+        reply = Frame(sock.recv(4096))
+        assert (reply.code, len(reply.variants)) == (0x80010005, count)
 
 
 def test_defects_can_be_chosen() -> None:

@@ -15,7 +15,7 @@ import pytest
 from bcapscope.cli import wakefulness
 from bcapscope.cli.proxyrun import Proxy
 from bcapscope.cli.proxywishes import Look, Wishes
-from bcapscope.cli.wakefulness import LONG, REST, STOLEN, LightSleep, Wakefulness, passed
+from bcapscope.cli.wakefulness import LONG, REST, STOLEN, LightSleep, Wakefulness, cannot_stay_awake, passed
 from bcapscope.proxy.ring import Count
 
 LOOK = 0.05
@@ -289,9 +289,30 @@ def test_the_host_can_take_time_only_from_those_that_never_sleep(
 
 
 @LINUX
-def test_a_proxy_asks_while_much_passes_and_no_more_once_it_is_closed(device: Path) -> None:
+def test_a_proxy_leaves_the_machine_alone_unless_low_latency_is_asked_for(device: Path) -> None:
     here, there = socket.socketpair()
     with here, there, closing(Proxy(Wishes(None, None, Look(None), "never"), here)) as proxy:
+        opened = descriptors()
+        proxy._ring.counts[Count.CAME_UP] += 1000
+        proxy._look_around()
+        assert not device.read_bytes()
+        assert descriptors() == opened
+
+
+@LINUX
+def test_why_processors_cannot_be_kept_awake(device: Path) -> None:
+    assert cannot_stay_awake() == ""
+    device.unlink()
+    assert cannot_stay_awake().startswith(f"cannot write {device}: no such file or directory. Run")
+    assert not device.exists()
+
+
+@LINUX
+def test_a_proxy_asks_while_much_passes_and_no_more_once_it_is_closed(device: Path) -> None:
+    here, there = socket.socketpair()
+    wishes = Wishes(None, None, Look(None), "never")
+    with here, there, closing(Proxy(wishes, here, low_latency=True)) as proxy:
+        assert proxy._wakefulness is not None
         sleep = proxy._wakefulness._sleep
         assert isinstance(sleep, LightSleep)
         proxy._look_around()

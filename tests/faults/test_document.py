@@ -92,7 +92,7 @@ def test_a_rule_file_is_read() -> None:
         ("faults: " + "[" * 200_000, "line 1: more than 64 levels"),
         ("faults:\n" + "- " * 65, "line 2: more than 64 levels"),
         ("faults: 2001-99-99", "this is no YAML: month must be in 1..12"),
-        (f"faults: {'9' * 5000}", "this is no YAML: Exceeds the limit"),
+        (f"faults: {'9' * 5000}", "line 1: a number of more than 40 characters"),
         ("x" * (1 << 20) + "x", "longer than 1048576 characters"),
     ],
 )

@@ -29,6 +29,8 @@ _SOUND = [
     encode(9, 0, 0x80004005),
 ]
 
+_OPENING = _SOUND[0]
+
 
 def nonsense(chance: random.Random, most: int) -> bytes:
     """Make a frame that is damaged, several, a part of one, or anything."""
@@ -77,9 +79,11 @@ class Fuzz:
     def exchange_streams(self) -> None:
         """Make a connection, send both ways, and end it in one of the ways that there are."""
         with socket.create_connection(self._address, 30) as client:
+            client.sendall(_OPENING)  # a client that has sent no frame does not reach the controller
             server, _ = self._door.accept()
             with server:
                 server.settimeout(30)
+                assert receive(server, len(_OPENING)) == _OPENING
                 for _ in range(self._chance.randrange(20)):
                     self.streams += 1
                     data = nonsense(self._chance, 20_000)

@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from bcapscope.faults.notation import read_fault
 from bcapscope.faults.quantities import Condition
 from bcapscope.faults.shaper import Shaper
-from bcapscope.proxy.addons import Addons, PassingMessage
+from bcapscope.proxy.addons import PassingMessage
 from bcapscope.proxy.guard import Guard
-from bcapscope.proxy.hook import Action, Send
+from bcapscope.proxy.hook import Action, LateDecision, Send
 from bcapscope.proxy.intercept import Intercept
 from bcapscope.proxy.rules import Rules
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from tests.proxy.scripting import Here
 
 MS = 1_000_000
 TCP, GUARDED, HELD, SHOWN = 1, 2, 4, 8
@@ -55,7 +56,7 @@ def rules(data: bytes) -> None:
     """
     if not data:
         return
-    made, faults = _set_up(data[0])
+    made, faults, here = _set_up(data[0])
     came, left = {side: b"" for side in Direction}, {side: b"" for side in Direction}
     now = 0
     for what, later, content in _steps(data[1:]):
@@ -68,32 +69,40 @@ def rules(data: bytes) -> None:
             made.send_on(made.intercept.held[0].number, now, content or None)
         elif what == 3:
             made.changed(now)
+            if here is not None and later == 1:
+                made.lose_scripts(now)
+        if here is not None and later != 2:
+            here.answer(made, now)
         _take(made.take(now), left)
         due = made.due()
         assert due is None or due >= now or due == 0
     for side in Direction:
         _take(made.ended(1, side, now), left)
+    if here is not None:
+        here.answer(made, now)
+        _take(made.take(now), left)
     if faults is IDLE and not data[0] & (GUARDED | HELD | SHOWN):
         assert left == came
         assert made.due() is None
-    made.close()
     made.gone(1, now)
+    made.close(now)
     assert list(made.take(now + 10**13)) == []
     assert made.due() is None
 
 
-def _set_up(choice: int) -> tuple[Rules, tuple[str, ...]]:
+def _set_up(choice: int) -> tuple[Rules, tuple[str, ...], Here | None]:
     faults = FAULTS[(choice >> 4) % len(FAULTS)]
+    here = Here(_Addon()) if choice & SHOWN else None
     made = Rules(
         Shaper(map(read_fault, faults), seed=1, now=0),
         Guard(read_only=True) if choice & GUARDED else None,
         Intercept(Condition.read("serial < 5"), 20 * MS) if choice & HELD else None,
-        Addons([_Addon()]) if choice & SHOWN else None,
+        None if here is None else here.queue,
     )
     transport = Transport.TCP if choice & TCP else Transport.UDP
     ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
     made.opened(1, Conversation(*ends, transport, "the proxy"), 0)
-    return made, faults
+    return made, faults, here
 
 
 def _steps(data: bytes) -> Iterator[tuple[int, int, bytes]]:
@@ -110,5 +119,7 @@ def _take(actions: object, left: dict[Direction, bytes]) -> None:
     for action in actions:
         taken: Action = action
         assert taken.client == 1
-        if isinstance(taken, Send):
+        if isinstance(taken, LateDecision):
+            _take(taken.actions, left)
+        elif isinstance(taken, Send):
             left[taken.toward] += taken.data

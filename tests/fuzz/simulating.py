@@ -20,7 +20,7 @@ from bcapscope.simulator.functions import MOST_FILES
 from bcapscope.simulator.memory import COUNT
 from bcapscope.simulator.objects import MOST_OBJECTS
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import LARGEST_REQUEST, MOST_CLIENTS, Output, Simulator
+from bcapscope.simulator.simulator import KEPT, LARGEST_REQUEST, MOST_CLIENTS, Output, Simulator
 
 RAW, CALL, RETRY, WAIT, HANG_UP, BUTTON = range(6)
 """Kinds of steps: bytes as they are; a call; the last call again; time; end of a connection; the pendant."""
@@ -150,7 +150,7 @@ class Stage:
     def check(self) -> None:
         """Nothing grows beyond its bound."""
         simulator, machine = self.simulator, self.simulator.machine
-        assert simulator.clients <= 2 * MOST_CLIENTS
+        assert simulator.clients <= 2 * (MOST_CLIENTS + KEPT)
         assert set(simulator._running) <= set(simulator._links)
         assert len(machine.files) <= MOST_FILES
         assert len(machine.alarms.active) <= MOST_ACTIVE

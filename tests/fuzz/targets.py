@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Iterator
 
 from bcapscope.capture.file import CaptureFile
-from bcapscope.capture.hextext import read_hex_text
 from bcapscope.capture.link import ETHERNET
 from bcapscope.capture.observer import Observer
 from bcapscope.capture.packet import Packet
@@ -18,6 +17,7 @@ from bcapscope.protocol.frame import Frame, Framing, Malformed, encode, parse_da
 from bcapscope.protocol.stream import LARGEST_DOUBTFUL, LARGEST_GARBAGE, Piece, Splitter
 from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
 from bcapscope.traffic.observation import Observation
+from tests.dumps import packets_in
 
 SMALL_LIMIT = 300
 """A second bound for streams, small enough that short inputs reach it."""
@@ -171,7 +171,7 @@ def text(data: bytes) -> None:
     """Read `data` as text in which frames were pasted."""
     pasted = data.decode("utf-8", "replace")
     line = 1
-    for packet in read_hex_text(pasted):
+    for packet in packets_in(pasted):
         assert line <= packet.line <= 1 + pasted.count("\n") + pasted.count("\r")
         line = packet.line
         assert 0 < len(packet.data) <= len(pasted)

@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import pytest
 
-from bcapscope.capture.hextext import HexPacket, read_hex_text
+from bcapscope.capture.hextext import HexPacket
 from bcapscope.protocol.damage import explain
 from bcapscope.protocol.repair import repair
 from bcapscope.traffic.observation import Direction
+from tests.dumps import packets_in
 from tests.samples.guide import DUMPS
 
 pytestmark = pytest.mark.interop
@@ -22,7 +23,7 @@ GUIDE, VECTORS = SHARED / "SEED.txt", SHARED / "vectors.json"
 if not (GUIDE.exists() and VECTORS.exists()):
     pytest.skip(f"{GUIDE} or {VECTORS} is missing: the text of the guide", allow_module_level=True)
 
-PACKETS = {packet.line: packet for packet in read_hex_text(GUIDE.read_text())}
+PACKETS = {packet.line: packet for packet in packets_in(GUIDE.read_text())}
 SOUND = {vector["name"]: bytes.fromhex(vector["hex"]) for vector in json.loads(VECTORS.read_text())}
 REQUEST, RESPONSE = Direction.REQUEST, Direction.RESPONSE
 
@@ -102,7 +103,7 @@ def request_side(packet: HexPacket) -> bool | None:
 
 
 def test_nothing_but_the_dumps_is_found() -> None:
-    found = [(packet.line, len(packet.data)) for packet in read_hex_text(GUIDE.read_text())]
+    found = [(packet.line, len(packet.data)) for packet in packets_in(GUIDE.read_text())]
     assert found == [*((expected.line, expected.size) for expected in EXPECTED), (655, 58)]
 
 
@@ -127,7 +128,7 @@ def test_repaired_it_is_the_frame_that_it_was(expected: Expected) -> None:
 
 
 def test_the_last_page_with_both_dumps_in_one_line() -> None:
-    request, reply = (packet for packet in read_hex_text(GUIDE.read_text()) if packet.line == 655)
+    request, reply = (packet for packet in packets_in(GUIDE.read_text()) if packet.line == 655)
     mended = repair(request.data, True)
     assert mended is not None
     assert mended.raw == SOUND["seed_tester_slvMove_tx"]
@@ -141,6 +142,6 @@ def test_the_reply_with_a_serial_of_its_own_is_told() -> None:
 
 
 def test_the_samples_hold_what_the_guide_prints() -> None:
-    frames = [packet.data for packet in read_hex_text(GUIDE.read_text()) if packet.data[:1] == b"\x01"]
+    frames = [packet.data for packet in packets_in(GUIDE.read_text()) if packet.data[:1] == b"\x01"]
     assert frames == [bytes.fromhex(dump.printed) for dump in DUMPS]
     assert {dump.frame for dump in DUMPS} <= set(SOUND.values())

@@ -108,6 +108,41 @@ def test_looking_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(
+    ("profile", "mode"), [("rc7", 0x001), ("rc7", 0x002), ("rc8", 0x101), ("cserver", 0x102)]
+)
+def test_where_pose_variables_are_empty_commands_tell_the_pose(profile: str, mode: int) -> None:
+    kind = PoseType(" PJT"[mode & 3])
+    variables = ("@CURRENT_POSITION", "@CURRENT_ANGLE", "@CURRENT_TRANS", "@TYPE_NAME", "@SERVO_ON")
+    usual, stage = Stage(profile), Stage(profile, Start(empty=variables))
+    for each in (usual, stage):
+        each.play(plan(mode, kind=kind, look_only=True))
+    (known,) = [message for message in usual.desk.told if isinstance(message, Peer)]
+    (peer,) = [message for message in stage.desk.told if isinstance(message, Peer)]
+    assert peer.pose == known.pose
+    assert peer.generation is known.generation
+    assert "type name" not in peer.facts
+    assert {"CurJnt", {PoseType.J: "CurJnt", PoseType.P: "CurPos"}[kind]} <= set(stage.said)
+
+
+def test_it_plays_where_pose_variables_are_empty() -> None:
+    stage = Stage(start=Start(empty=("@CURRENT_ANGLE", "@CURRENT_POSITION")))
+    ended = stage.play(plan(0x102))
+    assert (ended.outcome, ended.left) == (Outcome.DONE, True)
+    assert stage.said.count("CurJnt") >= 2
+
+
+@pytest.mark.parametrize(
+    ("profile", "mode", "expected"),
+    [("rc7", 0x002, True), ("rc7", 0x102, False), ("rc8", 0x202, True), ("rc8", 0x102, False)],
+)
+def test_retries_are_expected_where_the_controller_sets_the_pace(
+    profile: str, mode: int, expected: bool
+) -> None:
+    ended = Stage(profile).play(plan(mode))
+    assert (ended.outcome, ended.retries_expected) == (Outcome.DONE, expected)
+
+
+@pytest.mark.parametrize(
     ("profile", "mode"), [("rc7", 0x002), ("rc7", 0x001), ("rc7", 0x003), ("rc8", 0x202), ("rc8", 0x002)]
 )
 def test_with_five_per_cent_lost_each_way_it_completes_and_nothing_runs_twice(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.arguments import Argument, ArgumentReader, Number
-from bcapscope.protocol.variant import MAX_NESTING, Variant, encode_argument
+from bcapscope.protocol import arguments as arguments_module
+from bcapscope.protocol.arguments import MOST_NUMBERS, MOST_PROBLEMS, Argument, ArgumentReader, Number
+from bcapscope.protocol.variant import ARRAY, MAX_NESTING, VT, Variant, encode_argument
 from tests.frames import (
     ARGUMENT_IDS,
     ARGUMENTS,
@@ -116,10 +119,78 @@ def test_arguments_that_claim_all_that_follows_are_not_given_it() -> None:
 
 def test_arguments_that_read_on_to_the_end_are_looked_at_twice_at_most() -> None:
     """Each of these string arrays, taken at its word, reads all others as its strings."""
-    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 40_000
-    reader = read(crafted, argc=40_000)
+    crafted = bytes.fromhex("0E000000 0820 FFFFFFFF 00000000 00000000") * 2_000
+    reader = read(crafted, argc=2_000)
     assert {argument.variant.value for argument in reader.arguments} == {("", "")}
-    assert len(reader.arguments) == len(reader.problems) == 40_000
+    assert len(reader.arguments) == 2_000
+    assert len(reader.problems) == MOST_PROBLEMS + 1
+    assert reader.problems[-1].code == "more"
+
+
+NUMBERS = Variant.array(VT.I2, (1, 2, 3))
+NEST = Variant.array(VT.VARIANT, (NUMBERS, Variant(VT.I4, 5), Variant.array(VT.BSTR, ("a", "b"))))
+NEST_BYTES = encode_argument(NEST)
+
+
+@pytest.mark.parametrize(
+    ("values", "numbers", "read"),
+    [
+        (6, 3, NEST),
+        (5, 3, NEST._replace(value=(NUMBERS, Variant(VT.I4, 5), Variant.array(VT.BSTR, ("a",))))),
+        (6, 2, NEST._replace(value=(NUMBERS._replace(value=(1, 2)),))),
+        (3, 3, NEST._replace(value=(NUMBERS, Variant(VT.I4, 5)))),
+        (1, 3, NEST._replace(value=())),
+        (0, 3, None),
+    ],
+)
+def test_what_exceeds_the_budget_is_not_read(
+    values: int, numbers: int, read: Variant | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arguments_module, "MOST_VALUES", values)
+    monkeypatch.setattr(arguments_module, "MOST_NUMBERS", numbers)
+    reader = ArgumentReader(NEST_BYTES, 0, len(NEST_BYTES))
+    reader.read(1)
+    found = [without_counts(argument.variant) for argument in reader.arguments]
+    assert found == ([] if read is None else [without_counts(read)])
+    what = "2 numbers" if numbers == 2 else f"{values} values"
+    reason = f"the frame has more than {what}, the rest is not read"
+    expected = [] if read is NEST else [("elements", reason)]
+    assert [(problem.code, problem.reason) for problem in reader.problems] == expected
+    assert reader.complete == (read is NEST)
+
+
+def without_counts(variant: Variant) -> tuple[object, ...]:
+    value = variant.value
+    if isinstance(value, tuple):
+        return variant.vt, *(without_counts(each) if isinstance(each, Variant) else each for each in value)
+    return variant.vt, value
+
+
+@pytest.mark.parametrize("size", [MOST_NUMBERS, MOST_NUMBERS + 1, 10_000_000])
+def test_the_budget_counts_what_is_there_and_not_what_is_promised(size: int) -> None:
+    there = min(size, MOST_NUMBERS + 1)
+    data = struct.pack("<IHI", 6 + 2 * there, ARRAY | VT.I2, size) + bytes(2 * there)
+    reader = read(data, argc=1)
+    value = reader.arguments[0].variant.value
+    assert isinstance(value, tuple)
+    assert len(value) == MOST_NUMBERS
+    assert [problem.code for problem in reader.problems] == ([] if size == MOST_NUMBERS else ["elements"])
+
+
+def test_arguments_behind_one_that_exceeds_the_budget_are_not_read() -> None:
+    row = encode_argument(Variant.array(VT.I2, (1,) * MOST_NUMBERS))
+    reader = read(row * 3, argc=3)
+    assert [len(argument.variant.value) for argument in reader.arguments] == [MOST_NUMBERS, 0]  # type: ignore[arg-type]  # tuples
+    assert [(problem.offset, problem.code) for problem in reader.problems] == [(len(row) + 10, "elements")]
+    assert reader.pos == 2 * len(row)
+
+
+def test_bytes_and_characters_do_not_count_as_elements() -> None:
+    size = 4 * MOST_NUMBERS
+    values = [Variant.array(VT.UI1, bytes(size)), Variant(VT.BSTR, "x" * size)]
+    reader = read(b"".join(map(encode_argument, values)), argc=2)
+    assert [argument.variant for argument in reader.arguments] == values
+    assert reader.problems == []
 
 
 @given(st.lists(variants(), max_size=4))

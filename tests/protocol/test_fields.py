@@ -240,14 +240,14 @@ def test_note_about_the_capture_stands_where_the_bytes_end() -> None:
 
 
 def test_elements_are_made_when_looked_at() -> None:
-    frame = request(Variant.array(VT.UI2, tuple(range(65536)) * 64), code=200)
+    frame = request(Variant.array(VT.UI2, tuple(range(60_000))), code=200)
     assert frame.arguments
     began = time.perf_counter()
     elements = fields(frame, is_request=True)[6].children[-1].children
-    assert elements[-1].value == 65535
-    assert len(elements) == 65536 * 64
+    assert elements[-1].value == 59_999
+    assert len(elements) == 60_000
     assert [each.value for each in elements[1:3]] == [1, 2]
-    assert time.perf_counter() - began < 0.5
+    assert time.perf_counter() - began < 0.01
 
 
 @pytest.mark.parametrize("pair", FRAMES, ids=FRAME_IDS)

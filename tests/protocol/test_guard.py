@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.functions import FUNCTIONS
-from bcapscope.protocol.guard import always_passes, passes_read_only, request_effect
+from bcapscope.protocol.guard import always_passes, needs_arming, passes_read_only, request_effect
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 
 HANDLE = Variant(VT.I4, 1)
@@ -28,7 +28,7 @@ def execute(command: str, parameter: Variant = EMPTY) -> list[Variant]:
         (64, execute("CurJnt"), Effect.READS),
         (64, execute("CURJNT"), Effect.READS),
         (64, execute("slvMove"), Effect.MOVES),
-        (64, execute("TakeArm"), Effect.CHANGES),
+        (64, execute("TakeArm"), Effect.ENERGISES),
         (64, execute("FlyToTheMoon"), Effect.MOVES),
         (64, [HANDLE], Effect.MOVES),
         (64, [HANDLE, Variant(VT.I4, 3), EMPTY], Effect.MOVES),
@@ -51,15 +51,78 @@ def test_effect_of_a_request(function_id: int, arguments: list[Variant], effect:
     assert passes_read_only(function_id, arguments) is (effect <= Effect.SESSION)
 
 
+def motor(parameter: Variant = EMPTY) -> list[Variant]:
+    return execute("Motor", parameter)
+
+
+@pytest.mark.parametrize(
+    ("function_id", "arguments", "effect"),
+    [
+        (64, motor(Variant(VT.I4, 1)), Effect.ENERGISES),
+        (64, motor(Variant.array(VT.I4, (1, 0))), Effect.ENERGISES),
+        (64, motor(text("1")), Effect.ENERGISES),
+        (64, motor(), Effect.ENERGISES),
+        (64, motor(Variant.array(VT.I4, ())), Effect.ENERGISES),
+        (64, motor(Variant(VT.BOOL, False)), Effect.ENERGISES),
+        (64, motor(Variant(VT.I4, 0))[:2], Effect.ENERGISES),
+        (64, [*motor(Variant(VT.I4, 0)), Variant(VT.I4, 1)], Effect.ENERGISES),
+        (64, motor(Variant(VT.I2, 0)), Effect.CHANGES),
+        (64, motor(text("0")), Effect.CHANGES),
+        (64, motor(Variant.array(VT.I4, (0, 1))), Effect.CHANGES),
+        (64, motor(Variant.array(VT.VARIANT, (Variant(VT.I4, 0), Variant(VT.I4, 1)))), Effect.CHANGES),
+        (64, execute("GIVEARM"), Effect.CHANGES),
+        (64, execute("TakeArm", Variant.array(VT.I4, (0, 0))), Effect.ENERGISES),
+        (64, execute("ExtSpeed", Variant(VT.R8, 0.0)), Effect.ENERGISES),
+        (64, execute("slvChangeMode", Variant(VT.I4, 0x202)), Effect.ENERGISES),
+        (64, execute("slvChangeMode", Variant.array(VT.I4, (0,))), Effect.ENERGISES),
+        (64, execute("slvChangeMode", Variant(VT.I4, 0)), Effect.CHANGES),
+        (17, execute("ManualReset"), Effect.ENERGISES),
+        (17, execute("Motor", Variant(VT.I4, 0)), Effect.MOVES),
+    ],
+)
+def test_switching_off_is_less_than_switching_on(
+    function_id: int, arguments: list[Variant], effect: Effect
+) -> None:
+    assert request_effect(function_id, arguments) is effect
+    stops = always_passes(function_id, arguments)
+    assert needs_arming(function_id, arguments) is (effect >= Effect.ENERGISES)
+    assert passes_read_only(function_id, arguments) is stops
+
+
+@pytest.mark.parametrize(
+    ("variable", "arguments", "needed"),
+    [
+        ("@SERVO_ON", [HANDLE, Variant(VT.BOOL, True)], True),
+        ("@SERVO_ON", [HANDLE, Variant(VT.BOOL, False)], False),
+        ("@servo_on", [HANDLE, Variant(VT.BOOL, False)], False),
+        ("@SERVO_ON", [HANDLE, Variant(VT.BOOL, False), Variant(VT.BOOL, True)], True),
+        ("@SERVO_ON", [HANDLE], True),
+        ("@STOP", [HANDLE, Variant(VT.I4, 1)], False),
+        ("I1", [HANDLE, Variant(VT.I4, 0)], True),
+        ("", [HANDLE, Variant(VT.BOOL, False)], True),
+    ],
+)
+def test_a_variable_is_written_by_its_name(variable: str, arguments: list[Variant], needed: bool) -> None:
+    assert needs_arming(102, arguments, variable) is needed
+    assert not passes_read_only(102, arguments)
+
+
 @pytest.mark.parametrize(
     ("function_id", "arguments", "passes"),
     [
         (70, [HANDLE, text("")], True),
         (70, [], True),
+        (71, [HANDLE, text("")], True),
+        (89, [HANDLE, Variant(VT.I4, 1), text("")], True),
+        (113, [HANDLE], True),
         (2, [], True),
         (4, [HANDLE], True),
         (84, [HANDLE], True),
         (111, [HANDLE], True),
+        (17, execute("HandStop"), True),
+        (17, execute("HANDSTOP", text("")), True),
+        (17, [HANDLE, text("HandStop")], True),
+        (64, execute("TwofgStop"), True),
         (64, execute("slvChangeMode", Variant(VT.I2, 0)), True),
         (64, execute("SLVCHANGEMODE", Variant(VT.I4, 0)), True),
         (64, execute("slvChangeMode", text("0")), True),
@@ -67,7 +130,13 @@ def test_effect_of_a_request(function_id: int, arguments: list[Variant], effect:
         (64, execute("slvChangeMode"), False),
         (64, execute("slvChangeMode", Variant(VT.BOOL, False)), False),
         (64, [HANDLE, text("slvChangeMode")], False),
+        (64, [*execute("slvChangeMode", Variant(VT.I4, 0)), Variant(VT.I4, 0x202)], False),
+        (64, [*execute("slvChangeMode", Variant(VT.I4, 0)), EMPTY], False),
+        (17, [*execute("HandStop"), EMPTY], False),
+        (87, execute("HandStop"), False),
         (17, execute("slvChangeMode", Variant(VT.I4, 0)), False),
+        (64, execute("Motor", Variant(VT.I4, 0)), False),
+        (64, execute("GiveArm"), False),
         (72, [HANDLE], False),
         (102, [HANDLE, Variant(VT.I4, 1)], False),
         (137 + 1, [], False),
@@ -77,11 +146,12 @@ def test_what_always_passes(function_id: int, arguments: list[Variant], passes: 
     assert always_passes(function_id, arguments) is passes
     if passes:
         assert passes_read_only(function_id, arguments)
+        assert not needs_arming(function_id, arguments)
 
 
 def test_nothing_that_moves_always_passes_by_its_id_alone() -> None:
     passing = {function_id for function_id in FUNCTIONS if always_passes(function_id, [])}
-    assert passing == {2, 4, 36, 61, 70, 84, 99, 111, 127, 137}
+    assert passing == {2, 4, 36, 61, 70, 71, 84, 89, 99, 111, 113, 127, 137}
 
 
 VALUES = st.one_of(

@@ -50,7 +50,9 @@ def set_point(send: int, user_read: bool) -> tuple[Variant, SetPoint]:
     return (array(*parts) if len(parts) > 1 else POSE), expected
 
 
-SENDS = [(send, read) for send in (0, 0x020, 0x100, 0x120, 0x200, 0x220) for read in (False, True)]
+SENDS = [
+    (send, read) for send in (0, 0x020, 0x100, 0x120, 0x200, 0x220, 0x400, 0x620) for read in (False, True)
+]
 
 
 @pytest.mark.parametrize(("send", "user_read"), SENDS)

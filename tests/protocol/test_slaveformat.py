@@ -30,9 +30,10 @@ def test_send_format(value: int, expected: SendFormat) -> None:
     assert int(expected) == value
 
 
-def test_send_formats_that_the_driver_knows() -> None:
-    known = [value for value in range(0x400) if SendFormat.parse(value).is_known]
-    assert known == [0, 0x020, 0x100, 0x120, 0x200, 0x220]
+def test_send_formats_that_clients_use() -> None:
+    known = [value for value in range(0x1000) if SendFormat.parse(value).is_known]
+    plain = [0, 0x020, 0x100, 0x120, 0x200, 0x220]
+    assert known == plain + [0x400 | value for value in plain]
 
 
 @pytest.mark.parametrize(

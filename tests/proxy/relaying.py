@@ -8,10 +8,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+from bcapscope.proxy.entrance import Admit, Entrance
 from bcapscope.proxy.hook import Policy
 from bcapscope.proxy.ports import open_ports
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import HEADER, Kind, Record, RingReader, RingWriter
+from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.proxy.spec import parse_listeners
 from bcapscope.proxy.udp import FORGET_AFTER
 from bcapscope.traffic.observation import Endpoint
@@ -26,6 +28,13 @@ def eventually(test: Callable[[], object], what: str = "it") -> None:
     while not test():
         assert time.monotonic() < until, f"{what} did not happen"
         time.sleep(0.005)
+
+
+class OpenEntrance(Entrance):
+    """Admits clients before they have said anything, for tests of what becomes of clients."""
+
+    def enter(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
+        admit(client, address, b"", time.time_ns())
 
 
 class Running:
@@ -77,10 +86,23 @@ def running(
     policy: Policy | None = None,
     forget_after: int = FORGET_AFTER,
     size: int = 1 << 20,
+    waits: bool = False,
 ) -> Iterator[Running]:
-    """Run a relay to a port of this machine for the length of a block."""
+    """Run a relay to a port of this machine for the length of a block.
+
+    Args:
+        to: the port.
+        transport: to listen on.
+        allow: whence clients may come.
+        policy: the rules.
+        forget_after: ns of silence after which UDP clients are forgotten.
+        size: bytes of the ring.
+        waits: TCP clients wait for their first frame to be complete, as in real life.
+    """
     memory = memoryview(bytearray(HEADER + size))
     relay = Relay(RingWriter(memory), policy)
+    if not waits:
+        relay.entrance = OpenEntrance(relay)
     (listener,) = parse_listeners(["127.0.0.1:0"], [f"127.0.0.1:{to}"], transport, allow)
     address, ports = open_ports(relay, listener, forget_after)
     relay.listen(ports)

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from bcapscope.faults.message import Message
-from bcapscope.proxy.addons import SLOW, Addons, Client, PassingMessage, ScriptError, load_addons
+from bcapscope.proxy.addons import SLOW, Addons, Client, PassingMessage, load_addons
+from bcapscope.proxy.scriptwire import ScriptError
 from bcapscope.traffic.question import Questions
 from tests.faults.traffic import CLIENT, SERVER, request, talk
 
@@ -182,5 +183,5 @@ def test_a_slow_hook_is_told_once() -> None:
     addons.tell = told.append
     addons.see(WHO, message())
     addons.see(WHO, message())
-    assert told == ["Slow.request took 2.5 ms, and all that passes waits for it (told once)"]
+    assert told == ["Slow.request took 2.5 ms, for which messages wait (told once)"]
     assert addons.errors == 0

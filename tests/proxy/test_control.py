@@ -108,6 +108,7 @@ def test_figures_are_given() -> None:
         "held": 0,
         "held_so_far": 0,
         "addon_errors": 0,
+        "scripts": None,
         "clients": 1,
     }
 

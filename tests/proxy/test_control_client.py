@@ -7,9 +7,10 @@ import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
+import orjson
 import pytest
 
-from bcapscope.proxy.control import Desk
+from bcapscope.proxy.control import LONGEST_LINE, Desk
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError, ControlServer
 from tests.proxy.test_control_socket import Watcher
@@ -25,7 +26,7 @@ def test_one_connection_serves_all_questions() -> None:
         assert [rule["name"] for rule in client.ask({"do": "rules"})["rules"]] == ["drop"]
         with pytest.raises(ControlRefused, match="there is no fault 'x': drop") as refused:
             client.ask({"do": "on", "name": "x"})
-        assert refused.value.answer["ok"] is False
+        assert orjson.loads(refused.value.line)["ok"] is False
         assert client.ask({"do": "off", "name": "drop"})["ok"]
 
 
@@ -38,7 +39,18 @@ def test_nobody_is_there() -> None:
 
 @pytest.mark.parametrize(
     ("answer", "reason"),
-    [(b"", "ended before it answered"), (b"SSH-2.0-x\n", "is no proxy"), (b'{"ok"', "ended before")],
+    [
+        (b"", "ended before it answered"),
+        (b"SSH-2.0-x\n", "is no proxy"),
+        (b'{"ok"', "ended before"),
+        (b"[]\n", "is no proxy"),
+        (b'{"ok": 1}\n', "is no proxy"),
+        (b'{"ok": true, "x": ' + b"[" * 50_000 + b"\n", "is no proxy"),
+        (b'{"ok": true, "x": 1e999}\n', "is no proxy"),
+        (b'{"ok": true, "x": "\xff"}\n', "is no proxy"),
+        (b'{"ok": true}\n{"ok": true}\n', "is no proxy"),
+        (b"[" * (LONGEST_LINE + 1), "answers more than 1 MB"),
+    ],
 )
 def test_somebody_else_is_there(answer: bytes, reason: str) -> None:
     with _answering(answer) as address, closing(ControlClient(address)) as client:

@@ -10,11 +10,12 @@ import stat
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
+from bcapscope.proxy import control_socket
 from bcapscope.proxy.control import LONGEST_LINE, Desk, Reply
 from bcapscope.proxy.control_socket import (
     MOST_CONNECTIONS,
@@ -185,6 +186,29 @@ def test_there_are_only_so_many_connections(address: str) -> None:
             assert answers.read() == b""
         for sock in open_ones:
             sock.close()
+
+
+def test_connections_without_a_command_make_room(address: str) -> None:
+    with server(address) as made, ExitStack() as stack:
+        asked = stack.enter_context(reach_control(made.address))
+        assert ask(asked, b'{"do": "rules"}\n')[0]["ok"]
+        for _ in range(3 * MOST_CONNECTIONS):
+            stack.enter_context(reach_control(made.address))
+        late = stack.enter_context(reach_control(made.address))
+        for sock in (late, asked):
+            assert ask(sock, b'{"do": "rules"}\n')[0]["ok"]
+
+
+def test_an_idle_connection_makes_room_when_all_have_asked(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with server(address) as made, ExitStack() as stack:
+        socks = [stack.enter_context(reach_control(made.address)) for _ in range(MOST_CONNECTIONS)]
+        assert all(ask(sock, b'{"do": "rules"}\n')[0]["ok"] for sock in socks)
+        monkeypatch.setattr(control_socket, "IDLE_AFTER", 0.0)
+        late = stack.enter_context(reach_control(made.address))
+        assert ask(late, b'{"do": "rules"}\n')[0]["ok"]
+        assert socks[0].recv(1) == b""
 
 
 def test_without_file_descriptors_who_asks_waits_and_the_relay_does_not(

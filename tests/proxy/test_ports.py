@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 
 import pytest
@@ -47,6 +48,22 @@ def test_a_port_of_somebody_else_is_refused_and_nothing_stays_open() -> None:
         assert opened(f"127.0.0.1:{port}", transport="tcp")[1] == 1
     with listening() as door, pytest.raises(ListenError, match="TCP port"):
         opened(f"127.0.0.1:{port_of(door)}")
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_without_file_descriptors_nothing_can_be_listened_on(
+    monkeypatch: pytest.MonkeyPatch, transport: str
+) -> None:
+    def none_left(*_: object) -> socket.socket:
+        raise OSError(errno.EMFILE, "")
+
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER + 4096))))
+    (listener,) = parse_listeners(["127.0.0.1:0"], ["127.0.0.1:5007"], transport)
+    with monkeypatch.context() as patched:
+        patched.setattr("bcapscope.proxy.sockets.socket.socket", none_left)
+        with pytest.raises(ListenError, match="too many open files"):
+            open_ports(relay, listener)
+    relay.close()
 
 
 def test_two_proxies_cannot_share_a_port() -> None:

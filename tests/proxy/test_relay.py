@@ -44,16 +44,16 @@ class Say:
     def holds(self, client: int, direction: Direction) -> bool:
         return any(isinstance(each, Send) and each.toward is direction for _, each in self.held)
 
-    def is_full(self) -> bool:
+    def is_full(self, client: int) -> bool:
         return False
 
-    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Action]:
+    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Send | Close]:
         return ()
 
     def hides_end(self, client: int) -> bool:
         return False
 
-    def let_go(self, client: int, now: int) -> Sequence[Action]:
+    def let_go(self, client: int, now: int) -> Sequence[Send | Close]:
         return ()
 
     def gone(self, client: int, now: int) -> None:
@@ -67,7 +67,7 @@ class Say:
         self.held = [each for each in self.held if each[0] > now]
         return ready
 
-    def close(self) -> None:
+    def close(self, now: int) -> None:
         self.clients.append("closed")
 
     def report(self) -> Sequence[str]:

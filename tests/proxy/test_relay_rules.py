@@ -161,7 +161,7 @@ def test_a_client_that_sends_more_than_is_held_is_not_read_and_loses_nothing(
         sender.start()
         policy = proxy.relay.policy
         assert isinstance(policy, Rules)
-        eventually(policy.is_full, "filling")
+        eventually(lambda: policy.is_full(1), "filling")
         sender.join(0.2)
         assert sender.is_alive()
         policy.shaper.remove("delay")

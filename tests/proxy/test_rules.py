@@ -1,4 +1,4 @@
-"""The relay's policy: what becomes of datagrams and of streams cut anyhow, held messages, guard, addons."""
+"""The relay's policy: what becomes of datagrams and of streams cut anyhow, held messages, guard, scripts."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bcapscope.faults.shaper import Shaper
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.hresult import E_ACCESSDENIED, E_FAIL
 from bcapscope.protocol.variant import VT, Variant
-from bcapscope.proxy.addons import Addons, PassingMessage
 from bcapscope.proxy.guard import Guard, read_target
-from bcapscope.proxy.hook import Action, Close, Decision, Send
+from bcapscope.proxy.hook import Action, Close, Decision, LateDecision, Send
 from bcapscope.proxy.intercept import MOST_HELD, Intercept
 from bcapscope.proxy.rules import Rules
 from bcapscope.traffic.observation import Direction, Transport
 from tests.faults.traffic import MS, reply, request, talk
+from tests.proxy.scripting import Here, Listener, Meddler
 from tests.strategies import cut, mutated_frames
 
 UP, DOWN = Direction.REQUEST, Direction.RESPONSE
@@ -33,13 +33,15 @@ def rules(
     clients: int = 1,
     guard: Guard | None = None,
     intercept: Intercept | None = None,
-    addons: Addons | None = None,
+    scripts: Here | None = None,
 ) -> Rules:
     """Set up rules, and clients with the numbers 1, 2, …"""
     shaper = Shaper(map(read_fault, faults), seed=1, now=0)
-    made = Rules(shaper, guard, intercept, addons)
+    made = Rules(shaper, guard, intercept, None if scripts is None else scripts.queue)
     for number in range(1, clients + 1):
         made.opened(number, talk(transport).up.conversation, 0)
+    if scripts is not None:
+        scripts.answer(made, 0)
     return made
 
 
@@ -50,7 +52,8 @@ def holding(expression: str, patience: int = 60_000 * MS) -> Intercept:
 
 def sent(actions: Sequence[Action], toward: Direction = UP) -> bytes:
     """Give all bytes that are sent in one direction."""
-    return b"".join(each.data for each in actions if isinstance(each, Send) and each.toward is toward)
+    flat = [one for each in actions for one in (each.actions if isinstance(each, LateDecision) else (each,))]
+    return b"".join(each.data for each in flat if isinstance(each, Send) and each.toward is toward)
 
 
 def test_without_rules_all_passes_at_once() -> None:
@@ -419,80 +422,10 @@ def test_no_more_is_held_than_fits() -> None:
     assert decision.note == f"intercept: not held, {MOST_HELD} are held already"
 
 
-# addons
-
-
-class Meddler:
-    """Changes, drops and answers by serial."""
-
-    def request(self, message: PassingMessage) -> None:
-        assert message.frame is not None
-        match message.frame.serial:
-            case 1:
-                message.drop()
-            case 2:
-                message.answer("E_FAIL")
-            case 3:
-                message.data = request(33)
-            case 4:
-                raise RuntimeError("oh")
-
-    def reply(self, message: PassingMessage) -> None:
-        if message.command == "CurJnt":
-            message.drop()
-
-
-def test_addons_change_drop_and_answer() -> None:
-    made = rules(addons=Addons([Meddler()]))
-    assert made.receive(1, UP, request(1), 0) == Decision("addon: dropped", [])
-    answered = made.receive(1, UP, request(2), 0)
-    assert (answered.note, sent(answered.actions)) == ("addon: answered", b"")
-    assert (Frame(sent(answered.actions, DOWN)).serial, Frame(sent(answered.actions, DOWN)).code) == (
-        2,
-        E_FAIL,
-    )
-    assert made.receive(1, UP, request(3), 0) == Decision("addon: changed", [Send(1, UP, request(33))])
-    assert sent(made.receive(1, UP, request(4), 0).actions) == request(4)
-    made.receive(1, UP, request(5, "CurJnt"), 0)
-    assert made.receive(1, DOWN, reply(5), 0).note == "addon: dropped"
-    assert made.report() == ["scripts: went wrong once"]
-
-
-def test_the_guard_sees_what_an_addon_has_made() -> None:
-    made = rules(addons=Addons([Meddler()]), guard=Guard(block=[read_target("slvMove")]))
-    assert Frame(sent(made.receive(1, UP, request(3, "CurJnt"), 0).actions, DOWN)).code == E_ACCESSDENIED
-
-
-class Listener:
-    """Hears what has settled."""
-
-    def __init__(self) -> None:
-        self.heard: list[object] = []
-
-    def settled(self, call: object) -> None:
-        self.heard.append(call)
-
-
-def test_calls_settle_though_nothing_more_comes() -> None:
-    listener = Listener()
-    made = rules(addons=Addons([listener]))
-    made.receive(1, UP, request(1), 0)
-    made.receive(1, DOWN, reply(1), MS)
-    now = 0
-    while not listener.heard:
-        due = made.due()
-        assert due is not None
-        now = max(now + MS, due)
-        made.take(now)
-    assert now < 10_000 * MS
-    made.receive(1, UP, request(2), now)
-    made.close()
-    assert len(listener.heard) == 2
-
-
 EVENTS = st.lists(
     st.tuples(
-        st.sampled_from(["up", "down", "take", "end", "changed", "send on", "drop", "add", "remove"]),
+        st.sampled_from(["up", "down", "take", "end", "changed", "send on", "drop", "add", "remove"])
+        | st.sampled_from(["answer", "answer", "answer", "lose"]),
         st.integers(0, 50 * MS),
         st.binary(max_size=80) | mutated_frames() | st.builds(request, st.integers(0, 9)),
     ),
@@ -510,12 +443,13 @@ EVENTS = st.lists(
 def test_nothing_that_comes_does_harm(
     events: list[tuple[str, int, bytes]], faults: list[str], transport: Transport
 ) -> None:
+    here = Here(Meddler(), Listener())
     made = rules(
         *faults,
         transport=transport,
         guard=Guard(read_only=True),
         intercept=holding("serial < 5 or kind == malformed", patience=20 * MS),
-        addons=Addons([Meddler(), Listener()]),
+        scripts=here,
     )
     now = 0
     for what, later, data in events:
@@ -526,6 +460,10 @@ def test_nothing_that_comes_does_harm(
                 assert isinstance(decision.note, str)
             case "take":
                 made.take(now)
+            case "answer":
+                here.answer(made, now, count=1)
+            case "lose":
+                made.lose_scripts(now)
             case "end":
                 made.ended(1, UP, now)
             case "changed":
@@ -539,8 +477,9 @@ def test_nothing_that_comes_does_harm(
                 made.send_on(number, now, data) if what == "send on" else made.drop(number, now)
         due = made.due()
         assert due is None or due >= 0
+    here.answer(made, now)
     made.take(now + 1000 * MS)
-    made.close()
     made.gone(1, now)
+    made.close(now)
     assert made.take(now + 2000 * MS) == []
     assert made.due() is None

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from bcapscope.proxy.sockets import drops, prepare_datagrams, reason
+from bcapscope.proxy.sockets import drops, keep_alive, prepare_datagrams, reason
 from bcapscope.transport.arrival import CONTROL, kernel_time, receiver
 from tests.proxy.relaying import datagrams
 
@@ -40,3 +40,15 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
 )
 def test_reasons(error: Exception, words: str) -> None:
     assert reason(error) == words
+
+
+def test_a_peer_that_has_vanished_is_noticed_within_minutes() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as sock:
+        keep_alive(sock)
+        assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        if hasattr(socket, "TCP_KEEPIDLE"):
+            idle, interval, count = (
+                sock.getsockopt(socket.IPPROTO_TCP, option)
+                for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
+            )
+            assert idle + interval * count == 120

@@ -16,7 +16,7 @@ import pytest
 from bcapscope.proxy.hook import Policy
 from bcapscope.proxy.poller import READ
 from bcapscope.proxy.ring import Count, Kind
-from bcapscope.proxy.tcp import TcpSession
+from bcapscope.proxy.tcp import ANSWER_WITHIN, ANSWERED_FOR, STUCK_FOR, TcpSession
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
 from tests.proxy.test_rules import rules
 
@@ -217,7 +217,7 @@ def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there
             return kind(family, type, proto, fileno)
 
         with kind(socket.AF_INET, socket.SOCK_STREAM) as client:
-            monkeypatch.setattr("bcapscope.proxy.tcp.socket.socket", none_left)
+            monkeypatch.setattr("bcapscope.proxy.tcpport.socket.socket", none_left)
             client.settimeout(PATIENCE)
 
             def knock() -> None:
@@ -228,9 +228,61 @@ def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there
             with pytest.raises(ConnectionResetError):
                 knock()
             monkeypatch.undo()
-        eventually(lambda: "too many open files" in proxy.told())
+        eventually(lambda: "cannot be taken: too many open files; its connection is closed" in proxy.told())
         with socket.create_connection(proxy.address, PATIENCE):
             door.accept()[0].close()
+
+
+def test_who_ended_its_side_may_wait_for_a_reply_as_long_as_a_call_takes() -> None:
+    with standing() as (client, server, proxy, session):
+        client.shutdown(socket.SHUT_WR)
+        wait_for(session._client, select.POLLIN)
+        session._client_happened(READ)
+        session.sweep(proxy.relay.now + ANSWER_WITHIN)
+        assert session.quiet(proxy.relay.now + STUCK_FOR) is None
+        server.sendall(b"the reply")
+        wait_for(session._server, select.POLLIN)
+        session._server_happened(READ)
+        assert receive(client, 9) == b"the reply"
+        assert session.quiet(proxy.relay.now + ANSWERED_FOR) is None
+        assert session.quiet(proxy.relay.now + ANSWERED_FOR + 1) == ANSWERED_FOR + 1
+        session.sweep(proxy.relay.now + ANSWER_WITHIN)
+        assert proxy.relay.sessions
+        session.sweep(proxy.relay.now + ANSWER_WITHIN + 1)
+        assert not proxy.relay.sessions
+        assert server.recv(1) == b""
+
+
+def test_a_client_that_stays_when_the_controller_has_gone_is_ended() -> None:
+    with standing() as (client, server, proxy, session):
+        assert session.quiet(proxy.relay.now + 10 * STUCK_FOR) is None
+        server.close()
+        wait_for(session._server, select.POLLIN)
+        session._server_happened(READ)
+        assert client.recv(1) == b""
+        session.sweep(proxy.relay.now + STUCK_FOR)
+        assert session.quiet(proxy.relay.now + STUCK_FOR) is None
+        assert session.quiet(proxy.relay.now + STUCK_FOR + 1) == STUCK_FOR + 1
+        assert proxy.relay.sessions
+        session.sweep(proxy.relay.now + STUCK_FOR + 1)
+        assert not proxy.relay.sessions
+
+
+def test_a_client_that_does_not_read_gives_way_and_one_that_only_says_nothing_does_not() -> None:
+    with standing() as (_, _, proxy, session):
+        assert session.quiet(proxy.relay.now + ANSWER_WITHIN) is None
+        session.send(False, bytes(64 << 20))
+        assert session.quiet(proxy.relay.now + STUCK_FOR) is None
+        assert session.quiet(proxy.relay.now + STUCK_FOR + 1) == STUCK_FOR + 1
+        session.sweep(proxy.relay.now + 10 * ANSWER_WITHIN)
+        assert proxy.relay.sessions
+
+
+def wait_for(sock: socket.socket, sign: int) -> None:
+    """Wait until the system tells something of a socket."""
+    poll = select.poll()
+    poll.register(sock, sign)
+    assert poll.poll(PATIENCE * 1000)
 
 
 def test_what_is_sent_last_is_told() -> None:
@@ -284,9 +336,7 @@ def test_what_came_and_could_not_be_passed_on_any_more_is_told_before_its_client
         client.sendall(b"the last")
         cut(server)
         for end, sign in ((session._server, select.POLLERR), (session._client, select.POLLIN)):
-            poll = select.poll()
-            poll.register(end, sign)
-            assert poll.poll(PATIENCE * 1000)
+            wait_for(end, sign)
         session._client_happened(READ)
         assert not proxy.relay.sessions
         proxy.relay.close()

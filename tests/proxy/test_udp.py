@@ -6,17 +6,20 @@ import errno
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 
+from bcapscope.protocol.frame import encode
+from bcapscope.protocol.variant import VT, Variant
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy import udp
-from bcapscope.proxy.relay import GIVE_WAY_AFTER, Relay
+from bcapscope.proxy.admission import MOST_CLIENTS, MOST_OF_ONE
+from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring import Count, Kind
 from bcapscope.proxy.sockets import facing, listen_on
 from bcapscope.traffic.observation import Endpoint, Transport
-from tests.proxy.relaying import datagrams, eventually, port_of, running
+from tests.proxy.relaying import Running, datagrams, eventually, port_of, running
 
 
 def test_each_client_has_its_own_way_and_bytes_pass_unchanged() -> None:
@@ -140,26 +143,80 @@ def test_strangers_are_told_once_and_dropped() -> None:
             pass
 
 
-def test_one_client_too_many_waits_until_one_is_silent() -> None:
-    with datagrams() as server, running(port_of(server), "udp") as proxy:
+@contextmanager
+def crowded(server: socket.socket, proxy: Running) -> Iterator[list[socket.socket]]:
+    """Take all places by clients that have spoken twice; yield them."""
+    with ExitStack() as stack:
         clients = []
-        for _ in range(256):
-            client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        for number in range(MOST_CLIENTS):
+            client = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            client.bind(("127.0.0.1" if number < MOST_OF_ONE else "127.0.0.2", 0))
             client.connect(proxy.address)
-            client.send(b"me")
-            server.recv(100)
+            for _ in range(2):
+                client.send(b"me")
+                server.recv(100)
             clients.append(client)
-        with datagrams(to=proxy.address) as late:
-            late.send(b"too many")
-            eventually(lambda: proxy.relay.counts[Count.DENIED] == 1)
-            eventually(lambda: "is one client too many; its datagrams are dropped" in proxy.told())
-            silent = next(iter(proxy.relay.sessions.values()))
-            silent.heard -= GIVE_WAY_AFTER
+        yield clients
+
+
+def test_one_client_too_many_waits_until_one_is_silent() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        crowded(server, proxy),
+        datagrams(to=proxy.address) as late,
+    ):
+        late.send(b"too many")
+        eventually(lambda: proxy.relay.counts[Count.DENIED] == 1)
+        eventually(lambda: "is one client too many; its datagrams are dropped" in proxy.told())
+        silent = next(iter(proxy.relay.sessions.values()))
+        silent.heard -= udp.GIVE_WAY_AFTER
+        server.settimeout(0.1)
+        heard = b""
+        while heard != b"room now":
             late.send(b"room now")
-            assert server.recv(100) == b"room now"
-        for client in clients:
-            client.close()
+            with suppress(TimeoutError):
+                heard = server.recv(100)
         eventually(lambda: [record for record in proxy.of(Kind.GONE) if record.client == silent.number])
+
+
+def test_a_stop_gets_through_when_all_places_are_taken() -> None:
+    halt = encode(1, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        crowded(server, proxy) as clients,
+    ):
+        for _ in range(10):
+            with datagrams(to=proxy.address) as late:
+                late.send(halt)
+                heard, way = server.recvfrom(100)
+                assert heard == halt
+                server.sendto(b"ok", way)
+                assert late.recv(10) == b"ok"
+        for client in (clients[0], clients[-1]):
+            client.send(b"still there")
+            assert server.recv(100) == b"still there"
+
+
+def test_a_flood_from_ever_new_ports_leaves_established_clients_alone() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy, datagrams(to=proxy.address) as one:
+        for _ in range(2):
+            one.send(b"established")
+            _, way = server.recvfrom(100)
+        server.settimeout(0.01)
+        for number in range(600):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood:
+                flood.sendto(b"flood", proxy.address)
+            if number % 100 == 99:
+                one.send(b"still here")
+                heard = b""
+                while heard != b"still here":
+                    with suppress(TimeoutError):
+                        heard, came = server.recvfrom(100)
+                assert came == way
+        assert len(proxy.relay.sessions) <= MOST_OF_ONE
+        assert proxy.relay.counts[Count.DENIED]
 
 
 def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import ast
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bcapscope.client import objects
 from bcapscope.client.target import Target
-from bcapscope.protocol.functions import FUNCTIONS, ObjectClass
+from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, ResultKind
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.render.code import call_line, hex_text, method_name, python_text
+from bcapscope.render.escape import printable
 from bcapscope.traffic.opened import Opened
 from tests.cli.run import run_here
 from tests.client.server import UdpServer, udp_server
@@ -72,10 +78,130 @@ def test_the_program_makes_that_call(function_id: int, arguments: tuple[Variant,
         assert _made(server) == tuple(argument.value for argument in arguments[1:])
 
 
-def test_the_program_for_what_has_no_handle_gives_numbers() -> None:
-    program = python_text(Target("h", tcp=True), 64, MODE, None)
-    assert "wait(service.session.call(64, [Variant(VT.I4, 5), " in program
-    assert "over_tcp" in program
+def _arguments(function: Function) -> tuple[Variant, ...]:
+    """Give one argument of each type that a function takes, the handle 5."""
+    values = {"VT_I4": Variant(VT.I4, 5), "VT_R4": Variant(VT.R4, 2.5), "VT_BSTR": Variant(VT.BSTR, "x")}
+    return tuple(values.get(param.type, POSE) for param in function.params)
+
+
+def _subject(function: Function) -> Opened | None:
+    """Open an object of the class that a function belongs to."""
+    if not function.takes_handle:
+        return None
+    if function.owner is ObjectClass.CONTROLLER:
+        return CONTROLLER._replace(handle=5)
+    return Opened(function.owner, 5, () if function.owner is ObjectClass.MESSAGE else ("x", ""), CONTROLLER)
+
+
+def _each() -> Iterator[tuple[Function, Opened | None]]:
+    for function in FUNCTIONS.values():
+        yield function, None
+        if function.takes_handle:
+            yield function, _subject(function)
+
+
+def _name(value: object) -> str:
+    return value.name if isinstance(value, Function) else "known" if isinstance(value, Opened) else "unknown"
+
+
+@pytest.mark.parametrize(("function", "subject"), list(_each()), ids=_name)
+def test_the_program_of_each_function_makes_that_call(
+    function: Function, subject: Opened | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = _arguments(function)
+    with udp_server() as server:
+        target = Target("127.0.0.1", server.port, service=",WDT=400")
+        exec(compile(python_text(target, function.id, arguments, subject), "program", "exec"), {})
+        calls = [call for peer in server.peers.values() for call in peer.executed]
+    wanted = (function.name, *(argument.value for argument in arguments))
+    if subject is None:
+        assert wanted in calls
+    else:
+        assert (wanted[0], *wanted[2:]) in [(call[0], *call[2:]) for call in calls]
+    assert bool(capsys.readouterr().out) is (subject is None or function.result is not ResultKind.NONE)
+
+
+def test_the_programs_of_all_functions_pass_a_strict_type_check(tmp_path: Path) -> None:
+    for function, subject in _each():
+        for tcp in (False, True):
+            program = python_text(Target("h", tcp=tcp), function.id, _arguments(function), subject)
+            (tmp_path / f"f{function.id}_{subject is None}_{tcp}.py").write_text(program)
+    argv = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path / "cache"), str(tmp_path)]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("argument", "values"),
+    [
+        (Variant(VT.BSTR, "not a number"), ("not a number", 2.5, 2.5)),
+        (Variant.array(VT.I4, (1, 2)), ((1, 2), 2.5, 2.5)),
+        (EMPTY, (None, 2.5, 2.5)),
+    ],
+)
+def test_an_argument_of_another_type_keeps_it(argument: Variant, values: tuple[object, ...]) -> None:
+    speed = Variant(VT.R4, 2.5)
+    with udp_server() as server:
+        target = Target("127.0.0.1", server.port)
+        program = python_text(target, 65, (Variant(VT.I4, 5), argument, speed, speed), ROBOT)
+        assert "robot.handle" in program
+        exec(compile(program, "program", "exec"), {})
+        calls = [call for peer in server.peers.values() for call in peer.executed]
+    assert next(call for call in calls if call[0] == "Robot_Accelerate")[2:] == values
+
+
+@pytest.mark.parametrize("asked", [(), ("a", "b", "c"), ("a", "b", "c", "d", "e")])
+@pytest.mark.parametrize("kind", [ObjectClass.CONTROLLER, ObjectClass.FILE, ObjectClass.MESSAGE])
+def test_an_object_is_opened_whatever_strings_its_request_had(
+    kind: ObjectClass, asked: tuple[str, ...]
+) -> None:
+    opened = Opened(kind, 5, asked, None if kind is ObjectClass.CONTROLLER else CONTROLLER)
+    with udp_server() as server:
+        program = python_text(Target("127.0.0.1", server.port), 200, (Variant(VT.I4, 5),), opened)
+        exec(compile(program.replace("(200,", "(19,"), "program", "exec"), {})
+        assert any(peer.executed for peer in server.peers.values())
+
+
+nested = st.recursive(
+    st.one_of(
+        st.none().map(lambda _: EMPTY),
+        st.integers(-(2**31), 2**31 - 1).map(lambda value: Variant(VT.I4, value)),
+        st.floats(width=32).map(lambda value: Variant(VT.R4, value)),
+        st.floats().map(lambda value: Variant(VT.R8, value)),
+        st.booleans().map(lambda value: Variant(VT.BOOL, value)),
+        st.text(st.characters()).map(lambda value: Variant(VT.BSTR, value)),
+        st.binary().map(lambda value: Variant.array(VT.UI1, value)),
+        st.lists(st.text(), max_size=3).map(lambda value: Variant.array(VT.BSTR, tuple(value))),
+        st.binary().map(lambda value: Variant(0x4D, value)),
+        st.integers(0, 0xFFFF).map(lambda vt: Variant(vt, None)),
+    ),
+    lambda inner: st.lists(inner, max_size=3).map(lambda value: Variant.array(VT.VARIANT, tuple(value))),
+)
+
+
+@given(nested)
+def test_any_argument_is_written_as_the_same_value(argument: Variant) -> None:
+    program = python_text(Target("h"), 200, (argument,), None)
+    assert all(line == printable(line) for line in program.split("\n"))
+    (call,) = [
+        node
+        for node in ast.walk(ast.parse(program))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "call"
+    ]
+    value = eval(compile(ast.Expression(call.args[1]), "argument", "eval"), {"VT": VT, "Variant": Variant})
+    assert repr(list(map(_plain, value))) == repr(
+        [_plain(argument)]
+    )  # as text, since NaN differs from itself
+
+
+def _plain(variant: Variant) -> tuple[object, ...]:
+    value = variant.value
+    items = (
+        tuple(_plain(each) if isinstance(each, Variant) else each for each in value)
+        if isinstance(value, tuple)
+        else value
+    )
+    return int(variant.vt), items, variant.elements
 
 
 def test_hostile_strings_stay_strings() -> None:

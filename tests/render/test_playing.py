@@ -6,7 +6,14 @@ import json
 
 from bcapscope.player.lateness import Spread
 from bcapscope.player.messages import Counts, Ended, Outcome, Peer, Progress, State, Trouble
-from bcapscope.render.playing import ended_lines, ended_record, peer_line, progress_line, trouble_lines
+from bcapscope.render.playing import (
+    RETRIES_EXPECTED,
+    ended_lines,
+    ended_record,
+    peer_line,
+    progress_line,
+    trouble_lines,
+)
 
 LATE = Spread(500, 1_000, 20_000, 300_000, 2_500_000)
 HOSTILE = "a\x1b[31m\n\u202eb"
@@ -53,6 +60,15 @@ def test_the_summary() -> None:
         "12 records of the controller's log saved",
         "the controller did not let us leave in order: it may hold this session, its arm or slave mode",
     ]
+
+
+def test_retries_that_are_normal_are_called_so() -> None:
+    def lines(retries: int, expected: bool) -> list[str]:
+        ended = Ended(Outcome.DONE, counts=Counts(100, retries=retries), retries_expected=expected)
+        return [line for line in ended_lines(ended) if "retries per set point are normal" in line]
+
+    assert lines(300, True) == [RETRIES_EXPECTED]
+    assert lines(300, False) == lines(0, True) == []
 
 
 def test_a_reason_of_several_lines_and_nothing_sent() -> None:

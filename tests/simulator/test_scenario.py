@@ -16,6 +16,7 @@ from bcapscope.simulator.event import AnyEvent, EmergencyStop
 from bcapscope.simulator.kinematics import LIMITS
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.memory import Memory
+from bcapscope.simulator.profile import NoArgument
 from bcapscope.simulator.scenario import Over, load_scenario, read_scenario, shipped
 
 WHOLE = """
@@ -26,6 +27,7 @@ then: [underflow]
 client: {session: motion, over: tcp, mode: 0x202, options: ",WDT=100"}
 profile: cserver
 defects: [serial-zero]
+no_argument: always
 start:
   joints: [1, 2, 93, 4, 5, 6]
   mode: teach-check
@@ -35,6 +37,7 @@ start:
   speed: 50
   type_name: VS-060
   errors: [0x84201482, E_FAIL]
+  empty: ['@current_angle']
   emergency: true
   arm_taken: true
   udp_clients: 3
@@ -57,6 +60,7 @@ def test_everything_that_can_be_said() -> None:
     start = scenario.beginning(epoch=7)
     assert (start.joints, start.epoch) == ((1, 2, 93, 4, 5, 6, 0, 0), 7)
     assert (start.mode, start.token, start.motor, start.motor_time) == (2, False, True, 3_000_000_000)
+    assert start.empty == ("@CURRENT_ANGLE",)
     assert (start.speed, start.type_name, start.errors) == (50, "VS-060", (0x84201482, 0x80004005))
     assert (start.emergency, start.arm_taken, start.udp_clients, start.tcp_clients) == (True, True, 3, 20)
     assert (start.tasks, start.running) == (("RobSlave", "Pro7"), ("robslave",))
@@ -64,6 +68,7 @@ def test_everything_that_can_be_said() -> None:
     assert start.limits[1:5] == LIMITS[1:5]
     assert start.limits[5] == LIMITS[5]._replace(speed=20, acceleration=30)
     assert scenario.controller.defects is Defect.SERIAL_ZERO
+    assert scenario.controller.no_argument is NoArgument.ALWAYS
     assert scenario.client.over is Over.TCP
     assert isinstance(scenario.faults[0], Drop)
     assert isinstance(scenario.in_slave_mode[0], EmergencyStop)
@@ -115,6 +120,10 @@ def _in(what: str) -> str:
         (_in("start: {speed: 0}"), "line 2: start.speed: Expected float >= 0.1"),
         (_in("start: {udp_clients: 21}"), "line 2: start.udp_clients: Expected int <= 20"),
         (_in("start:\n  errors: [E_FAIL,\n   S_OK]"), "line 4: start.errors[1]: S_OK is no error"),
+        (
+            _in("start: {empty: ['@CURRENT_ANGEL']}"),
+            "line 2: start.empty[0]: the robot has no variable @CURRENT_ANGEL",
+        ),
         (_in("start: {errors: [E_FIAL]}"), "line 2: start.errors[0]: 'E_FIAL' is no HRESULT"),
         (_in("start: {joints: [1, 2]}"), "line 2: start.joints: Expected array of length >= 6"),
         (
@@ -176,12 +185,13 @@ def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
         load_scenario(str(tmp_path / "none.yaml"))
 
 
-def test_the_example_in_the_documentation_can_be_read() -> None:
+def test_the_examples_in_the_documentation_can_be_read() -> None:
     page = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"^```yaml\n(title:.*?)^```", page, re.DOTALL | re.MULTILINE)
-    scenario = read_scenario(example)
+    examples = re.findall(r"^```yaml\n(title:.*?)^```", page, re.DOTALL | re.MULTILINE)
+    scenarios = [read_scenario(example) for example in examples]
+    assert len(scenarios) > 1
     actions = {kind.__struct_config__.tag for part in (AnyFault, AnyEvent) for kind in get_args(part)}
-    assert {each.action for each in scenario.faults} <= actions
+    assert {each.action for scenario in scenarios for each in scenario.faults} <= actions
     assert actions - {"pass"} <= set(re.findall(r"`([a-z-]+)`", page))
 
 

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import struct
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from itertools import pairwise
 
 import pytest
 
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.simulator.clock import Clock
+from bcapscope.simulator.listening import ListenError
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
-from bcapscope.simulator.server import Address, ListenError, Server
-from bcapscope.simulator.simulator import MOST_CLIENTS, Output, Peer, Simulator
+from bcapscope.simulator.server import Address, Server
+from bcapscope.simulator.simulator import KEPT, MOST_CLIENTS, Output, Peer, Simulator
 from bcapscope.simulator.stage import Stage
 from bcapscope.simulator.turns import MOST_OF_ONE
-from bcapscope.simulator.values import bstr
+from bcapscope.simulator.values import bstr, i4
 from bcapscope.transport.arrival import Control
+from bcapscope.transport.lobby import MOST_WAITING
 
 START = encode(1, 0, 1, [bstr("")])
+HALT = encode(1, 0, 70, [i4(1), bstr("")])
 
 
 @pytest.fixture
@@ -92,18 +97,72 @@ def test_a_bad_frame_closes_its_connection_only(server: Server) -> None:
         assert Frame(exchange(server, good, START)).code == 0
 
 
+@contextmanager
+def full(server: Server) -> Iterator[list[socket.socket]]:
+    """Take all places over TCP."""
+    with ExitStack() as stack:
+        socks = [stack.enter_context(client(server, socket.SOCK_STREAM)) for _ in range(MOST_CLIENTS)]
+        for sock in socks:
+            assert exchange(server, sock, START)
+        yield socks
+
+
 def test_one_connection_too_many_is_closed(server: Server) -> None:
-    socks = [client(server, socket.SOCK_STREAM) for _ in range(MOST_CLIENTS)]
-    for sock in socks:
-        assert exchange(server, sock, START)
-    with client(server, socket.SOCK_STREAM) as more:
-        assert exchange(server, more, b"") == b""
-    socks.pop().close()
-    server.step(0.05)
-    with client(server, socket.SOCK_STREAM) as more:
-        assert Frame(exchange(server, more, START)).code == 0
-    for sock in socks:
-        sock.close()
+    with full(server) as socks:
+        with client(server, socket.SOCK_STREAM) as more:
+            assert exchange(server, more, START) == b""
+        socks.pop().close()
+        server.step(0.05)
+        with client(server, socket.SOCK_STREAM) as more:
+            assert Frame(exchange(server, more, START)).code == 0
+
+
+def test_a_stop_is_answered_when_all_places_are_taken(server: Server) -> None:
+    with full(server) as socks, ExitStack() as stack:
+        for _ in range(3 * KEPT):
+            late = stack.enter_context(client(server, socket.SOCK_STREAM))
+            assert Frame(exchange(server, late, HALT))
+        assert Frame(exchange(server, socks[0], START))
+        assert server.step(0) == []
+
+
+def test_connections_that_say_nothing_take_no_place(server: Server) -> None:
+    with ExitStack() as stack:
+        good = stack.enter_context(client(server, socket.SOCK_STREAM))
+        assert Frame(exchange(server, good, START)).code == 0
+        silent = []
+        for number in range(2 * MOST_WAITING):
+            sock = stack.enter_context(client(server, socket.SOCK_STREAM))
+            if number % 2:
+                sock.sendall(START[:9])
+            silent.append(sock)
+            server.step(0)
+        late = stack.enter_context(client(server, socket.SOCK_STREAM))
+        assert Frame(exchange(server, late, START)).code == 0
+        assert Frame(exchange(server, good, START)).code == 0
+        with pytest.raises(ConnectionResetError):
+            silent[0].recv(1)
+
+
+def test_without_file_descriptors_nothing_is_tried_again_and_again(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = 0
+
+    def none_left(_: socket.socket) -> None:
+        nonlocal tried
+        tried += 1
+        raise OSError(errno.EMFILE, "")
+
+    with client(server, socket.SOCK_STREAM) as sock, client(server, socket.SOCK_DGRAM) as other:
+        with monkeypatch.context() as patched:
+            patched.setattr(socket.socket, "accept", none_left)
+            assert Frame(exchange(server, other, START)).code == 0
+            before = tried
+            for _ in range(50):
+                server.step(0.001)
+            assert tried == before > 0
+        assert Frame(exchange(server, sock, START)).code == 0  # within a second
 
 
 def test_reset_closes_all_connections(server: Server) -> None:

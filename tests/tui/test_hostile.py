@@ -16,13 +16,14 @@ from textual.widgets import Input
 from bcapscope.capture.recording import Recording
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.proxy.control_answers import Client, Figures, Held, Rule
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import Scope, Spot
 from bcapscope.tui.harmless import Harmless
 from bcapscope.tui.proxy.editing import edited, proposal
 from bcapscope.tui.proxy.news import Said, Stands
-from bcapscope.tui.proxy.standing import Client, Figures, Held, Rule, Standing
+from bcapscope.tui.proxy.standing import Standing
 from bcapscope.tui.screens.proxy import ProxyScreen
 from bcapscope.tui.screens.traffic import TrafficScreen
 from bcapscope.tui.tester.choice import Choice

@@ -315,7 +315,7 @@ def test_slave_mode_with_a_log_file_and_start(tmp_path: Path) -> None:
         assert (await watched(pilot, here)).outcome is Outcome.DONE
         await until(pilot, lambda: "played to the end" in sight(pilot))
         assert "commanded" in sight(pilot)
-        assert list((tmp_path / "audit").glob("slave-*.pcapng"))
+        assert list((tmp_path / "log").glob("slave-*.pcapng"))
         await pilot.press("escape")
         await finish(pilot)
 

@@ -32,7 +32,7 @@ PLAYED = 100.0
 
 def make_tester(folder: Path, host: str = "", port: int = 5007, *, japanese: bool = False) -> Scope:
     """Make the application with the Tester alone; everything it writes goes to `folder`."""
-    start = Start(folder / "requests", folder / "audit", host, port)
+    start = Start(folder / "requests", folder / "log", host, port)
     language = Language.JAPANESE if japanese else Language.ENGLISH
     spot = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
     return make(spot, language=language, settings=folder / "screen.yaml")

@@ -26,6 +26,7 @@ _FIRST_ERRORS = (
     "overflow",
     "invalid-set-point",
     "refused-in-slave-mode",
+    "slvmove-outside-slave-mode",
     "emergency-stop",
     "controller-error",
 )

@@ -1,22 +1,9 @@
-"""Armed or not: whether calls that may move a robot go out, and for how long."""
+"""Armed or not: whether calls that may energise or move a robot go out, and for how long."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from bcapscope.protocol.effects import Effect
-from bcapscope.protocol.guard import always_passes, request_effect
-from bcapscope.protocol.variant import Variant
-
 LAPSES_AFTER = 180_000_000_000
-"""ns after the last call that may have moved something; then nobody is thought to stand by the robot."""
-
-
-def may_move(function_id: int, arguments: Sequence[Variant]) -> bool:
-    """Tell whether a request may set something in motion, so that it needs arming."""
-    if always_passes(function_id, arguments):
-        return False
-    return request_effect(function_id, arguments) >= Effect.MOVES
+"""ns after the last call that needed arming; then nobody is thought to stand by the robot."""
 
 
 class Arming:
@@ -40,7 +27,7 @@ class Arming:
         self._until = None
 
     def used(self, now: int) -> None:
-        """Take note of a call that may move something: somebody is there, so the time begins anew."""
+        """Take note of a call that needs arming: somebody is there, so the time begins anew."""
         if self.is_armed(now):
             self._until = now + LAPSES_AFTER
 
@@ -49,7 +36,7 @@ class Arming:
         return self._until is not None and now < self._until
 
     def lets_pass(self, now: int) -> bool:
-        """Tell whether what may move something goes out."""
+        """Tell whether calls that need arming go out."""
         return not self.needed or self.is_armed(now)
 
     def left(self, now: int) -> int:

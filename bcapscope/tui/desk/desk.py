@@ -15,21 +15,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from bcapscope.client.action_log import ActionLog, LoggedConnection
 from bcapscope.client.caller import Caller
 from bcapscope.client.reach import Reach
 from bcapscope.client.session import Session, command_of, open_target
 from bcapscope.client.target import Target
 from bcapscope.errors import BcapError
-from bcapscope.protocol.frame import Frame, parse_datagram
+from bcapscope.protocol.effects import Effect
+from bcapscope.protocol.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.functions import FUNCTIONS, ID, Function, ObjectClass, function_by_name
+from bcapscope.protocol.guard import needs_arming, request_effect
 from bcapscope.protocol.hresult import E_NOT_IN_SLAVE_MODE, describe
 from bcapscope.protocol.requester import Event, Pace
 from bcapscope.protocol.slavemode import mode_value
 from bcapscope.protocol.variant import VT, Variant
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.traffic.opened import Book, Opened
-from bcapscope.tui.desk.arming import Arming, may_move
-from bcapscope.tui.desk.audit import Audit
+from bcapscope.tui.desk.arming import Arming
 from bcapscope.tui.desk.halt import HaltLine, HaltNews, HaltState
 from bcapscope.tui.desk.news import Lost, News, Status, Trouble
 from bcapscope.tui.desk.pulse import Pulse
@@ -53,7 +55,7 @@ class NotConnectedError(BcapError):
 
 
 class NotArmedError(BcapError):
-    """A call may move something, and nobody has armed; it was not made."""
+    """A call may energise or move the robot, and nobody has armed; it was not made."""
 
 
 class Desk:
@@ -61,7 +63,7 @@ class Desk:
 
     Attributes:
         arming: armed or not.
-        audit: where everything that was sent is written down.
+        log: the action log.
         status: what the screen shows; replaced whole, so that any thread may read it.
         pulse: when the controller was heard last.
         session: the one in use; None while there is no connection.
@@ -71,19 +73,19 @@ class Desk:
     def __init__(
         self,
         tell: Callable[[News], None],
-        audit_folder: Path,
+        log_folder: Path,
         tap: Callable[[Observation], None] = lambda seen: None,
     ) -> None:
         """Begin without a connection.
 
         Args:
             tell: is told of everything that happens, in threads of the desk's.
-            audit_folder: for the audit log.
+            log_folder: for the action log.
             tap: sees every packet, in the same threads; returns at once and never raises.
         """
         self.tell = tell
         self._tap = tap
-        self.audit = Audit(audit_folder, lambda text: tell(Trouble(text)))
+        self.log = ActionLog(log_folder, "tui", self._log_failed)
         self.arming = Arming()
         self.status = Status()
         self.pulse = Pulse(self.now())
@@ -117,7 +119,7 @@ class Desk:
         self._thread.join(1.0)
         if not self._thread.is_alive():
             self._loop.close()
-        self.audit.close()
+        self.log.close()
 
     async def _wind_up(self) -> None:
         """Let go of everything, and wait for whoever is letting go already."""
@@ -207,12 +209,12 @@ class Desk:
 
         Raises:
             NotConnectedError: there is no connection.
-            NotArmedError: it may move something, and nobody has armed. Nothing was sent.
+            NotArmedError: it may energise or move the robot, and nobody has armed. Nothing was sent.
             LocalProtocolError: it cannot be sent. Nothing was.
             ConnectionError: the link is gone.
         """
         reach = self.reach
-        if may_move(function.id, arguments):
+        if self._needs_arming(function.id, arguments):
             self._check_armed()
         WHO.set(who)
         await self._guarded(reach.exchange(function, arguments))
@@ -228,13 +230,13 @@ class Desk:
         """Send bytes as they are and wait for what comes; return the record.
 
         Raises:
-            NotArmedError: they may move something, for all that we can read of them.
+            NotArmedError: they may energise or move the robot, or are no sound frame.
             NotConnectedError, ConnectionError: as `call`.
         """
         session = self.reach.session
         caller = session.exchanger
         assert isinstance(caller, Caller)
-        if any(_may_move(item) for item in parse_datagram(raw)):
+        if any(self._raw_needs_arming(item) for item in parse_datagram(raw)):
             self._check_armed()
         WHO.set(Who.USER)
         await self._guarded(caller.send_raw(raw, session.paces.others.timeout / 1e9))
@@ -285,6 +287,17 @@ class Desk:
     def choose(self, robot: Opened | None) -> None:
         """Have commands of the robot go to this one."""
         self.show(robot=robot)
+
+    def _needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
+        written = self._subject(function_id, arguments)
+        is_variable = written is not None and written.kind is ObjectClass.VARIABLE
+        return needs_arming(function_id, arguments, written.label if written and is_variable else "")
+
+    def _raw_needs_arming(self, item: Frame | Malformed) -> bool:
+        """Tell whether raw bytes need arming; bytes that are no sound frame do."""
+        if not isinstance(item, Frame) or item.problems:
+            return True
+        return self._needs_arming(item.code, item.variants)
 
     def _check_armed(self) -> None:
         if not self.arming.lets_pass(self.now()):
@@ -348,8 +361,20 @@ class Desk:
     def _note(self, seen: Observation, who: Who) -> None:
         is_request = seen.flow.direction is Direction.REQUEST
         (self.pulse.asked if is_request else self.pulse.heard)(self.now())
-        self.audit.take(seen, who)
+        self._log(seen, who)
         self._tap(seen)
+
+    def _log(self, seen: Observation, who: Who) -> None:
+        """Log a packet, unless it is the screen's own reading."""
+        item, connection = seen.item, LoggedConnection.of(seen.flow.conversation)
+        if seen.flow.direction is Direction.RESPONSE:
+            self.log.received(connection, item, seen.time)
+            return
+        reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is Effect.READS
+        self.log.sent(connection, item, seen.time, who.value, wanted=who is Who.USER or not reads)
+
+    def _log_failed(self, path: Path, error: OSError) -> None:
+        self.tell(Trouble(f"{path}: {cause(error)}"))
 
     def _take(self, record: Record) -> None:
         """Learn from a call that has ended, and hand its record on."""
@@ -372,13 +397,6 @@ class Desk:
         if self.status.is_connected and changes:
             self.show(**changes)
         self.tell(record)
-
-
-def _may_move(item: object) -> bool:
-    """Tell whether bytes that are sent as they are may move something; what is no frame may."""
-    if not isinstance(item, Frame) or item.problems:
-        return True
-    return may_move(item.code, tuple(each.variant for each in item.arguments))
 
 
 def _mode_after(record: Record) -> int | None:

@@ -96,7 +96,7 @@ class WatchNews:
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """Something of the desk's own does not work, such as the audit log; in words."""
+    """Something of the desk's own does not work, such as the action log; in words."""
 
     text: str
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 
 import msgspec
 
-from bcapscope.proxy.control_client import Answer, ControlClient
+from bcapscope.proxy.control_answers import Answer, Client, Rule, figures_of, list_of
+from bcapscope.proxy.control_client import ControlClient
 from bcapscope.proxy.control_socket import ControlError
-from bcapscope.tui.proxy.standing import Client, Held, Rule, Standing, figures_of, list_of
+from bcapscope.tui.proxy.standing import Standing
 from bcapscope.tui.words import say
 
 
@@ -34,7 +35,7 @@ class Asker:
                 return Standing(
                     list_of(ask({"do": "clients"}), "clients", Client),
                     list_of(ask({"do": "rules"}), "rules", Rule),
-                    list_of(ask({"do": "held"}), "held", Held),
+                    self._client.held(),
                     figures_of(ask({"do": "stats"})),
                 )
             except msgspec.ValidationError as error:

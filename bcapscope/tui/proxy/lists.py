@@ -6,9 +6,9 @@ from typing import Generic, TypeVar
 
 from rich.cells import cell_len
 
+from bcapscope.proxy.control_answers import Client, Held, Rule
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
-from bcapscope.tui.proxy.standing import Client, Held, Rule
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bcapscope.proxy.control_answers import Delays, Figures
 from bcapscope.proxy.ring import SET_POINT
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
-from bcapscope.tui.proxy.standing import Delays, Figures
 from bcapscope.tui.words import say
 
 
@@ -41,6 +41,8 @@ def _passed(figures: Figures) -> Iterator[str]:
 
 
 def _wrong(figures: Figures) -> Iterator[str]:
+    if figures.is_script_off:
+        yield f"{INK.problem}{say('proxy.script.off')}{INK.reset}"
     yield say("proxy.faults", count=f"{sum(figures.struck.values()):,}")
     if figures.guard:
         yield say("proxy.refused", count=f"{figures.refused:,}")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 
 from bcapscope.capture.journal import Journal
 from bcapscope.protocol.functions import FUNCTIONS, function_name
+from bcapscope.protocol.numerals import read_integer, read_number
 from bcapscope.render.call import milliseconds
 from bcapscope.render.escape import printable, quoted
 from bcapscope.traffic.exchange import Exchange, Settled
@@ -15,7 +15,8 @@ from bcapscope.traffic.getters import Told
 from bcapscope.tui.words import say
 from bcapscope.tui.words import told as spoken
 
-_MOMENT = re.compile(r"(\d+(?:\.\d*)?)\s*s")
+_MOMENT = re.compile(r"([0-9]+(?:\.[0-9]*)?)\s*s")
+_LATEST = 1e9  # seconds after the start, 30 years
 _MOST_IN_CHAIN = 64
 
 
@@ -115,12 +116,14 @@ def frame_at(text: str, journal: Journal) -> int | None:
         Its number, the last one's where the journal ends before; None where the text is neither.
     """
     text = text.strip()
-    if text.isdecimal():
-        return max(1, min(int(text), len(journal)))
+    number = read_integer(text, 0, 1 << 63)
+    if number is not None:
+        return max(1, min(number, len(journal)))
     moment = _MOMENT.fullmatch(text)
-    if moment is None or not math.isfinite(float(moment[1])):
+    seconds = read_number(moment[1], 0, _LATEST) if moment else None
+    if seconds is None:
         return None
-    aim = journal.time(1) + round(float(moment[1]) * 1e9)
+    aim = journal.time(1) + round(seconds * 1e9)
     low, high = 1, len(journal)
     while low < high:
         middle = (low + high) // 2

@@ -16,7 +16,8 @@ from textual.widgets import Static
 from bcapscope.errors import BcapError
 from bcapscope.faults.notation import read_fault
 from bcapscope.protocol.frame import parse_datagram
-from bcapscope.proxy.control_client import Answer, ControlRefused
+from bcapscope.proxy.control_answers import Answer, Held
+from bcapscope.proxy.control_client import ControlRefused
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import scope_of
@@ -26,7 +27,7 @@ from bcapscope.tui.proxy.asking import Asker
 from bcapscope.tui.proxy.editing import edited, proposal
 from bcapscope.tui.proxy.lists import ClientList, HeldList, RuleList, Told
 from bcapscope.tui.proxy.news import Obeyed, Said, Stands
-from bcapscope.tui.proxy.standing import Held, Standing
+from bcapscope.tui.proxy.standing import Standing
 from bcapscope.tui.proxy.summary import intercepts, summary
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.views import Views, view_keys

@@ -17,8 +17,12 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.css.query import NoMatches
 from textual.widgets import Button, ContentSwitcher, Input, Select
 
+from bcapscope.client.action_log import LoggedConnection
+from bcapscope.client.armed_calls import ArmedCalls
 from bcapscope.errors import BcapError
+from bcapscope.player.armed_messages import ArmedMessages
 from bcapscope.player.messages import Pacing, Progress, Topic
+from bcapscope.protocol.numerals import read_integer, read_number
 from bcapscope.protocol.slavemode import mode_pose_type
 from bcapscope.protocol.variant import EMPTY, VT, Variant
 from bcapscope.render.escape import printable
@@ -50,6 +54,9 @@ _MODES: tuple[tuple[str, Pacing | int], ...] = (
 )
 _PATIENCE = 0.4
 """Seconds after the last change before a file is read."""
+
+
+_MOST_ROUNDS = 1_000_000_000
 
 
 class SlaveScreen(Place):
@@ -172,21 +179,22 @@ class SlaveScreen(Place):
         path = self.query_one("#file", Input).value.strip()
         if not path:
             return say("tester.file.missing")
-        try:
-            wish = Wish(
-                path=str(Path(path).expanduser()),
-                mode=self._chosen_mode,
-                interval=float(self._typed("interval")),
-                speed=float(self._typed("speed")),
-                rounds=int(self._typed("rounds")),
-                index=int(self._typed("index")),
-                again=self.query_one("#again", Tick).value,
-                limits=tuple(self._typed("limits").replace(",", " ").split()),
-            )
-        except ValueError:
+        interval = read_number(self._typed("interval"), 0.5, 1000)
+        speed = read_number(self._typed("speed"), 0.01, 10)
+        rounds = read_integer(self._typed("rounds"), 0, _MOST_ROUNDS)
+        index = read_integer(self._typed("index"), 0, _MOST_ROUNDS)
+        if interval is None or speed is None or rounds is None or index is None:
             return say("tester.play.numbers")
-        sound = 0.5 <= wish.interval <= 1000 and 0.01 <= wish.speed <= 10 and wish.rounds >= 0
-        return wish if sound else say("tester.play.numbers")
+        return Wish(
+            path=str(Path(path).expanduser()),
+            mode=self._chosen_mode,
+            interval=interval,
+            speed=speed,
+            rounds=rounds,
+            index=index,
+            again=self.query_one("#again", Tick).value,
+            limits=tuple(self._typed("limits").replace(",", " ").split()),
+        )
 
     @property
     def _chosen_mode(self) -> Pacing | int:
@@ -274,11 +282,13 @@ class SlaveScreen(Place):
         self.query_one("#slave-views", ContentSwitcher).current = "live"
         live.focus()
         received = b""
+        log = ArmedMessages(ArmedCalls(self._desk.log, LoggedConnection.of_target(run.plan.target)))
         while run.ended is None:
             for message in await self._stage.messages():
                 if isinstance(message, Progress) and message.received != received:
                     received = message.received
                     self._desk.pulse.heard(self._desk.now())
+                log.add(message)
                 answer = run.take(message)
                 if answer is not None:
                     self._stage.answer(answer)

@@ -74,12 +74,12 @@ class Start(NamedTuple):
         option: as in the field.
         profile: of the built-in simulator.
         requests: folder of saved requests.
-        audit: folder of the audit log.
+        log: folder of the action log.
         tap: sees every packet, in another thread.
     """
 
     requests: Path
-    audit: Path
+    log: Path
     host: str = ""
     port: int = 5007
     tcp: bool = False
@@ -121,7 +121,7 @@ class Tester(Parted):
         """Take what to begin with."""
         super().__init__()
         self._start = start
-        self.desk = Desk(self._bring, start.audit, start.tap)
+        self.desk = Desk(self._bring, start.log, start.tap)
         self.watcher = Watcher(self.desk)
         self.clerk = Clerk(self.desk, self._arm)
         self.stage = Stage()
@@ -217,7 +217,7 @@ class Tester(Parted):
             self.query_one(ConnectionPanel).trouble(say("tester.lost", reason=printable(news.reason)))
             scope_of(self).tell(say("tester.lost", reason=printable(news.reason)), "error")
         elif isinstance(news, Trouble):
-            scope_of(self).tell(say("tester.audit.broken", reason=printable(news.text)), "warning")
+            scope_of(self).tell(say("tester.log.broken", reason=printable(news.text)), "warning")
 
     def _take_status(self, status: Status) -> None:
         if status.is_connected != self._connected:
@@ -386,7 +386,7 @@ class Tester(Parted):
     def action_slave(self) -> None:
         """Open Slave Mode."""
         path = next(iter(scope_of(self).settings.trajectories), "")
-        self.app.push_screen(SlaveScreen(self.desk, self.stage, self._arm, self._start.audit, path))
+        self.app.push_screen(SlaveScreen(self.desk, self.stage, self._arm, self._start.log, path))
 
     def action_recover(self) -> None:
         """Open the way out of an error."""

@@ -9,6 +9,7 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
 from bcapscope.client.target import split_port
+from bcapscope.protocol.numerals import read_integer
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.desk.news import Status, Step, StepNews
@@ -78,13 +79,14 @@ class ConnectionPanel(Vertical):
         option = self.query_one("#option", Input).value
         if not host:
             return say("tester.host.missing")
-        if not port.isdecimal() or not 1 <= int(port) <= 65535:
+        number = read_integer(port, 1, 65535)
+        if number is None:
             return say("tester.port.wrong")
         try:
-            read_option(option, host, int(port), tcp)
+            read_option(option, host, number, tcp)
         except ValueError as error:
             return str(error)
-        return ConnectWanted(host, int(port), tcp, option)
+        return ConnectWanted(host, number, tcp, option)
 
     def _place(self) -> tuple[str, str]:
         """Return host and port as they stand there; a port behind the host counts, as in `host:5007`."""

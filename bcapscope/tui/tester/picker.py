@@ -1,4 +1,4 @@
-"""The catalogue of commands: what each does, what it takes, and whether it moves something."""
+"""The catalogue of commands: what each does, what it takes, and whether it energises or moves something."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.functions import FUNCTIONS
 from bcapscope.tui.app import scope_of
 from bcapscope.tui.words import say, told
+
+_WARNINGS = {Effect.ENERGISES: "tester.energises", Effect.MOVES: "tester.moves"}
 
 
 class Picker(ModalScreen[str | None]):
@@ -90,7 +92,7 @@ class CommandPicker(Picker):
         return Text.assemble(
             (f"{each.name:<24} ", inks["name"]),
             (f"{types:<14} ", inks["number"]),
-            (f"{say('tester.moves')} ", inks["bad"]) if each.effect is Effect.MOVES else "",
+            (f"{say(_WARNINGS[each.effect])} ", inks["bad"]) if each.effect in _WARNINGS else "",
             (told(each.text), inks["dim"]),
         )
 

@@ -14,6 +14,7 @@ from textual.widgets import Button, Input
 
 from bcapscope.errors import BcapError
 from bcapscope.protocol.hresult import hresult_name
+from bcapscope.protocol.numerals import read_integer
 from bcapscope.render.advice import advice
 from bcapscope.render.escape import printable
 from bcapscope.tui.desk.desk import Desk, NotArmedError
@@ -84,9 +85,8 @@ class RecoveryDialog(ModalScreen[None]):
 
     async def _do(self, which: Step) -> None:
         first, text = self.query_one("#first", Input).value, self.query_one("#mode", Input).value
-        try:
-            mode = int(text, 0)
-        except ValueError:
+        mode = read_integer(text, -(1 << 31), (1 << 31) - 1)
+        if mode is None:
             self._mark(which, False, say("tester.recovery.number"))
             return
         self._mark(which, None, say("tester.waiting"))

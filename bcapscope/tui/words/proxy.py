@@ -98,6 +98,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "proxy.refused": ("refused {count}", "拒否 {count}"),
     "proxy.lost": ("lost {count}", "損失 {count}"),
     "proxy.denied": ("not allowed {count}", "不許可 {count}"),
+    "proxy.script.off": ("script off, motion refused", "スクリプト停止・動作拒否"),
     "proxy.unwatched": ("unseen {count}", "未記録 {count}"),
     "proxy.slow": (
         "the proxy itself was too slow {count} times: over {limit} ms, {worst} ms at worst",

@@ -47,5 +47,7 @@ PHRASES: dict[str, str] = {
     "addon: answered": "アドオン: 応答",
     "addon: dropped": "アドオン: 破棄",
     "addon: changed": "アドオン: 変更",
+    "addon: dropped, too many messages wait": "アドオン: 待ちメッセージが多すぎるため破棄",
+    "script is off: motion is refused": "スクリプト停止中: 動作を拒否",
     "the proxy ends the session": "プロキシがセッションを終了",
 }

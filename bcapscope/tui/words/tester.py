@@ -5,12 +5,12 @@ WORDS: dict[str, tuple[str, str]] = {
     "tester.about": (
         "What b-CAP Tester does, in the terminal: connect to a controller, execute commands, add robots, "
         "variables and tasks, and see every byte that is sent and received.\n"
-        "Nothing that may move a robot is sent until you arm (F8); the simulator needs no arming. "
+        "Calls that may energise or move a robot need arming (F8); the simulator needs none. "
         "F12 stops the robot at once, from every screen.\n"
-        "Everything that is sent is written to the audit log.",
+        "The action log records everything that you send.",
         "b-CAP Tester と同じ操作を端末で行います: コントローラへの接続、コマンドの実行、"
         "ロボット・変数・タスクの追加、送受信した全バイトの表示。\n"
-        "ロボットが動く可能性のある呼び出しは、動作を許可 (F8) するまで送信しません。"
+        "モータを入れる、またはロボットが動く可能性のある呼び出しは、動作を許可 (F8) するまで送信しません。"
         "シミュレータでは許可は不要です。F12 はどの画面からでもロボットを即時停止します。\n"
         "送信した内容はすべて監査ログに記録します。",
     ),
@@ -104,6 +104,7 @@ WORDS: dict[str, tuple[str, str]] = {
         "既知の全コマンドの型と動作",
     ),
     "tester.narrow": ("Type a part of it", "一部を入力して絞り込み"),
+    "tester.energises": ("energises", "通電"),
     "tester.moves": ("motion", "動作"),
     "tester.bytes": ("Bytes", "バイト列"),
     "tester.send": ("Send", "送信"),
@@ -228,21 +229,21 @@ WORDS: dict[str, tuple[str, str]] = {
     # arming, HALT, what is always in sight
     "tester.arm": ("Arm", "動作許可"),
     "tester.arm.tip": (
-        "Let calls pass that may move the robot, or no longer",
+        "Allow calls that may energise or move the robot, or no longer",
         "動作を伴う呼び出しの許可 / 解除",
     ),
     "tester.arm.title": ("Arm?", "動作を許可しますか?"),
     "tester.arm.warning": (
-        "The robot may move with the next call. Is everybody out of its reach, the emergency stop at hand? "
-        "It lapses after three minutes without a motion.",
-        "次の呼び出しでロボットが動く可能性があります。可動範囲に人はいませんか? 非常停止はすぐ押せますか? "
-        "3 分間動作がないと解除されます。",
+        "The next call may energise or move the robot. Is everybody out of its reach, the emergency stop at "
+        "hand? Arming lapses after three minutes without such a call.",
+        "次の呼び出しでモータが入る、またはロボットが動く可能性があります。可動範囲に人はいませんか? "
+        "非常停止はすぐ押せますか? 3 分間そのような呼び出しがないと解除されます。",
     ),
     "tester.arm.yes": ("Arm", "許可する"),
     "tester.arm.no": ("Do not arm", "許可しない"),
     "tester.not_armed": (
-        "Not sent: it may move the robot, and you did not arm",
-        "送信していません: ロボットが動く可能性があり、動作が許可されていません",
+        "Not sent: it may energise or move the robot, and you did not arm",
+        "送信していません: モータが入る、またはロボットが動く可能性があり、動作が許可されていません",
     ),
     "tester.fact.peer": ("Controller: {peer}", "コントローラ: {peer}"),
     "tester.fact.version": ("Version: {version}", "バージョン: {version}"),
@@ -270,9 +271,9 @@ WORDS: dict[str, tuple[str, str]] = {
         "HALT has lost its connection to the controller: {reason}",
         "HALT 用の接続が失われました: {reason}",
     ),
-    "tester.audit.broken": (
-        "The audit log cannot be written: {reason}",
-        "監査ログに書き込めません: {reason}",
+    "tester.log.broken": (
+        "The action log cannot be written, and calls are sent without it: {reason}",
+        "操作ログに書き込めないため、記録なしで送信します: {reason}",
     ),
     "tester.part": ("Next part", "次の区画"),
     "tester.part.tip": ("Connection, execute, tabs, packets", "接続・実行・タブ・パケットを巡回"),

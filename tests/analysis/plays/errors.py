@@ -7,7 +7,7 @@ from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import CONTROLLER, Play, Story, good
 from tests.samples.calls import i4, i4s, text
 
-_UNDERFLOW, _ACTIVE = 0x84201482, 0x81501025
+_UNDERFLOW, _OUTSIDE, _ACTIVE = 0x84201482, 0x83500121, 0x81501025
 
 
 def _after_error(*commands: str, code: int = 0) -> Play:
@@ -32,6 +32,22 @@ def _after_error(*commands: str, code: int = 0) -> Play:
     return play
 
 
+def _outside_slave_mode(*, clears: bool) -> Play:
+    """A set point while slave mode is off, which is an error itself, and then Motor."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        client.point(50, 0.0, _OUTSIDE)
+        for at, command in ((60, "GetCurErrorCount"), (70, "ClearError")) if clears else ():
+            client.call(at, "Controller_Execute", CONTROLLER, text(command), EMPTY, result=i4(1))
+        client.execute(80, "Motor", i4s(1, 0), code=0 if clears else _ACTIVE)
+        client.close(90)
+
+    return play
+
+
 def _refuses(code: int) -> Play:
     def play(story: Story) -> None:
         client = story.client()
@@ -50,6 +66,14 @@ SCENES = (
         ("Motor 19 of your client", "0x81501025", "the error of slvMove 18 at 0.194 s was not cleared"),
         _after_error("GetCurErrorCount", "ClearError", "Motor"),
         "underflow",
+    ),
+    Scene(
+        "error-not-cleared",
+        _outside_slave_mode(clears=False),
+        (13, 14, 15, 16),
+        ("Motor 8 of your client", "the error of slvMove 7 at 0.050 s was not cleared"),
+        _outside_slave_mode(clears=True),
+        "slvmove-outside-slave-mode",
     ),
     Scene(
         "went-on-after-error",

@@ -2,19 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.variant import EMPTY, VT, Variant
-from bcapscope.tui.desk.arming import LAPSES_AFTER, Arming, may_move
-
-HANDLE = Variant(VT.I4, 1)
-
-
-def test_only_what_may_move_needs_arming() -> None:
-    assert may_move(72, (HANDLE, Variant(VT.I4, 1), EMPTY, EMPTY))
-    assert may_move(64, (HANDLE, Variant(VT.BSTR, "NoSuchCommand"), EMPTY))
-    assert may_move(200, ())
-    assert not may_move(64, (HANDLE, Variant(VT.BSTR, "slvGetMode"), EMPTY))
-    assert not may_move(70, (HANDLE, Variant(VT.BSTR, "")))
-    assert not may_move(64, (HANDLE, Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0)))
+from bcapscope.tui.desk.arming import LAPSES_AFTER, Arming
 
 
 def test_it_lapses_unless_it_is_used() -> None:

@@ -206,6 +206,46 @@ def test_halt_goes_out_though_both_event_loops_are_stuck(tmp_path: Path, simulat
         asyncio.run(stuck())
 
 
+@pytest.mark.parametrize(
+    ("command", "value", "needed"),
+    [
+        ("Motor", Variant(VT.I4, 1), True),
+        ("TakeArm", EMPTY, True),
+        ("ExtSpeed", Variant(VT.I4, 50), True),
+        ("slvChangeMode", Variant(VT.I4, 0x202), True),
+        ("Motor", Variant(VT.I4, 0), False),
+        ("GiveArm", EMPTY, False),
+        ("slvChangeMode", Variant(VT.I4, 0), False),
+    ],
+)
+def test_what_energises_needs_arming(tmp_path: Path, command: str, value: Variant, needed: bool) -> None:
+    with udp_server() as server, desk(tmp_path) as (made, _):
+        assert join(made, server.port)
+        if needed:
+            with pytest.raises(NotArmedError):
+                robot_call(made, command, value)
+            made.arming.arm(made.now())
+        assert robot_call(made, command, value).ending is Ending.ANSWERED
+
+
+def test_the_variable_that_switches_the_motor_needs_arming(tmp_path: Path) -> None:
+    with udp_server() as server, desk(tmp_path) as (made, _):
+        assert join(made, server.port)
+        robot = made.status.robot
+        assert robot is not None
+        opened = asyncio.run(made.do(made.open(robot, ObjectClass.VARIABLE, "@servo_on", "")))
+        assert opened is not None
+
+        def write(handle: int, value: bool) -> Record:
+            values = (Variant(VT.I4, handle), Variant(VT.BOOL, value))
+            return asyncio.run(made.do(made.invoke("Variable_PutValue", *values)))
+
+        assert write(opened.handle, False).ending is Ending.ANSWERED
+        for handle, value in ((opened.handle, True), (opened.handle + 1, False)):
+            with pytest.raises(NotArmedError):
+                write(handle, value)
+
+
 def test_nothing_moves_unarmed_but_on_the_simulator(tmp_path: Path) -> None:
     with udp_server() as server, desk(tmp_path) as (made, _):
         assert join(made, server.port)
@@ -320,18 +360,20 @@ def test_too_much_for_udp_is_told_and_not_sent(tmp_path: Path, simulator: BuiltI
             robot_call(made, "slvGetMode", Variant(VT.BSTR, "x" * 300))
 
 
-def test_everything_sent_is_in_the_audit_log(tmp_path: Path, simulator: BuiltIn) -> None:
+def test_everything_sent_is_in_the_action_log(tmp_path: Path, simulator: BuiltIn) -> None:
     with desk(tmp_path / "log") as (made, _):
         assert join(made, simulator.port, tcp=True)
         robot_call(made, "Motor", Variant(VT.I4, 1))
-    (path,) = (tmp_path / "log").iterdir()
+    (path,) = (tmp_path / "log").glob("actions-*.jsonl")
     lines = [orjson.loads(line) for line in path.read_bytes().splitlines()]
     sent = [line["sent"] for line in lines if "sent" in line]
     assert sent[:2] == ["Service_Start", "Controller_Connect"]
     assert "Robot_Execute Motor" in sent
     assert sent[-1] == "Service_Stop"
     motor = next(line for line in lines if line.get("sent") == "Robot_Execute Motor")
-    assert motor["who"] == "user"
+    assert (motor["program"], motor["who"]) == ("tui", "user")
+    results = [line["received"] for line in lines if line.get("call") == "Robot_Execute Motor"]
+    assert results == ["S_OK"]
     assert motor["hex"].startswith("01")
 
 

@@ -20,11 +20,12 @@ from bcapscope.errors import BcapError
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.requester import Pace
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.proxy.control_answers import Client, Delays, Figures, Held, Rule
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import Scope, Spot
 from bcapscope.tui.child import Child
 from bcapscope.tui.proxy.news import Stands
-from bcapscope.tui.proxy.standing import Client, Delays, Figures, Held, Rule, Standing
+from bcapscope.tui.proxy.standing import Standing
 from bcapscope.tui.screens.proxy import ProxyScreen
 from bcapscope.tui.screens.traffic import TrafficScreen
 from bcapscope.tui.traffic.feed import Feed

@@ -146,7 +146,7 @@ def messages() -> Iterator[str]:
 
 
 @pytest.mark.parametrize(
-    ("note", "japanese"),
+    ("note", "translation"),
     [
         ("loss=5%: dropped", "loss=5%: 破棄"),
         (
@@ -161,8 +161,8 @@ def messages() -> Iterator[str]:
         ("intercept: edited after 1.2 s", "保留: 1.2 s 後に変更して送信"),
     ],
 )
-def test_what_a_proxy_did_to_a_packet(note: str, japanese: str) -> None:
-    assert told(note) == japanese
+def test_what_a_proxy_did_to_a_packet(note: str, translation: str) -> None:
+    assert told(note) == translation
 
 
 def test_what_else_the_tester_shows() -> None:
@@ -171,7 +171,15 @@ def test_what_else_the_tester_shows() -> None:
 
 @pytest.mark.parametrize("outcome", Outcome)
 def test_how_the_player_ended(outcome: Outcome) -> None:
-    ended = Ended(outcome, "stop was asked for", Spread(), Spread(), Counts(5, retries=1, late=2), left=False)
+    ended = Ended(
+        outcome,
+        "stop was asked for",
+        Spread(),
+        Spread(),
+        Counts(5, retries=1, late=2),
+        left=False,
+        retries_expected=True,
+    )
     assert [line for line in ended_lines(ended) if not is_japanese(line.strip())] == []
 
 

@@ -55,7 +55,7 @@ ROOMS = {
     "player": "checks checks_motion process project reading realtime records resampling slvmoves station "
     "table timing yamltext",
     "protocol": "arguments content stream",
-    "proxy": "control control_client farewell guard intercept relay tcp udp vigil",
+    "proxy": "control control_client farewell guard intercept relay scriptprocess scriptqueue tcp udp vigil",
     "render": "advice line preflight slave slave_controller slave_motion slave_timing slaverun statistics",
     "traffic": "filter_tokens filters",
 }

@@ -1,0 +1,99 @@
+"""`python -m bcapscope.capture.sniffer INTERFACE`: capture with scapy, in a process that does nothing else.
+
+scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel contains code under the Apache
+License 2.0. The two licences do not permit both in one program. So scapy has a process of its own, which
+loads nothing else but Python's library and hands packets over through a pipe.
+
+Standard output carries records: kind, time and length (`RECORD`), then so many bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import sys
+import time
+from collections.abc import Iterator
+from enum import IntEnum
+from typing import BinaryIO
+
+RECORD = struct.Struct("<BqI")
+"""Kind; ns since 1970-01-01 UTC, or the link type in a `READY`; how many bytes follow."""
+
+WAIT = 0.25
+"""Seconds that a read waits at most: an interrupt is never kept waiting, and each end notices when the other
+has gone."""
+
+
+class Kind(IntEnum):
+    """What a record says."""
+
+    READY = 0
+    """Capturing has begun; the number is the link type."""
+    PACKET = 1
+    """A packet follows."""
+    ALIVE = 2
+    """No packet came for `WAIT`."""
+    FORBIDDEN = 3
+    """The right to capture is missing."""
+    ENDED = 4
+    """It cannot go on; the reason follows, UTF-8."""
+
+
+class ScapySource:
+    """What scapy listens with on this system.
+
+    Attributes:
+        linktype: of the packets, a number of the LINKTYPE_ list.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Begin to capture on an interface.
+
+        Raises:
+            PermissionError: the right to capture is missing.
+            OSError, Scapy_Exception: it cannot be captured on.
+        """
+        from scapy.all import conf, resolve_iface  # noqa: PLC0415 - takes a second
+
+        self._socket = resolve_iface(name).l2listen()(iface=name)
+        self.linktype: int = conf.l2types.layer2num.get(self._socket.LL, 1)
+
+    def packets(self) -> Iterator[tuple[int, bytes] | None]:
+        """Yield the time and the bytes of each packet; None when none came for `WAIT`."""
+        while True:
+            if not self._socket.select([self._socket], WAIT):
+                yield None
+                continue
+            _, data, seconds = self._socket.recv_raw()
+            if data is not None:
+                yield time.time_ns() if seconds is None else round(seconds * 1_000_000_000), bytes(data)
+
+
+def main(name: str, out: BinaryIO) -> None:
+    """Capture until the other end of `out` is closed."""
+
+    def write(kind: Kind, number: int = 0, data: bytes = b"") -> None:
+        out.write(RECORD.pack(kind, number, len(data)) + data)
+        out.flush()
+
+    try:
+        source = ScapySource(name)
+        write(Kind.READY, source.linktype)
+        for packet in source.packets():
+            if packet is None:
+                write(Kind.ALIVE)
+            else:
+                write(Kind.PACKET, *packet)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # for what is flushed at the end
+    except PermissionError:
+        write(Kind.FORBIDDEN)
+    except Exception as error:  # scapy raises its own, and some that are not even documented
+        write(Kind.ENDED, 0, f"{getattr(error, 'strerror', None) or error}".encode("utf-8", "replace"))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that reads decides when to end
+    main(sys.argv[1], sys.stdout.buffer)

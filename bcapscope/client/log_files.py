@@ -1,0 +1,90 @@
+"""Log files of bounded size: one per day, or several, to which any number of processes append lines."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+
+LARGEST = 16 << 20
+"""Bytes of a file after which the next one of that day begins."""
+
+MOST = 128 << 20
+"""Bytes of all files together; the oldest are deleted when a new one begins."""
+
+
+class LogFiles:
+    """Appends lines to ``<name>-<date>.jsonl``, then ``<name>-<date>.2.jsonl`` and so on.
+
+    Attributes:
+        path: of the file that was used last; the folder before the first line.
+    """
+
+    def __init__(self, folder: Path, name: str, largest: int = LARGEST, most: int = MOST) -> None:
+        """Prepare; the folder is created with the first line."""
+        self.path = folder
+        self._folder = folder
+        self._name = name
+        self._largest = largest
+        self._most = most
+        self._is_torn = False
+
+    def append(self, line: bytes) -> None:
+        """Append a line in one piece, which is all that other processes need.
+
+        Raises:
+            OSError: it was not written, or not all of it.
+        """
+        self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
+        data = b"\n" + line if self._is_torn else line
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(self.path, flags, 0o644)
+        try:
+            written = os.write(descriptor, data)
+        finally:
+            os.close(descriptor)
+        self._is_torn = written < len(data)
+        if self._is_torn:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _current(self, day: str) -> Path:
+        """Return the file to append to."""
+        path = self.path
+        if path.parent != self._folder or not path.name.startswith(f"{self._name}-{day}"):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            path = self._numbered(
+                day, max(map(_number, self._folder.glob(f"{self._name}-{day}*")), default=1)
+            )
+        try:
+            size = path.stat().st_size
+        except FileNotFoundError:
+            self._folder.mkdir(parents=True, exist_ok=True)  # deleted while we ran
+            self._make_room()
+            return path
+        return path if size < self._largest else self._current_after(path, day)
+
+    def _current_after(self, full: Path, day: str) -> Path:
+        self.path = self._numbered(day, _number(full) + 1)
+        return self._current(day)
+
+    def _numbered(self, day: str, number: int) -> Path:
+        return self._folder / f"{self._name}-{day}{f'.{number}' if number > 1 else ''}.jsonl"
+
+    def _make_room(self) -> None:
+        """Delete the oldest files until there is room for one more; what cannot be deleted stays."""
+        with suppress(OSError):
+            found = [(path.stat(), path) for path in self._folder.glob(f"{self._name}-*.jsonl")]
+            left = sum(stat.st_size for stat, _ in found) + self._largest
+            for stat, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
+                if left <= self._most:
+                    return
+                path.unlink()
+                left -= stat.st_size
+
+
+def _number(path: Path) -> int:
+    found = re.search(r"\.(\d{1,6})\.jsonl$", path.name)
+    return int(found[1]) if found else 1

@@ -1,0 +1,395 @@
+"""What waits for the scripts, and what becomes of it when they take too long.
+
+Nothing here reads a clock or a socket. Times are ns of a clock that does not go back.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
+
+from bcapscope.faults.message import Message
+from bcapscope.protocol.commands import call_name
+from bcapscope.proxy.scriptwire import (
+    Answer,
+    Connected,
+    Expire,
+    Finish,
+    Gone,
+    Order,
+    Passing,
+    Statement,
+    Unpacker,
+    WireError,
+    pack,
+)
+from bcapscope.traffic.observation import Conversation, Direction, Flow
+
+T = TypeVar("T")
+
+LIMIT = 100_000_000
+"""ns that the scripts have for one message unless told otherwise."""
+
+SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
+"""ns. A process that is woken takes a share of a millisecond; a motion that is older than some seconds does
+harm, as its client waits no longer."""
+
+LONGEST_WAIT = 1_000_000_000
+"""ns that a message waits in all, behind others; a limit that is longer counts instead."""
+
+MOST_WAITING = 64
+"""Datagrams of one client; a client makes one call at a time and tries it eight times at most."""
+
+MOST_BYTES = 1 << 16
+"""Bytes of one client that wait. Beyond it a stream is not read, and datagrams are dropped."""
+
+MOST_BYTES_IN_ALL = 1 << 22
+"""The same of all clients. What the scripts are only shown is not shown when so much waits."""
+
+_LATE = 20_000_000
+"""ns. A relay that looks at the time so late was held up itself, and the scripts may have been, too."""
+
+_LOOKS_BACK = 50_000_000
+"""ns between knowing that the scripts are to be stopped and ending their process, which tells its place."""
+
+_SETTLE = 50_000_000
+"""ns between looks for calls that have settled, as the tracker itself has it."""
+
+_MOST_SAID = 200
+"""Sentences of the scripts that the user is told."""
+
+_OFF = "stops pass, motion is refused, everything else passes unchanged; restart the proxy to let motion pass"
+
+
+class ScriptLink(Protocol):
+    """The process of the scripts. None of the methods may raise or wait, but for `finish`."""
+
+    def send(self, frame: bytes) -> None:
+        """Send it an order."""
+
+    def locate(self) -> None:
+        """Ask it where in the scripts it is."""
+
+    def end(self) -> str:
+        """End it at once; return what is known about its end and its place in the scripts, or nothing."""
+
+    def finish(self, frame: bytes, take: Callable[[bytes], bool]) -> bool:
+        """Send the last order and wait until `take` returns True for what came; return False if that takes
+        too long.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting(Generic[T]):
+    """Something that was told to the scripts and has no answer yet.
+
+    Attributes:
+        hook: what is called for it.
+        since: when it was told; ns.
+        client: whose it is.
+        size: bytes that are kept for it.
+        message: that is shown; None where it is about something else.
+        token: what the message is to who asked; None where it does not wait.
+    """
+
+    hook: str
+    since: int
+    client: int = 0
+    size: int = 0
+    message: Message | None = None
+    token: T | None = None
+
+    def __str__(self) -> str:
+        """Name the hook, and what it was called for."""
+        names = [call_name(each.code, each.variants) for each in self.message.frames] if self.message else []
+        if self.hook != "request" or not names:
+            return self.hook
+        return f"{self.hook} ({names[0][:80]})"
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptDecision(Generic[T]):
+    """What was decided about a message.
+
+    Attributes:
+        message: itself.
+        token: what it is to who asked.
+        answer: of the scripts; None where they are off and have given none.
+    """
+
+    message: Message
+    token: T
+    answer: Answer | None
+
+
+class ScriptQueue(Generic[T]):
+    """Shows messages to the scripts, in order, and gives out what they decide.
+
+    Scripts that take longer than `limit` for one message are switched off, and so are those whose process
+    ends or says what makes no sense.
+
+    Attributes:
+        names: of the scripts, as the user is told.
+        is_on: whether messages are shown.
+        off_because: why not; "" while they are.
+        errors: how often something went wrong in the scripts.
+        tell: is given a sentence for the user.
+    """
+
+    def __init__(self, names: str, link: ScriptLink, limit: int = LIMIT) -> None:
+        """Wait for `begin`.
+
+        Args:
+            names: of the scripts.
+            link: their process.
+            limit: ns for one message.
+        """
+        self.names = names
+        self.is_on = True
+        self.off_because = ""
+        self.errors = 0
+        self.tell: Callable[[str], None] = lambda text: None
+        self._link = link
+        self._limit = limit
+        self._hooks: frozenset[str] = frozenset()
+        self._queue: deque[Waiting[T]] = deque()
+        self._answers: Unpacker[Statement] = Unpacker(Statement)
+        self._kept: dict[int, _Kept] = {}
+        self._size = 0
+        self._head_since = 0
+        self._lost_time = 0  # while the relay stood still
+        self._was_late = False
+        self._waits = False
+        self._settle_at = 0
+        self._end_at: int | None = None
+        self._said = 0
+        self._is_ending = self._is_told = False
+
+    def begin(self, hooks: Iterable[str]) -> None:
+        """Take notice that the scripts are loaded and have these hooks."""
+        self._hooks = frozenset(hooks)
+
+    @property
+    def status(self) -> str:
+        """Whether the scripts are on, and else why not."""
+        return "on" if self.is_on else f"off: {self.off_because}"
+
+    @property
+    def looks(self) -> bool:
+        """Whether it has to see messages: to show them, or since the scripts are off."""
+        return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
+
+    def decides(self, direction: Direction) -> bool:
+        """Tell whether messages of a direction wait for the scripts."""
+        return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
+
+    # what is told to the scripts
+
+    def connected(self, client: int, conversation: Conversation, now: int) -> None:
+        """Tell of a client."""
+        ends = conversation.client, conversation.server
+        self._order(Connected(client, ends, conversation.transport), Waiting("connected", now, client))
+
+    def show(self, client: int, message: Message, token: T | None) -> None:
+        """Show a message.
+
+        Args:
+            client: number of the client.
+            message: itself.
+            token: is given back with what is decided; None where the message does not wait for that.
+        """
+        up = message.flow.direction is Direction.REQUEST
+        if token is None:
+            unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
+            if unwanted or self._size > MOST_BYTES_IN_ALL:
+                return
+        hook, size = "request" if up else "reply", len(message.data)
+        self._order(
+            Passing(client, up, message.data, message.now, message.time),
+            Waiting(hook, message.now, client, size, message, token),
+        )
+
+    def gone(self, client: int, now: int) -> None:
+        """Tell that a client has gone, of which nothing waits any more."""
+        self._order(Gone(client), Waiting("gone", now, client))
+
+    def finish(self, now: int) -> None:
+        """Tell that the proxy ends, wait until the scripts have seen all, and end their process."""
+        self._is_ending = True
+        if self.is_on:
+            self._await(Waiting("done", now))
+            if not self._link.finish(pack(Finish()), self._is_finished) and self.is_on:
+                self._stop(f"its process took too long at the end for {self._queue[0]}", now)
+        self._end()
+
+    # what comes of it
+
+    def receive(self, data: bytes, now: int) -> Iterator[ScriptDecision[T]]:
+        """Take in bytes from the scripts' process; yield what is decided."""
+        if not self.is_on:
+            return
+        self._answers.add(data)
+        try:
+            while (answer := self._answers.next()) is not None:
+                if not isinstance(answer, Answer) or not self._queue:
+                    raise WireError("an answer to nothing")
+                yield from self._take(answer, now)
+        except WireError as error:
+            self._stop(f"its process sent the proxy an invalid message ({error})", now)
+            yield from self._undecided()
+
+    def lost(self, now: int) -> Iterator[ScriptDecision[T]]:
+        """Take notice that the scripts' process has ended, or ended its connection."""
+        if self.is_on:
+            during = f"during {self._queue[0]}" if self._queue else "between two messages"
+            self._stop(f"its process ended {during}", now)
+            yield from self._undecided()
+
+    def due(self) -> int | None:
+        """Tell when `advance` is to be called."""
+        if not self.is_on:
+            return self._end_at
+        if self._queue:
+            longest = self._queue[0].since + max(LONGEST_WAIT, self._limit)
+            return min(self._head_since + self._limit, longest) + self._lost_time
+        return self._settle_at if self._waits else None
+
+    def advance(self, now: int, time: int) -> Iterator[ScriptDecision[T]]:
+        """Do what is due; yield what is decided.
+
+        Args:
+            now: ns.
+            time: the same since 1970.
+        """
+        due = self.due()
+        if due is None or now < due:
+            return
+        if not self.is_on:
+            self._end()
+        elif not self._queue:
+            self._settle_at = now + _SETTLE
+            self._order(Expire(time), Waiting("settled", now))
+        elif now - due > _LATE and not self._was_late:
+            self._was_late = True
+            self._lost_time += now - due + self._limit
+        else:
+            self._stop(self._too_slow(now), now)
+            yield from self._undecided()
+
+    # for who asks
+
+    def holds(self, flow: Flow) -> bool:
+        """Tell whether a message of a flow waits."""
+        return any(_is_of(each, flow) for each in self._queue)
+
+    def is_full(self, client: int) -> bool:
+        """Tell whether so much of a client waits that nothing more of a stream is to be read."""
+        kept = self._kept.get(client)
+        return (kept is not None and kept.size > MOST_BYTES) or self._size > MOST_BYTES_IN_ALL
+
+    def has_room(self, client: int) -> bool:
+        """Tell whether one more datagram of a client may wait."""
+        kept = self._kept.get(client)
+        return not self.is_full(client) and (kept is None or kept.count < MOST_WAITING)
+
+    def abandon(self, flow: Flow) -> list[bytes]:
+        """Let go of the messages of a flow and return them; what is decided about them counts no more."""
+        found: list[bytes] = []
+        for place, each in enumerate(self._queue):
+            if each.message is not None and _is_of(each, flow):
+                found.append(each.message.data)
+                self._queue[place] = replace(each, token=None)
+        return found
+
+    def _order(self, order: Order, waiting: Waiting[T]) -> None:
+        if self.is_on:
+            self._await(waiting)
+            self._link.send(pack(order))
+
+    def _await(self, waiting: Waiting[T]) -> None:
+        waiting = replace(waiting, since=waiting.since - self._lost_time) if self._lost_time else waiting
+        if not self._queue:
+            self._head_since = waiting.since
+        self._queue.append(waiting)
+        if waiting.size:
+            kept = self._kept.setdefault(waiting.client, _Kept())
+            kept.count += 1
+            kept.size += waiting.size
+            self._size += waiting.size
+
+    def _take(self, answer: Answer, now: int) -> Iterator[ScriptDecision[T]]:
+        waiting = self._queue.popleft()
+        self._forget(waiting)
+        self._head_since = now - self._lost_time
+        self._was_late = False
+        self._waits = answer.waits
+        self.errors = max(self.errors, answer.errors)
+        for text in answer.said:
+            self._said += 1
+            if self._said <= _MOST_SAID:
+                self.tell(text)
+        yield from _decided(waiting, answer)
+
+    def _forget(self, waiting: Waiting[T]) -> None:
+        if waiting.size:
+            kept = self._kept[waiting.client]
+            kept.count -= 1
+            kept.size -= waiting.size
+            self._size -= waiting.size
+            if not kept.count:
+                del self._kept[waiting.client]
+
+    def _undecided(self) -> Iterator[ScriptDecision[T]]:
+        """Give out all that waits."""
+        self._kept.clear()
+        self._size = 0
+        while self._queue:
+            yield from _decided(self._queue.popleft(), None)
+
+    def _too_slow(self, now: int) -> str:
+        if now - self._lost_time - self._head_since >= self._limit:
+            return f"it took longer than {self._limit / 1e6:g} ms for {self._queue[0]}"
+        waited = max(LONGEST_WAIT, self._limit) / 1e9
+        return f"it cannot keep up, messages have waited for {waited:g} s"
+
+    def _stop(self, why: str, now: int) -> None:
+        self.is_on = False
+        self.off_because = why
+        self._end_at = now + _LOOKS_BACK
+        self._link.locate()
+
+    def _end(self) -> None:
+        """End the process; tell why, if it was stopped."""
+        self._end_at = None
+        where = self._link.end()
+        if self.off_because and not self._is_told:
+            self._is_told = True
+            self.off_because += where
+            head = f"script {self.names} is switched off: {self.off_because}"
+            self.tell(head if self._is_ending else f"{head}; {_OFF}")
+
+    def _is_finished(self, data: bytes) -> bool:
+        for _ in self.receive(data, self._head_since + self._lost_time):
+            pass  # its clients have gone
+        return not self._queue
+
+
+class _Kept:
+    """What is kept of one client: how many messages, and their bytes."""
+
+    __slots__ = ("count", "size")
+
+    def __init__(self) -> None:
+        self.count = self.size = 0
+
+
+def _is_of(waiting: Waiting[T], flow: Flow) -> bool:
+    """Tell whether a message of a flow waits."""
+    return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
+
+
+def _decided(waiting: Waiting[T], answer: Answer | None) -> Iterator[ScriptDecision[T]]:
+    if waiting.message is not None and waiting.token is not None:
+        yield ScriptDecision(waiting.message, waiting.token, answer)

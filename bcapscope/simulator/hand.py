@@ -1,0 +1,184 @@
+"""A hand with two parallel fingers: width, force, and what it holds, over time.
+
+Sources of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_parallel.yaml
+(stroke, speed, acceleration, force). Sources of `TWO_FINGER_HAND`: the documentation of TwofgGrip quoted in
+nkawa/Denso_CobottaPro900_MQTT_Control (force, speed in percent, width of an external grip). Assumed are the
+speed of a grip that is given none, the speed of the second hand in mm/s, and that both hands begin open.
+
+Times are ns, widths mm, speeds mm/s.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+SECOND = 1_000_000_000
+
+
+class HandLimits(NamedTuple):
+    """What a hand can do.
+
+    Attributes:
+        narrowest: mm between the fingers when they are closed.
+        widest: mm when they are open.
+        speed: mm/s at 100 %.
+        acceleration: mm/s².
+        grip_speed: mm/s of a grip that is given no speed.
+        slowest: the lowest speed in percent.
+        weakest: the lowest force, N.
+        strongest: the highest force, N.
+    """
+
+    narrowest: float
+    widest: float
+    speed: float
+    acceleration: float
+    grip_speed: float
+    slowest: float
+    weakest: float
+    strongest: float
+
+
+COBOTTA_HAND = HandLimits(0.0, 30.0, 80.0, 800.0, 20.0, 1.0, 6.0, 20.0)
+TWO_FINGER_HAND = HandLimits(1.0, 39.0, 100.0, 1000.0, 20.0, 10.0, 20.0, 140.0)
+
+
+class Stroke(NamedTuple):
+    """A motion that accelerates, keeps its speed and brakes.
+
+    Attributes:
+        start: width at the beginning.
+        goal: width at the end.
+        began: when it begins.
+        speed: the highest speed that it reaches.
+        acceleration: mm/s².
+    """
+
+    start: float
+    goal: float
+    began: int
+    speed: float
+    acceleration: float
+
+    @classmethod
+    def between(cls, start: float, goal: float, began: int, speed: float, acceleration: float) -> Stroke:
+        """Plan a motion; a short one does not reach `speed`."""
+        return cls(start, goal, began, min(speed, sqrt(abs(goal - start) * acceleration)), acceleration)
+
+    @property
+    def ends(self) -> int:
+        """When the motion ends."""
+        return self.reaches(abs(self.goal - self.start))
+
+    def at(self, time: int) -> float:
+        """Return the width at a time."""
+        if time >= self.ends:
+            return self.goal
+        way = self._way(max(0, time - self.began) / SECOND)
+        return self.start + (way if self.goal > self.start else -way)
+
+    def reaches(self, way: float) -> int:
+        """Return when the fingers have gone `way` mm."""
+        if not way:
+            return self.began
+        ramp = self.speed**2 / 2 / self.acceleration
+        whole = abs(self.goal - self.start)
+        if way <= ramp:
+            seconds = sqrt(2 * way / self.acceleration)
+        elif way <= whole - ramp:
+            seconds = self.speed / 2 / self.acceleration + way / self.speed
+        else:
+            left = max(0.0, whole - way)
+            seconds = self.speed / self.acceleration + whole / self.speed - sqrt(2 * left / self.acceleration)
+        return self.began + round(seconds * SECOND)
+
+    def _way(self, seconds: float) -> float:
+        whole = abs(self.goal - self.start)
+        ramp = self.speed / self.acceleration
+        total = ramp + whole / self.speed
+        if seconds <= ramp:
+            return self.acceleration * seconds**2 / 2
+        if seconds <= total - ramp:
+            return self.speed * (seconds - ramp / 2)
+        return whole - self.acceleration * (total - seconds) ** 2 / 2
+
+
+class Hand:
+    """The fingers, and an object that may be between them.
+
+    Attributes:
+        limits: what the hand can do.
+        object_width: of the object between the open fingers, mm; None if there is none.
+        runs: counts motions and stops.
+        stopped_by: result of the last stop.
+    """
+
+    def __init__(self, limits: HandLimits, object_width: float | None = None) -> None:
+        self.limits = limits
+        self.object_width = object_width
+        self.runs = 0
+        self.stopped_by = 0
+        self._stroke = Stroke.between(limits.widest, limits.widest, 0, limits.speed, limits.acceleration)
+        self._ends = 0
+        self._rest = limits.widest
+        self._force = 0.0
+        self._touches = False
+
+    @property
+    def ends(self) -> int:
+        """When the last motion ends, or ended."""
+        return self._ends
+
+    def width(self, now: int) -> float:
+        """Return the width between the fingers, mm."""
+        return self._rest if now >= self._ends else self._stroke.at(now)
+
+    def is_moving(self, now: int) -> bool:
+        """Tell whether the fingers move."""
+        return now < self._ends
+
+    def holds(self, now: int) -> bool:
+        """Tell whether the fingers press on the object."""
+        return self._force > 0 and self._touches and not self.is_moving(now)
+
+    def force(self, now: int) -> float:
+        """Return the force on the object, N; 0 without one."""
+        return self._force if self.holds(now) else 0.0
+
+    @property
+    def collides_at(self) -> int | None:
+        """When fingers that are not to grip meet the object; None if they do not."""
+        return self._ends if self._touches and not self._force else None
+
+    def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
+        """Begin a motion; return when it ends.
+
+        Args:
+            goal: width, mm.
+            speed: mm/s.
+            now: ns.
+            force: of a grip, N; 0 to move without gripping.
+        """
+        start, thing = self.width(now), self.object_width
+        self._touches = thing is not None and goal < thing <= start
+        self._rest = thing if thing is not None and self._touches else goal
+        self._stroke = Stroke.between(start, goal, now, speed, self.limits.acceleration)
+        self._ends = self._stroke.reaches(abs(self._rest - start))
+        self._force = force
+        self.runs += 1
+        return self._ends
+
+    def stop(self, now: int, result: int) -> None:
+        """Stop fingers that move; the call that waits for them answers `result`. A grip stays."""
+        if self.is_moving(now) or self.collides_at is not None:
+            self._rest = self.width(now)
+            self._ends = now
+            self._touches = False
+            self.stopped_by = result
+            self.runs += 1
+
+    def release(self) -> None:
+        """Lose the grip, as without power."""
+        self._force = 0.0
+        self._touches = False

@@ -1,0 +1,62 @@
+"""File descriptors held back, so that a stop still finds some when there are none left."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from contextlib import suppress
+
+NO_DESCRIPTORS = os.strerror(errno.EMFILE).lower()
+"""What the system says when a process has no file descriptors left."""
+
+_NONE_LEFT = frozenset({errno.EMFILE, errno.ENFILE})
+
+
+def none_left(error: OSError) -> bool:
+    """Tell whether an error means that the process, or the system, has no file descriptors left."""
+    return error.errno in _NONE_LEFT
+
+
+def allow_descriptors(count: int) -> None:
+    """Raise the limit of this process to `count`, as far as its user may; macOS gives 256."""
+    if sys.platform == "win32":
+        return
+    try:
+        import resource  # noqa: PLC0415  # there is none on Windows
+    except ImportError:  # there is no file descriptor left to load it with
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = count if hard == resource.RLIM_INFINITY else min(count, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+
+
+class SpareDescriptors:
+    """Some file descriptors that can be given up for something that matters more."""
+
+    def __init__(self, count: int) -> None:
+        """Prepare to hold back `count`; `fill` takes them."""
+        self._count = count
+        self._held: list[int] = []
+
+    def fill(self) -> bool:
+        """Take back what is missing; tell whether all are held now."""
+        with suppress(OSError):
+            while len(self._held) < self._count:
+                self._held.append(os.open(os.devnull, os.O_RDONLY))
+        return len(self._held) == self._count
+
+    def give(self, *, keep: int = 0) -> bool:
+        """Give one up; tell whether there were more than `keep`."""
+        if len(self._held) <= keep:
+            return False
+        os.close(self._held.pop())
+        return True
+
+    def close(self) -> None:
+        """Give all up, for good."""
+        self._count = 0
+        while self.give():
+            pass

@@ -1,0 +1,110 @@
+"""Scripts in this process: their answers wait until a test lets them come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bcapscope.proxy.addons import Addons, Client, PassingMessage
+from bcapscope.proxy.rules import Asked, Rules
+from bcapscope.proxy.scripthost import ScriptHost
+from bcapscope.proxy.scriptqueue import LIMIT, ScriptQueue
+from bcapscope.proxy.scriptwire import Order, Unpacker, pack
+from tests.faults.traffic import request
+
+
+class Here:
+    """Runs addons here, as a link to them.
+
+    Attributes:
+        queue: of what waits for them.
+        obeys: orders are obeyed; else they are lost in an endless loop.
+        place: what is known about the end of their process.
+        located: how often it was asked where they are.
+        ended: how often they were ended.
+    """
+
+    def __init__(self, *addons: object, limit: int = LIMIT) -> None:
+        taken = Addons(addons, clock=lambda: 0)
+        self.obeys = True
+        self.place = ""
+        self.located = self.ended = 0
+        self._host = ScriptHost(taken)
+        self._orders: Unpacker[Order] = Unpacker(Order)
+        self._answers: list[bytes] = []
+        self.queue: ScriptQueue[Asked] = ScriptQueue("mine.py", self, limit)
+        self.queue.begin(taken.hooks)
+
+    @property
+    def waiting(self) -> int:
+        """How many answers have not come."""
+        return len(self._answers)
+
+    def send(self, frame: bytes) -> None:
+        """Obey an order; its answer waits."""
+        self._orders.add(frame)
+        while (order := self._orders.next()) is not None:
+            if self.obeys:
+                self._answers.append(pack(self._host.obey(order)))
+
+    def locate(self) -> None:
+        """Count that."""
+        self.located += 1
+
+    def end(self) -> str:
+        """Count that."""
+        self.ended += 1
+        return self.place
+
+    def finish(self, frame: bytes, take: Callable[[bytes], bool]) -> bool:
+        """Let all answers come."""
+        self.send(frame)
+        return take(self.take())
+
+    def take(self, count: int | None = None) -> bytes:
+        """Give the next answers, all of them unless told."""
+        found, self._answers = self._answers[:count], [] if count is None else self._answers[count:]
+        return b"".join(found)
+
+    def answer(self, rules: Rules, now: int, count: int | None = None) -> None:
+        """Let answers come."""
+        rules.hear_scripts(self.take(count), now)
+
+
+class Meddler:
+    """Changes, drops and answers by serial."""
+
+    def request(self, message: PassingMessage) -> None:
+        assert message.frame is not None
+        match message.frame.serial:
+            case 1:
+                message.drop()
+            case 2:
+                message.answer("E_FAIL")
+            case 3:
+                message.data = request(33)
+            case 4:
+                raise RuntimeError("oh")
+
+    def reply(self, message: PassingMessage) -> None:
+        if message.command == "CurJnt":
+            message.drop()
+
+
+class Listener:
+    """Hears what has settled, who comes and goes, and of the end."""
+
+    def __init__(self) -> None:
+        self.heard: list[object] = []
+        self.others: list[str] = []
+
+    def settled(self, call: object) -> None:
+        self.heard.append(call)
+
+    def connected(self, client: Client) -> None:
+        self.others.append(f"{client.number} {client.address}")
+
+    def gone(self, client: Client) -> None:
+        self.others.append("gone")
+
+    def done(self) -> None:
+        self.others.append("done")

@@ -1,0 +1,318 @@
+"""Rules with scripts: what waits for them, what overtakes, and what becomes of it when they take too long."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.hresult import E_ACCESSDENIED, E_FAIL
+from bcapscope.proxy.addons import PassingMessage
+from bcapscope.proxy.guard import Guard, read_target
+from bcapscope.proxy.hook import Decision, LateDecision, Send
+from bcapscope.proxy.rules import Rules
+from bcapscope.proxy.scriptqueue import MOST_WAITING
+from bcapscope.proxy.scriptwire import Answer, Finish, pack
+from bcapscope.traffic.observation import Direction, Transport
+from tests.faults.traffic import MS, reply, request
+from tests.proxy.scripting import Here, Listener, Meddler
+from tests.proxy.test_rules import DOWN, HALT, SLAVE_OFF, UP, holding, rules, sent
+
+
+def late(made: Rules, now: int = 0) -> LateDecision:
+    """Give the one thing that has been decided since it came."""
+    (action,) = made.take(now)
+    assert isinstance(action, LateDecision)
+    return action
+
+
+def test_scripts_change_drop_and_answer() -> None:
+    here = Here(Meddler())
+    made = rules(scripts=here)
+
+    def decided(direction: Direction, raw: bytes) -> LateDecision:
+        decision = made.receive(1, direction, raw, 0)
+        assert (decision.note, decision.actions) == ("", [])
+        assert made.holds(1, direction)
+        here.answer(made, 0)
+        found = late(made)
+        assert (found.client, found.ticket) == (1, decision.ticket)
+        assert not made.holds(1, direction)
+        return found
+
+    dropped = decided(UP, request(1))
+    assert (dropped.note, dropped.actions) == ("addon: dropped", [])
+    answered = decided(UP, request(2))
+    assert (answered.note, sent(answered.actions)) == ("addon: answered", b"")
+    answer = Frame(sent(answered.actions, DOWN))
+    assert (answer.serial, answer.code) == (2, E_FAIL)
+    changed = decided(UP, request(3))
+    assert (changed.note, changed.actions) == ("addon: changed", [Send(1, UP, request(33))])
+    unchanged = decided(UP, request(4))
+    assert (unchanged.note, unchanged.actions) == ("", [Send(1, UP, request(4))])
+    decided(UP, request(5, "CurJnt"))
+    assert decided(DOWN, reply(5)).note == "addon: dropped"
+    assert made.report() == ["scripts: went wrong once"]
+
+
+def test_the_guard_sees_what_a_script_has_made() -> None:
+    here = Here(Meddler())
+    made = rules(scripts=here, guard=Guard(block=[read_target("slvMove")]))
+    made.receive(1, UP, request(3, "CurJnt"), 0)
+    here.answer(made, 0)
+    assert Frame(sent(made.take(0), DOWN)).code == E_ACCESSDENIED
+
+
+class Looker:
+    """Notes what it is shown, and changes nothing."""
+
+    def __init__(self) -> None:
+        self.seen: list[bytes] = []
+
+    def request(self, message: PassingMessage) -> None:
+        self.seen.append(message.data)
+
+
+def test_others_and_the_other_direction_go_on_while_a_request_waits() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here, clients=2)
+    made.receive(1, UP, request(1), 0)
+    assert sent(made.receive(2, DOWN, reply(7), 0).actions, DOWN) == reply(7)
+    assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
+    made.receive(2, UP, request(2), MS)
+    here.answer(made, 2 * MS)
+    assert sent(made.take(2 * MS)) == request(1) + request(2)
+
+
+def test_what_waits_keeps_its_order_retries_too() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here)
+    sent_by_client = [request(5), request(6, reserved=5), request(7, "CurJnt"), request(8)]
+    for raw in sent_by_client:
+        assert made.receive(1, UP, raw, 0).actions == []
+    passed = b""
+    while here.waiting:
+        here.answer(made, MS, count=1)
+        passed += sent(made.take(MS))
+    assert passed == b"".join(sent_by_client)
+
+
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+def test_a_stop_overtakes_all_that_waits_and_scripts_see_it_still(transport: Transport) -> None:
+    looker = Looker()
+    here = Here(looker)
+    made = rules(scripts=here, transport=transport)
+    assert made.receive(1, UP, request(1), 0).actions == []
+    for stop in (HALT, SLAVE_OFF):
+        assert made.receive(1, UP, stop, 0) == Decision("", [Send(1, UP, stop)])
+    here.answer(made, 0)
+    assert sent(made.take(0)) == request(1)
+    assert looker.seen == [request(1), HALT, SLAVE_OFF]
+
+
+def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here, transport=Transport.TCP)
+    first = made.receive(1, UP, request(1) + HALT + request(2) + request(3)[:20], 0)
+    assert sent(first.actions) == HALT
+    here.answer(made, 0, count=1)
+    assert made.take(0) == [Send(1, UP, request(1))]
+    here.answer(made, 0)
+    assert late(made) == LateDecision(1, first.ticket, "", [Send(1, UP, request(2))])
+    made.ended(1, UP, 0)
+    assert made.holds(1, UP)
+    here.answer(made, 0)
+    assert sent(made.take(0)) == request(3)[:20]
+    assert not made.holds(1, UP)
+
+
+def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple[Rules, Here, list[str]]:
+    """Give rules whose script loops while requests wait, and what they tell, right before it is too long."""
+    here = Here(Looker())
+    here.place = "; mine.py line 7 in request"
+    told: list[str] = []
+    made = rules(scripts=here, transport=transport)
+    here.obeys = False
+    here.queue.tell = told.append
+    for raw in waiting:
+        assert made.receive(1, UP, raw, 0).ticket
+    return made, here, told
+
+
+def test_a_script_that_takes_too_long_is_switched_off() -> None:
+    made, here, told = switched_off(request(1), request(2, "CurJnt"), request(3))
+    assert made.due() == 100 * MS
+    assert made.take(100 * MS - 1) == []
+    actions = made.take(100 * MS)
+    assert sent(actions) == request(2, "CurJnt")
+    answers = [each for each in actions if isinstance(each, LateDecision) and each.note]
+    assert [each.note for each in answers] == ["script is off: motion is refused"] * 2
+    assert [Frame(sent(each.actions, DOWN)).code for each in answers] == [E_ACCESSDENIED] * 2
+    assert (here.located, here.ended, told) == (1, 0, [])
+    assert made.due() == 150 * MS
+    made.take(150 * MS)
+    assert (here.ended, made.due()) == (1, None)
+    assert told == [
+        "script mine.py is switched off: it took longer than 100 ms for request (Robot_Execute slvMove); "
+        "mine.py line 7 in request; stops pass, motion is refused, everything else passes unchanged; restart "
+        "the proxy to let motion pass"
+    ]
+
+
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+def test_without_its_script_all_but_motion_passes(transport: Transport) -> None:
+    made, _, _ = switched_off(request(1), transport=transport)
+    made.take(100 * MS)
+    now = 200 * MS
+    for raw in (HALT, SLAVE_OFF, request(2, "CurJnt")):
+        assert made.receive(1, UP, raw, now) == Decision("", [Send(1, UP, raw)])
+    assert sent(made.receive(1, DOWN, reply(2), now).actions, DOWN) == reply(2)
+    moving = made.receive(1, UP, request(3) + request(4, "CurJnt"), now)
+    assert sent(moving.actions) == request(4, "CurJnt")
+    assert Frame(sent(moving.actions, DOWN)).code == E_ACCESSDENIED
+    assert moving.note == "script is off: motion is refused"
+
+
+def test_each_message_has_the_whole_time() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here)
+    for serial in range(1, 6):
+        made.receive(1, UP, request(serial), 0)
+    for count in range(1, 6):
+        assert made.due() == (100 + 90 * (count - 1)) * MS
+        here.answer(made, 90 * count * MS, count=1)
+        assert sent(made.take(90 * count * MS)) == request(count)
+    assert here.queue.is_on
+
+
+def test_a_message_does_not_wait_behind_others_for_ever() -> None:
+    here = Here(Looker(), limit=90 * MS)
+    made = rules(scripts=here)
+    now = 0
+    for serial in range(1, 60):
+        now += 45 * MS
+        made.receive(1, UP, request(2 * serial), now)
+        made.receive(1, UP, request(2 * serial + 1), now)
+        here.answer(made, now, count=1)
+        made.take(now)
+        if not here.queue.is_on:
+            break
+    assert here.queue.off_because == "it cannot keep up, messages have waited for 1 s"
+    assert not made.holds(1, UP)
+
+
+def test_a_relay_that_stood_still_does_not_blame_the_script() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here)
+    made.receive(1, UP, request(1), 0)
+    assert made.take(5000 * MS) == []
+    assert made.due() == 5100 * MS
+    here.answer(made, 5050 * MS)
+    assert sent(made.take(5050 * MS)) == request(1)
+    made.receive(1, UP, request(2), 6000 * MS)
+    assert made.due() == 6100 * MS
+    made.take(6100 * MS)
+    assert not here.queue.is_on
+
+
+def test_a_relay_that_always_stands_still_does_not_let_messages_wait_for_ever() -> None:
+    made, here, _ = switched_off(request(1))
+    made.take(500 * MS)
+    assert here.queue.is_on
+    made.take(1000 * MS)
+    assert not here.queue.is_on
+
+
+def test_the_end_of_its_process_switches_a_script_off() -> None:
+    made, here, told = switched_off(request(1), request(2, "CurJnt"))
+    here.place = "; exit code 3"
+    made.lose_scripts(MS)
+    assert sent(made.take(MS)) == request(2, "CurJnt")
+    made.take(51 * MS)
+    why = "its process ended during request (Robot_Execute slvMove); exit code 3"
+    assert told[0].startswith(f"script mine.py is switched off: {why}; stops pass")
+    assert "scripts: switched off, its process ended during request" in made.report()[-1]
+
+
+@pytest.mark.parametrize("data", [b"\xff" * 8, b"\x01\0\0\0\xc1", pack(Finish()), pack(Answer()) * 2])
+def test_what_makes_no_sense_switches_a_script_off(data: bytes) -> None:
+    made, here, _ = switched_off(request(2, "CurJnt"))
+    here.take()
+    made.hear_scripts(data, 0)
+    assert sent(made.take(0)) == request(2, "CurJnt")
+    assert here.queue.off_because.startswith("its process sent the proxy an invalid message")
+
+
+def test_a_client_that_goes_leaves_nothing_that_waits() -> None:
+    told: list[str] = []
+    here = Here(Meddler())
+    made = rules(scripts=here, clients=2)
+    made.tell = told.append
+    made.receive(1, UP, request(9), 0)
+    made.receive(1, DOWN, reply(8), 0)
+    made.receive(2, UP, request(7), 0)
+    assert sent(made.let_go(1, MS), DOWN) == reply(8)
+    assert told[0].endswith("these were not sent on: 1 Robot_Execute slvMove")
+    made.gone(1, MS)
+    here.answer(made, MS)
+    assert sent(made.take(MS)) == request(7)
+
+
+def test_datagrams_that_find_no_room_are_dropped_and_streams_are_not_read() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here, clients=2)
+    for serial in range(1, MOST_WAITING + 1):
+        made.receive(1, UP, request(serial), 0)
+    assert made.receive(1, UP, request(99), 0).note == "addon: dropped, too many messages wait"
+    assert made.receive(1, UP, HALT, 0).actions == [Send(1, UP, HALT)]
+    assert made.receive(2, UP, request(1), 0).ticket
+    here.answer(made, 0)
+    assert len(sent(made.take(0))) == len(request(1)) * (MOST_WAITING + 1)
+    assert made.receive(1, UP, request(99), 0).ticket
+    stream = rules(scripts=Here(Looker()), transport=Transport.TCP)
+    while not stream.is_full(1):
+        assert stream.receive(1, UP, request(1) * 100, 0).ticket
+
+
+def test_nothing_waits_for_a_script_that_decides_nothing() -> None:
+    here = Here(Listener())
+    made = rules(scripts=here)
+    assert made.receive(1, UP, request(1), 0) == Decision("", [Send(1, UP, request(1))])
+    assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
+    here.obeys = False
+    made.receive(1, UP, request(2), 0)
+    made.take(100 * MS)
+    assert not here.queue.is_on
+
+
+def test_calls_settle_though_nothing_more_comes() -> None:
+    listener = Listener()
+    here = Here(listener)
+    made = rules(scripts=here)
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, DOWN, reply(1), MS)
+    now = MS
+    while not listener.heard:
+        here.answer(made, now)
+        due = made.due()
+        assert due is not None
+        now = max(now + MS, due)
+        made.take(now)
+    assert now < 10_000 * MS
+    made.receive(1, UP, request(2), now)
+    made.gone(1, now)
+    made.close(now)
+    assert len(listener.heard) == 2
+    assert listener.others == ["1 10.0.0.2:50001", "gone", "done"]
+    assert here.ended == 1
+
+
+def test_a_held_message_of_a_stream_that_has_ended_is_given_up_though_it_waited_for_a_script() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here, transport=Transport.TCP, intercept=holding("true", patience=2000 * MS))
+    made.receive(1, UP, request(1), 0)
+    made.ended(1, UP, 0)
+    here.answer(made, MS)
+    made.take(MS)
+    assert len(made.intercept.held) == 1
+    assert made.take(3000 * MS) == []
+    assert made.lost == 1

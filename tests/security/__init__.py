@@ -1,0 +1,1 @@
+"""Attacks on everything that listens or reads; run all of them with ``python -m tests.security``."""

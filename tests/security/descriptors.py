@@ -1,0 +1,88 @@
+"""Processes that may open only a few files, and more clients than they have file descriptors for.
+
+Run as ``python -m tests.security.descriptors``.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+
+from bcapscope.protocol.frame import encode
+from bcapscope.protocol.variant import VT, Variant
+from tests.cli.proxying import simulator
+from tests.security.connections import BUSIEST
+from tests.security.harness import Outcome, attacker, proxied, under_attack
+
+_START = encode(1, 0, 1, (Variant(VT.BSTR, ""),))
+_RENEWED_EACH = 0.01
+
+
+def attack(port: int, count: int) -> None:
+    """Keep so many TCP clients, half of them silent, and as many UDP clients; never return."""
+    streams: list[socket.socket | None] = [None] * count
+    datagrams = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(count)]
+    shown = False
+    while True:
+        for number, known in enumerate(streams):
+            streams[number] = sock = known or _connect(port, number)
+            datagrams[number].sendto(_START, ("127.0.0.1", port))
+            if _has_ended(sock):
+                sock.close()
+                streams[number] = None
+            time.sleep(_RENEWED_EACH)
+        if not shown:
+            shown = True
+            print("under way", flush=True)
+
+
+def _connect(port: int, number: int) -> socket.socket:
+    sock = socket.socket()
+    sock.settimeout(1.0)
+    try:
+        sock.connect(("127.0.0.1", port))
+        if number % 2:
+            sock.sendall(_START)
+    except OSError:  # closed at once, or nobody takes connections: it has ended, as will be seen
+        pass
+    sock.setblocking(False)
+    return sock
+
+
+def _has_ended(sock: socket.socket) -> bool:
+    try:
+        return not sock.recv(1024)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+def withstand(count: int, seconds: float, descriptors: int = 24) -> list[Outcome]:
+    """Attack a proxy and a simulator that may open so many files; return the figures."""
+    outcomes = [
+        under_attack(
+            f"{count} clients of a {name} with {descriptors} file descriptors",
+            server,
+            lambda port: attacker("tests.security.descriptors", port, count),
+            seconds=seconds,
+        )
+        for name, server in (
+            ("proxy", proxied("-q", "--control", "127.0.0.1:0", descriptors=descriptors)),
+            ("sim", simulator(descriptors=descriptors)),
+        )
+    ]
+    assert all(each.busy < BUSIEST for each in outcomes), [each.line for each in outcomes]
+    return outcomes
+
+
+def main() -> None:
+    """Run the attack in its full size."""
+    withstand(60, 5.0)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["attack"]:
+        attack(*map(int, sys.argv[2:]))
+    main()
