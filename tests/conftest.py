@@ -1,6 +1,6 @@
 """What all tests share: settings of hypothesis, golden files, a check that no test changes the next one.
 
-``pytest --hypothesis-profile=deep`` tries fifty times as much, ``pytest --golden-write`` writes the golden
+``pytest --hypothesis-profile=deep`` tries thirty times as much, ``pytest --golden-write`` writes the golden
 files anew.
 """
 
@@ -20,7 +20,7 @@ from tests.leftovers import nothing_left
 settings.register_profile(
     "fast", max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
-settings.register_profile("deep", settings.get_profile("fast"), max_examples=5000)
+settings.register_profile("deep", settings.get_profile("fast"), max_examples=2000)
 settings.load_profile("fast")
 
 # The action log of what tests send is not the user's; programs that tests start inherit this.
