@@ -160,7 +160,6 @@ def test_a_truncated_capture_gives_all_before_the_cut(tmp_path: Path, kept: int)
     assert "byte" in sentence
 
 
-@pytest.mark.lifecycle
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full on this system")
 @pytest.mark.parametrize("style", [[], ["--json"], ["--csv"], ["--tree"]])
 def test_a_full_disk_is_told_in_one_sentence(style: list[str]) -> None:

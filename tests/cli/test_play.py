@@ -198,7 +198,6 @@ class Terminal:
         return code
 
 
-@pytest.mark.lifecycle
 def test_questions_and_keys_on_a_terminal(port: int, gentle: Path) -> None:
     away = ("Robot_Execute TakeArm", "Robot_Execute Motor i4[]:1,0", 'Robot_Move 1 "@E J(5,0,90,0,90,0)"')
     calls = [word for call in away for word in ("--exec", call)]

@@ -8,8 +8,6 @@ import sys
 
 import pytest
 
-pytestmark = pytest.mark.lifecycle
-
 _SCREEN = """
 import sys, time
 from bcapscope.cli import screen
@@ -34,6 +32,7 @@ def test_lines_and_sentences() -> None:
     assert (out, err) == ("one\ntwo\n三\n", "a sentence\n")
 
 
+@pytest.mark.lifecycle
 def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
     reading, writing = os.pipe()
     os.close(reading)
@@ -44,6 +43,7 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
     assert err == f"{sentence}\nstill here\n"
 
 
+@pytest.mark.lifecycle
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no such file")
 def test_a_full_disk_is_told_as_that() -> None:
     with open("/dev/full", "wb") as full:
@@ -51,6 +51,7 @@ def test_a_full_disk_is_told_as_that() -> None:
     assert err == "standard output has no room: nothing is shown there any more, all else goes on\n"
 
 
+@pytest.mark.lifecycle
 def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
     reading, writing = os.pipe()
     try:

@@ -33,8 +33,6 @@ from bcapscope.simulator.server import Server
 from bcapscope.simulator.simulator import Simulator
 from tests.player.simulated import wave
 
-pytestmark = pytest.mark.lifecycle
-
 M = TypeVar("M", bound=Message)
 PATIENCE = 30.0
 
@@ -140,6 +138,7 @@ def test_a_stop_ends_it_in_order(sim: Sim) -> None:
     assert not sim.machine.alarms.active
 
 
+@pytest.mark.lifecycle
 def test_a_halt_ends_it_at_once(sim: Sim) -> None:
     with Player(plan(sim)) as player:
         playing(player)
@@ -158,6 +157,7 @@ def test_a_halt_counts_that_comes_while_the_player_is_being_loaded(sim: Sim) -> 
     assert player.ended.left
 
 
+@pytest.mark.lifecycle
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signals_stop_it_too(sim: Sim, number: signal.Signals) -> None:
     with Player(plan(sim)) as player:
@@ -186,6 +186,7 @@ while True:
 """
 
 
+@pytest.mark.lifecycle
 def test_when_the_program_that_started_it_is_killed_the_robot_comes_to_rest(sim: Sim) -> None:
     argv = [sys.executable, "-c", _PARENT, str(sim.port)]
     with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as parent:
