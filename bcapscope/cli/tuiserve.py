@@ -16,6 +16,7 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.exits import Exit
+from bcapscope.cli.options import Whole
 from bcapscope.cli.output import narrate
 from bcapscope.traffic.observation import Endpoint
 
@@ -109,7 +110,7 @@ _OPTIONS = (
     ),
     click.option(
         "--viewers",
-        type=click.IntRange(1, _MOST_VIEWERS),
+        type=Whole(1, _MOST_VIEWERS),
         default=1,
         show_default=True,
         help="Let this many browser pages watch at a time, each with a screen of its own.",

@@ -138,6 +138,7 @@ PHRASES: dict[str, str] = {
     "this text makes no sense in its quotes": "引用符の中の文字列が正しくありません",
     "{name} is no duration, such as 3ms": "{name} は時間ではありません (例 3ms)",
     "units are ns, us, ms and s": "単位は ns, us, ms, s です",
+    "{name} goes beyond ±{text}": "{name} は ±{text} の範囲外です",
     "{name} is longer than a year": "{name} は 1 年を超えています",
     "{name} is no percentage, such as 5%": "{name} は割合ではありません (例 5%)",
     "{name} is not within 0% and 100%": "{name} は 0% から 100% の範囲にありません",
