@@ -30,6 +30,9 @@ MOST_COUNTED = 65536
 MOST_CHAINS = 12
 """Calls of which every frame is told: the ones that were sent again most often, of those the slowest."""
 
+LARGEST_CHAIN = 2 << 20
+"""Bytes of a call's frames beyond which its chain is counted and not shown."""
+
 MOST_DAMAGED = 20
 """Damaged frames that are told one by one, the first ones."""
 
@@ -226,6 +229,8 @@ class Accountant:
         retries = call.retries
         if retries:
             self._retried += 1
+            if call.weight > LARGEST_CHAIN:
+                return
             badness = retries, call.latency or 0, -call.call
             (heapq.heappushpop if len(self._chains) >= MOST_CHAINS else heapq.heappush)(
                 self._chains, (badness, call)
