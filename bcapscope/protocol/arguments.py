@@ -28,8 +28,9 @@ a packet (gui.max_tree_items)."""
 
 MOST_VALUES = 2_048
 """Other values that are read of one frame: arguments, elements of VARIANT arrays and strings. Each takes some
-2 µs and 200 bytes, so that the most crafted frame holds up a proxy for some 5 ms. The longest lists of
-real sessions are of names, a few hundred."""
+2 µs and 200 bytes, so that the most crafted frame holds up a proxy for some 5 ms. With 8,192, a flood of
+packed frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of known sessions are of
+names, a few hundred."""
 
 MOST_PROBLEMS = 100
 """Problems of one frame that are listed; a frame can hold one in every seven bytes."""
