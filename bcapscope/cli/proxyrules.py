@@ -320,7 +320,7 @@ _OPTIONS = (
     click.option(
         "--seed",
         type=options.Whole(0, options.LARGEST_SEED),
-        help="Of all chance: the same seed and traffic give the same faults.",
+        help="Random seed. The same seed and traffic give the same faults.",
     ),
     click.option(
         "--read-only",
