@@ -92,7 +92,7 @@ def command(
     """Play FILE in slave mode: a control log or other CSV, ROS JointTrajectory as JSON or YAML, what
     `extract` wrote, a capture, or a WINCAPS III project.
 
-    `play` first shows how it read the file, and problems that speak against playing it. Then a process of its
+    `play` first shows how it read the file, and the problems that it found. Then a process of its
     own starts RobSlave (RC7), takes the arm, switches the motor on, moves to the first set point, enters
     slave mode and sends the set points. At the end it restores the state that it found. The action log
     records the calls that energise or move a robot.

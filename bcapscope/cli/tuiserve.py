@@ -85,8 +85,8 @@ def _address(context: click.Context, parameter: click.Parameter, value: str) -> 
         raise click.BadParameter(f"give a port up to 65535, such as {DEFAULT}", context, parameter)
     if not address.is_loopback:
         raise click.BadParameter(
-            f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can move "
-            f"the robot. From another machine use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
+            f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can "
+            f"move the robot. From another machine use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
             context,
             parameter,
         )
@@ -126,7 +126,7 @@ def serve_options(function: F) -> F:
         for name in ("serve_at", "viewers"):
             typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
             if typed and not serve:
-                raise click.UsageError("--serve-at and --viewers need --serve")
+                raise click.UsageError("--serve-at and --viewers have no effect without --serve: add --serve")
         return function(serve=ServeOptions(serve, serve_at, viewers), **arguments)
 
     decorated: Any = command

@@ -24,8 +24,8 @@ def test_a_port_behind_the_host_counts() -> None:
         pytest.param([""], "it is empty", id="empty"),
         pytest.param([":5007"], ":5007 is no host", id="only a port"),
         pytest.param(["[]"], "[] is no host", id="empty brackets"),
-        pytest.param(["robot:x\x1b[31m"], "x\\x1b[31m is no port", id="a word for a port"),
-        pytest.param(["robot:65536"], "65536 is no port", id="a port beyond the last"),
+        pytest.param(["robot:x\x1b[31m"], "x\\x1b[31m is not a port", id="a word for a port"),
+        pytest.param(["robot:65536"], "65536 is not a port", id="a port beyond the last"),
         pytest.param(["robot:5007", "-p", "5008"], "robot:5007 and --port 5008 exclude each other", id="two"),
     ],
 )
