@@ -19,7 +19,7 @@ def test_a_port_behind_the_host_counts() -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        pytest.param(["a" * 300], f"{'a' * 300} is no host", id="a name that is too long"),
+        pytest.param(["a" * 300], f"{'a' * 79}… is no host", id="a name that is too long"),
         pytest.param(["robot..cell"], "robot..cell is no host", id="a part is missing"),
         pytest.param([""], "it is empty", id="empty"),
         pytest.param([":5007"], ":5007 is no host", id="only a port"),
