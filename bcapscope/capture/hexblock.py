@@ -13,11 +13,10 @@ LARGEST_REPEAT = 64 * 1024
 """Bytes that an asterisk may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
-"""Bytes of rows that are taken together, many frames of real sessions; those of a longer dump are cut
-apart."""
+"""Bytes of rows that form one block, room for many frames of real sessions; a longer dump is split."""
 
 MOST_ROWS = 16 * 1024
-"""Rows that are taken together: as many bytes where each row has 16."""
+"""Rows that form one block: as many bytes if each row has 16."""
 
 _LARGEST_HOLE = 4096
 """Bytes by which the offset of a row may be ahead and the row still belong to those before it."""

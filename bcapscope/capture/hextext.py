@@ -52,7 +52,7 @@ class HexPacket(NamedTuple):
 def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
     """Find the packets in the lines of a text, in their order; none where there is no hex.
 
-    Each packet comes once the lines behind it tell that it is complete.
+    Yields a packet as soon as the lines after it show that it is complete.
 
     Raises:
         CaptureError: as `lines` does.
@@ -62,7 +62,7 @@ def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
 
 
 def _blocks(lines: Iterable[str]) -> Iterator[Block]:
-    """Yield the blocks of a text, what turns out to be no hex included."""
+    """Yield the blocks of a text, including those that turn out not to be hex."""
     reader = _Reader()
     for number, line in enumerate(lines, 1):
         reader.read(number, read_line(line))
@@ -72,7 +72,7 @@ def _blocks(lines: Iterable[str]) -> Iterator[Block]:
 
 
 class _Reader:
-    """Puts the hex of lines together to blocks.
+    """Assembles blocks from the hex of lines.
 
     Attributes:
         last: the latest block, which further lines may belong to.
@@ -161,13 +161,13 @@ class _Reader:
         self._heard, self._tail = False, None
 
     def _add(self, block: Block, number: int, piece: Hex) -> None:
-        """Add a row to the last block; of a full one, only the frame that is not complete goes on."""
+        """Add a row to the last block; from a full block, carry over only the incomplete frame."""
         block.add(number, piece)
         if block.is_full:
             self._follow(block.split(_last_begun(block)))
 
     def _follow(self, block: Block) -> None:
-        """Go on with another block."""
+        """Begin another block."""
         if self.last is not None:
             self._complete.append(self.last)
         self.last = self._open = block

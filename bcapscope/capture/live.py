@@ -1,8 +1,8 @@
 """Live capture on an interface of this machine.
 
-On Linux from a packet socket (packet(7)), which tells what scapy's hides: time stamps to the nanosecond,
-which packets of the loopback interface are seen a second time, and how many were lost. Elsewhere through
-scapy, which knows libpcap and BPF, in a process of its own.
+On Linux from a packet socket (packet(7)), which shows what scapy hides: time stamps to the nanosecond, which
+packets of the loopback interface are seen a second time, and how many were lost. Elsewhere scapy captures
+through libpcap or BPF, in a process of its own.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class _PacketSocket:
 
 
 class _Sniffer:
-    """Other systems: what scapy listens with there, in a process of its own; see `capture.sniffer`."""
+    """Captures with scapy on other systems, in a process of its own; see `capture.sniffer`."""
 
     lost = 0
 
@@ -158,7 +158,7 @@ class _Sniffer:
             raise
 
     def _ready(self) -> int:
-        """Wait until it captures; return the link type."""
+        """Wait until the process captures; return the link type."""
         kind, linktype, data = self._record()
         if kind == Kind.FORBIDDEN:
             raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
@@ -167,7 +167,7 @@ class _Sniffer:
         return linktype
 
     def _record(self) -> tuple[int, int, bytes]:
-        """Read a record; one that says so where the process has ended."""
+        """Read a record; if the process has ended, return a record that reports it."""
         assert self._process.stdout is not None
         head = self._process.stdout.read(RECORD.size)
         if len(head) < RECORD.size:
@@ -179,7 +179,7 @@ class _Sniffer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the process: it ends by itself when nobody reads, and is killed if it does not."""
+        """Close the pipe, which ends the process; kill it if it does not end."""
         if self._process.stdout is not None:
             self._process.stdout.close()
         try:

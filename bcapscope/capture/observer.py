@@ -26,7 +26,7 @@ COMMENTS_LIMIT = 4096
 """Packets whose comments are kept, which is until those who look at their frames have had time to ask."""
 
 COMMENTS_BYTES = 4 * 1024 * 1024
-"""Bytes of all these comments; beyond that the oldest are forgotten, but for those of the latest packet."""
+"""Bytes of all these comments. Beyond that the oldest are dropped, except those of the latest packet."""
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8

@@ -18,13 +18,13 @@ from bcapscope.traffic.observation import (
 
 
 class Pasted:
-    """The packets of a text, in their order; of their times nothing is known, so all are 0.
+    """The packets of a text, in their order. Their times are unknown and set to 0.
 
     A damaged frame has among its problems what probably happened to it, worded as a guess.
 
     Attributes:
         count: packets so far.
-        comments: what is to be said of the latest packet beside its problems, by its number.
+        comments: comments on the latest packet, by its number, in addition to its problems.
     """
 
     def __init__(self, lines: Iterable[str]) -> None:

@@ -68,10 +68,10 @@ def parse_bounds(text: str) -> Bounds:
 
 
 class Series(io.RawIOBase):
-    """The files of a recording; what is written is in them after `flush`, in one piece.
+    """The files of a recording; `flush` writes everything in one piece.
 
-    A file of a ring is begun for packets that there are, so that none is empty and the oldest is not removed
-    for nothing: call `turn` before each packet.
+    Call `turn` before each packet: it begins a ring's next file only for a packet that exists, so no file is
+    empty and no old file is removed in vain.
 
     On a full disk, a ring removes its oldest file and goes on. So that an older file exists by then, no file
     takes more than half of the space that was free when it began.
@@ -227,7 +227,7 @@ class Series(io.RawIOBase):
 
 
 def _free(path: Path) -> int:
-    """Return the bytes that are free where a file is; much where the system does not say."""
+    """Return the free bytes on a file's disk, or a large number if the system does not report them."""
     try:
         return shutil.disk_usage(path.parent).free
     except OSError:

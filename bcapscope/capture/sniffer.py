@@ -4,7 +4,7 @@ scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel cont
 License 2.0. The two licences do not permit both in one program. So scapy has a process of its own, which
 loads nothing else but Python's library and hands packets over through a pipe.
 
-Standard output carries records: kind, time and length (`RECORD`), then so many bytes.
+Standard output carries records: kind, time and length (`RECORD`), then that many bytes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ has gone."""
 
 
 class Kind(IntEnum):
-    """What a record says."""
+    """The kind of a record."""
 
     READY = 0
     """Capturing has begun; the number is the link type."""
@@ -42,7 +42,7 @@ class Kind(IntEnum):
 
 
 class ScapySource:
-    """What scapy listens with on this system.
+    """scapy's capture socket on this system.
 
     Attributes:
         linktype: of the packets, a number of the LINKTYPE_ list.
@@ -53,7 +53,7 @@ class ScapySource:
 
         Raises:
             PermissionError: the right to capture is missing.
-            OSError, Scapy_Exception: it cannot be captured on.
+            OSError, Scapy_Exception: capturing on the interface failed.
         """
         from scapy.all import conf, resolve_iface  # noqa: PLC0415 - takes a second
 

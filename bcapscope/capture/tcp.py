@@ -215,7 +215,7 @@ class Stream:
         return self._time(self._splitter.feed(data), time, packet)
 
     def _remember(self, part: _Part) -> None:
-        """Keep the part, of a long one its end, to compare it with what is sent again."""
+        """Keep the part, or the end of a long one, to compare it with retransmissions."""
         surplus = len(part.data) - _LONGEST_RECENT
         if surplus > 0:
             part = part._replace(start=part.start + surplus, data=part.data[surplus:])

@@ -16,7 +16,7 @@ LONGEST_LINE = 256 * 1024
 def text_lines(read: Reader) -> Iterator[str]:
     """Yield the lines of a text without their ends: UTF-16 if it begins so, else UTF-8.
 
-    What cannot be decoded comes out as U+FFFD.
+    Bytes that cannot be decoded become U+FFFD.
 
     Args:
         read: gives the bytes of the text.

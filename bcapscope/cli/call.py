@@ -87,16 +87,16 @@ def command(
 ) -> None:
     """Call functions of a controller, such as `Robot_Execute slvGetMode`.
 
-    What a function needs is opened before and released afterwards: service, controller, and the object whose
-    handle it takes, which is left out of the arguments. Arguments have the types of the function, command or
-    variable; others are named, as in i2:2 or r4[]:10,20,30. What is left out is empty. The first failure ends
-    it.
+    `call` opens what a function needs and releases it afterwards: service, controller, and the object whose
+    handle the function takes. Leave this handle out of the arguments. Arguments get the types of the
+    function, command or variable; name other types, as in i2:2 or r4[]:10,20,30. Missing arguments are empty.
+    `call` ends at the first failure.
 
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
     it or switch it off never do. The action log records armed calls.
 
-    Exit codes: 0 all calls succeeded; 2 the command line makes no sense; 8 a call was refused; 9 no answer;
-    10 --arm is missing.
+    Exit codes: 0 all calls succeeded; 2 invalid command line; 8 a call was refused; 9 no answer; 10 --arm is
+    missing.
     """
     if dump and as_json:
         raise click.UsageError("--hex and --json exclude each other")

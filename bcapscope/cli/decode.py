@@ -78,7 +78,7 @@ def command(
     A line has: number, time, from > to, transport and kind, serial, reserved, then function or result,
     command and arguments, and after !! what is wrong with the bytes.
 
-    Exit codes: 0 all was read; 2 the command line makes no sense; 3 a capture is damaged or breaks off, all
+    Exit codes: 0 all was read; 2 invalid command line; 3 a capture is damaged or breaks off, all
     before the damage was given out; 4 nothing could be read; 6 the output could not be written; 130 Ctrl-C.
     """
     if len(set(styles)) > 1:

@@ -58,7 +58,7 @@ def command(
     Of one stay the file is called FILE.csv; of several FILE-1.csv, FILE-2.csv and so on, by the number that
     the stay has in the capture. What is there already is not overwritten.
 
-    Exit codes: 0 all was written; 2 the command line makes no sense; 3 a capture is damaged or breaks off,
+    Exit codes: 0 all was written; 2 invalid command line; 3 a capture is damaged or breaks off,
     all before the damage was written; 4 nothing could be read; 5 there are no set points to write; 6 a file
     was not written.
     """

@@ -85,7 +85,7 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
 
     Ctrl-C ends it before all calls are made; what was found until then is shown.
 
-    Exit codes: 0 calls were answered; 2 the command line makes no sense; 9 no answer, or the connection
+    Exit codes: 0 calls were answered; 2 invalid command line; 9 no answer, or the connection
     broke; 130 it was ended.
     """
     found = _Found()

@@ -92,18 +92,18 @@ def command(
     """Play FILE in slave mode: a control log or other CSV, ROS JointTrajectory as JSON or YAML, what
     `extract` wrote, a capture, or a WINCAPS III project.
 
-    How the file was read and what speaks against playing it is shown first. Then, in a process of its own:
-    RobSlave is started (RC7), arm taken, motor switched on, the first set point gone to, slave mode entered,
-    the set points sent, and everything left as it was found. The action log records the calls that energise
-    or move a robot.
+    `play` first shows how it read the file, and the problems that it found. Then a process of its
+    own starts RobSlave (RC7), takes the arm, switches the motor on, moves to the first set point, enters
+    slave mode and sends the set points. At the end it restores the state that it found. The action log
+    records the calls that energise or move a robot.
 
     While it plays, s, space, Ctrl-C or Ctrl-Z lets the robot come to rest on its way; h, Escape twice or
     Ctrl-C twice halts it at once.
 
-    Exit codes: 0 played to the end, or stopped where there is none (--loop 0); 2 the command line makes no
-    sense; 4 the file cannot be read; 6 a file was not written; 8 the controller refused something; 9 no
-    answer; 10 nobody said that a robot may move, or another client moves it; 11 the trajectory is not fit to
-    play; 130 stopped or halted.
+    Exit codes: 0 played to the end, or stopped where there is none (--loop 0); 2 invalid command line; 4 the
+    file cannot be read; 6 a file was not written; 8 the controller refused something; 9 no answer; 10 the
+    motion was not confirmed, or another client moves the robot; 11 the trajectory is not fit to play; 130
+    stopped or halted.
     """
     if os.name != "posix":
         raise click.UsageError("the player's process and its signals need Linux, macOS or the like")

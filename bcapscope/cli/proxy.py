@@ -129,22 +129,23 @@ def command(
     rules: RuleWishes,
     attended: bool,
 ) -> None:
-    """Pass on what b-CAP clients and controllers say to each other, and see it.
+    """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
-    Bytes pass at once and unchanged; another process records and shows them. Ctrl-C ends the sessions that
-    are open, closes the recording and sums up; a second Ctrl-C ends at once.
+    The proxy forwards bytes at once and unchanged; another process records and shows them. Ctrl-C ends the
+    open sessions, closes the recording and prints a summary; a second Ctrl-C ends at once.
 
-    Rules look into what passes: faults, --read-only and the like, --intercept, --script. Each message meets
-    the scripts first, then the intercept, the faults in their order, and the guard last, right before the
-    controller. While it runs, they can be changed by `bcapscope proxy ctl ADDRESS` if it was given
-    `--control ADDRESS`. What they still hold at the end is sent if it is an answer, or stops the robot.
+    Rules act on the traffic: faults, --read-only and the like, --intercept, --script. Each message passes the
+    scripts first, then the intercept, then the faults in their order, and the guard last, right before the
+    controller. With `--control ADDRESS` you can change the rules while the proxy runs: `bcapscope proxy ctl
+    ADDRESS`. At the end the proxy sends held replies and held requests that stop the robot, and drops the
+    others.
 
     Scripts run in a process of their own. Only messages that a script decides about wait for it, and stops
     never do. A script that takes longer than --script-timeout, or whose process ends, is switched off.
 
-    Exit codes: 0 it was ended; 2 the command line makes no sense; 4 an address cannot be listened on, or a
-    script not be used; 6 the capture cannot be written, or is incomplete because the disk was full or the
-    recorder stopped; 9 there is no controller of that name.
+    Exit codes: 0 you ended it; 2 invalid command line; 4 the proxy cannot listen on an address, or cannot use
+    a script; 6 the recording cannot be written, or is incomplete because the disk was full or the recorder
+    stopped; 9 there is no controller of that name.
     """
     if context.invoked_subcommand is not None:
         return

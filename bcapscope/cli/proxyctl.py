@@ -78,7 +78,7 @@ class _Ctl:
                 narrate(printable(str(error)))
                 sys.exit(Exit.UNREADABLE)
             except msgspec.ValidationError:
-                narrate(printable(f"what listens on {self._address} is no proxy of this version"))
+                narrate(printable(f"the program on {self._address} is not a bcapscope proxy of this version"))
                 sys.exit(Exit.UNREADABLE)
             except ControlRefused as error:
                 if self._as_json:

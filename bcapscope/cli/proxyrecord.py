@@ -58,7 +58,7 @@ _MOST_PASSAGES = 1024
 
 
 class ProxyRecorder:
-    """Writes what the relay tells to a capture; when that fails, it says so and goes on without.
+    """Writes the relay's traffic to a capture; if that fails, reports it and continues without.
 
     Attributes:
         failed: the capture lacks something because a file could not be written.
@@ -181,7 +181,7 @@ class ProxyRecorder:
                 self._tell_freed(self._series.freed)
 
     def _tell_freed(self, freed: int) -> None:
-        """Tell once that the disk is too small for the ring."""
+        """Report once that the disk is too small for the ring."""
         if freed and not self._has_told_full:
             self._has_told_full = True
             name = printable(str(self._path))

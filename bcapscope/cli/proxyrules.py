@@ -58,7 +58,7 @@ class RuleWishes:
     script_memory: int | None = None
 
     def start_scripts(self, opened: ExitStack) -> ScriptProcess | None:
-        """Start the process of the scripts, which then loads them; None where there are none.
+        """Start the process that loads and runs the scripts; None without scripts.
 
         Args:
             opened: ends the process.
@@ -73,7 +73,7 @@ class RuleWishes:
         return opened.enter_context(closing(ScriptProcess(self.scripts, self.script_memory or MEMORY)))
 
     def make(self, scripts: ScriptProcess | None = None) -> Rules | None:
-        """Make the rules, with the monotonic clock's time of now; None where nothing has to look.
+        """Make the rules, with the monotonic clock's current time; None if no option needs rules.
 
         Args:
             scripts: the process of the scripts; `Rules.scripts` waits for it to load them.
@@ -320,15 +320,15 @@ _OPTIONS = (
     click.option(
         "--seed",
         type=options.Whole(0, options.LARGEST_SEED),
-        help="Of all chance: the same seed and traffic give the same faults.",
+        help="Random seed. The same seed and traffic give the same faults.",
     ),
     click.option(
         "--read-only",
         is_flag=True,
         help="Refuse requests that energise or move the robot or change its state, and unknown ones, with "
         "E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
-        "slvChangeMode 0, releases and Service_Stop. Controller_Connect also passes: nothing can be read "
-        "without its handles.",
+        "TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. Controller_Connect "
+        "also passes: nothing can be read without its handles.",
     ),
     click.option(
         "--block",

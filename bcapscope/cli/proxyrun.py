@@ -65,8 +65,8 @@ class Proxy:
     """A relay and what watches it.
 
     Attributes:
-        relay: for whoever has more to plug in before it runs.
-        lacks_recording: after `close`: a recording was wished for, and it is incomplete.
+        relay: for callers that attach more to it before it runs.
+        lacks_recording: after `close`: a recording was requested, and it is incomplete.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Proxy:
         """Start the process that watches, and wait until it does.
 
         Args:
-            load: waits so many seconds for what else has to begin, and tells whether it has. Nothing is
+            load: waits up to so many seconds for what else has to begin; returns whether it has. Nothing is
                 recorded before, but the process is loaded meanwhile.
 
         Raises:

@@ -78,7 +78,7 @@ def watch_relay(memory: str, relay: Connection, wishes: Wishes) -> bool:
         wishes: what is to be done.
 
     Returns:
-        Whether the recording, if one was wished for, is complete.
+        Whether the recording, if one was requested, is complete.
     """
     _leave_to_relay()
     screen = Screen()

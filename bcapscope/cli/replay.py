@@ -101,21 +101,22 @@ def command(
 ) -> None:
     """Play the client's side of a recorded session to the controller HOST, or the controller's to clients.
 
-    As client, each call is made at its time with the handles that this controller gives, and its result is
-    held against the recorded one; retries are made as this network needs them. What the recording uses but
-    does not open is opened before. Whatever is still open at the end is let go of, slave mode first.
+    As client, `replay` makes each call at its recorded time, with the handles that this controller gives, and
+    compares the result with the recorded one. It retries as this network needs. It first opens what the
+    recording uses but does not open. At the end it leaves slave mode and releases everything that is still
+    open.
 
     Before anything is sent the set points go through the pre-flight of `play`. A recording that may energise
     or move a robot needs --arm or your confirmation, except with bcapscope's own simulator. The action log
-    records armed calls. Slave mode is only entered where the robot stands at the first set point, unless
-    --anywhere is given.
+    records armed calls. `replay` enters slave mode only if the robot is at the first set point, unless you
+    give --anywhere.
 
-    As server, a call is answered as the next one like it was in the recording.
+    As server, `replay` answers a call as the next call like it was answered in the recording.
 
-    Exit codes: 0 all went as recorded; 2 the command line makes no sense; 4 the capture cannot be read, or
-    the address not be listened on; 5 there are no calls to play; 6 the capture cannot be written, or lacks
-    something; 8 a result differs; 9 no answer; 10 nobody said that a robot may move; 11 the set points are
-    not fit to be played.
+    Exit codes: 0 all went as recorded; 2 invalid command line; 4 the capture cannot be read, or replay cannot
+    listen on the address; 5 there are no calls to play; 6 the capture cannot be written, or is incomplete; 8
+    a result differs; 9 no answer; 10 the motion was not confirmed; 11 the set points are not fit to be
+    played.
     """
     if side == "client" and not target.host:
         raise click.UsageError("which HOST is to be called?")

@@ -39,7 +39,7 @@ def command(
     what was sent again, in words, tables and pictures. It takes plotly: pip install 'bcapscope[report]'.
     A filter chooses calls, as it does for stats, slave and diagnose; the page says so.
 
-    Exit codes: 0 the page was written; 2 the command line makes no sense; 3 a capture is damaged or breaks
+    Exit codes: 0 the page was written; 2 invalid command line; 3 a capture is damaged or breaks
     off, all before the damage is in the page; 4 nothing could be read; 5 there was no b-CAP, so there is no
     page; 6 the page could not be written; 7 plotly is not installed.
     """

@@ -59,7 +59,7 @@ _HELP = (
 @click.option(
     "--seed",
     type=options.Whole(0, options.LARGEST_SEED),
-    help="Of what a scenario draws by lot, instead of its own.",
+    help="Random seed of the scenario; replaces its own.",
 )
 @click.option(
     "--defect",

@@ -102,7 +102,7 @@ def command(
     F1 tells the keys, Ctrl-P lists all that can be done, F12 halts the robot, Ctrl-Q ends. Labels are in
     English or Japanese (LANG).
 
-    Exit codes: 0 it was ended; 2 the command line makes no sense; 4 the capture cannot be opened, an address
+    Exit codes: 0 it was ended; 2 invalid command line; 4 the capture cannot be opened, an address
     not be listened on, or no proxy be found; 6 there is no room for a recording or a journal; 9 there is no
     controller of that name.
     """

@@ -158,7 +158,7 @@ def _figures(address: str) -> Figures:
     except BcapError as error:
         narrate(printable(str(error)))
     except msgspec.ValidationError:
-        narrate(f"what listens on {printable(address)} is no proxy of this version")
+        narrate(f"the program on {printable(address)} is not a bcapscope proxy of this version")
     finally:
         client.close()
     sys.exit(Exit.UNREADABLE)

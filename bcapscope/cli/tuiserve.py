@@ -66,7 +66,7 @@ def serve_screen(options: ServeOptions) -> None:
 
     def greet() -> None:
         narrate(f"Open {server.gate.entrance}")
-        narrate("Whoever has this address can do what you can do here: keep it to yourself. Ctrl-C ends.")
+        narrate("Anyone with this address can do what you can do here. Keep it secret. Press Ctrl-C to end.")
 
     with suppress(KeyboardInterrupt):  # where the event loop takes no signals
         asyncio.run(server.run(greet))
@@ -86,8 +86,8 @@ def _address(context: click.Context, parameter: click.Parameter, value: str) -> 
         raise click.BadParameter(f"give a port up to 65535, such as {DEFAULT}", context, parameter)
     if not address.is_loopback:
         raise click.BadParameter(
-            f"{host} is not loopback. The connection is not encrypted, and whoever opens the page can move "
-            f"the robot. From another machine use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
+            f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can "
+            f"move the robot. From another machine use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
             context,
             parameter,
         )
@@ -98,7 +98,7 @@ _OPTIONS = (
     click.option(
         "--serve",
         is_flag=True,
-        help="Show the screen in a browser of this machine instead. Prints the address to open.",
+        help="Show the screen in a browser on this machine. bcapscope prints the address to open.",
     ),
     click.option(
         "--serve-at",
@@ -127,7 +127,7 @@ def serve_options(function: F) -> F:
         for name in ("serve_at", "viewers"):
             typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
             if typed and not serve:
-                raise click.UsageError("--serve-at and --viewers belong to --serve: add --serve")
+                raise click.UsageError("--serve-at and --viewers have no effect without --serve: add --serve")
         return function(serve=ServeOptions(serve, serve_at, viewers), **arguments)
 
     decorated: Any = command

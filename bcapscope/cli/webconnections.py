@@ -1,4 +1,4 @@
-"""Connections to the served screen: those that have not proved anything cannot use up what there is."""
+"""Connections to the served screen: those without the secret cannot exhaust the server."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_UNPROVED = 64
 
 
 class Connections:
-    """Makes the protocol of each connection; ends those that prove nothing."""
+    """Makes the protocol of each connection; ends connections without the secret."""
 
     def __init__(self, server: web.Server) -> None:
         self._server = server

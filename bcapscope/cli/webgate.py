@@ -25,7 +25,7 @@ _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
 
 @dataclass(frozen=True, slots=True)
 class WebRequest:
-    """What an HTTP request says about who sent it.
+    """What an HTTP request shows about its sender.
 
     Attributes:
         path: decoded, without the query.
@@ -75,7 +75,7 @@ class Gate:
         return self._authority
 
     def refusal(self, request: WebRequest) -> str:
-        """Return why a request is refused, "" if it may pass."""
+        """Return why a request is refused; "" if it is accepted."""
         if list(request.hosts) != [self._authority]:
             return f"this server answers only to http://{self._authority}"
         if list(request.origins) != [self.origin] and (request.origins or request.is_websocket):

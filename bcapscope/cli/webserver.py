@@ -30,7 +30,7 @@ _LARGEST_MESSAGE = 1 << 20
 """Bytes; the largest is what a user pastes."""
 
 _LARGEST_SIZE = 1000
-"""Columns or lines of a screen; no display shows more."""
+"""Most columns or lines of a screen; no display shows more."""
 
 _BUSY = "/busy"
 
@@ -66,7 +66,8 @@ class WebServer:
         self._seats = Seats(viewers)
         self._websockets: set[web.WebSocketResponse] = set()
         self._connections: Connections | None = None
-        # It renders the page; who runs it, who may see it and what is logged are decided here.
+        # textual-serve renders the page; this module decides who may open it, what runs it and what is
+        # logged.
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
@@ -167,7 +168,7 @@ class WebServer:
         return response
 
     async def _busy(self, request: web.Request) -> web.Response:
-        """Say that there is no seat."""
+        """Return the page for a viewer without a seat."""
         most = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
         return _page(
             f"<h1>{most} connected</h1>"
@@ -279,7 +280,7 @@ async def _asked_to_end() -> None:
 
 
 class _OneLine(logging.Handler):
-    """Reports an error of the server in one line; nothing of what a client got wrong."""
+    """Reports an error of the server in one line; ignores errors of clients."""
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None

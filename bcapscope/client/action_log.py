@@ -110,7 +110,7 @@ class ActionLog:
             connection: that it goes over.
             item: the request, or bytes that are no frame.
             time: ns since 1970-01-01 UTC.
-            who: wanted it.
+            who: caller that made the request.
             wanted: False for a request that is not to be logged.
         """
         if isinstance(item, Malformed):

@@ -67,7 +67,7 @@ class Message:
 
     Attributes:
         number: from 1, over all messages.
-        flow: who spoke to whom.
+        flow: sender and receiver.
         data: the bytes as they came.
         now: ns of the clock that durations are counted by.
         time: the same since 1970-01-01 UTC.

@@ -124,7 +124,7 @@ class ArgumentReader:
             self.problems.append(Problem(offset, code, reason))
         elif len(self.problems) == MOST_PROBLEMS:
             self.problems.append(
-                Problem(offset, "more", f"{MOST_PROBLEMS} problems are listed, not the others")
+                Problem(offset, "more", f"only the first {MOST_PROBLEMS} problems are listed")
             )
 
     def _lose(self, offset: int, code: str, reason: str) -> None:

@@ -1,4 +1,4 @@
-"""Bytes that several holders hold together."""
+"""A limit on bytes that several buffers share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ bound: two frames of the largest size."""
 
 
 class Budget:
-    """Counts bytes that are held in several places.
+    """Counts bytes that several buffers hold.
 
     Attributes:
         most: bytes that they may hold together.
@@ -23,5 +23,5 @@ class Budget:
 
     @property
     def is_exceeded(self) -> bool:
-        """Whether holders must let go of what they can."""
+        """Whether buffers must release what they can."""
         return self.held > self.most

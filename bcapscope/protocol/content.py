@@ -142,7 +142,7 @@ def begins_zlib(data: bytes | bytearray, pos: int = 0) -> bool:
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Tell whether a zlib header stands where the compressed body of a frame at `pos` would begin.
+    """Return whether a zlib header stands where the compressed body of a frame at `pos` would begin.
 
     The TCP client of keioku/bcap-python unpacks such a frame whatever its `reserved` is.
     """

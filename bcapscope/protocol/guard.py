@@ -52,7 +52,7 @@ def request_effect(function_id: int, arguments: Sequence[Variant], variable: str
 
 
 def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
-    """Tell whether a request stops something or releases a handle, so that no guard may hold it up.
+    """Return whether a request stops something or releases a handle, so that no guard may hold it up.
 
     These are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0, the
     releases, Controller_Disconnect and Service_Stop. A command counts only without further arguments: with
@@ -81,7 +81,7 @@ def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
 
 
 def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str = "") -> bool:
-    """Tell whether a client of bcapscope sends a request to a real controller only when it is armed.
+    """Return whether a client of bcapscope sends a request to a real controller only when it is armed.
 
     True for everything that may energise or move the robot, never for what stops or switches off.
 
@@ -104,7 +104,7 @@ def _command_effect(function_id: int, arguments: Sequence[Variant]) -> Effect:
 
 
 def _switches_off(arguments: Sequence[Variant]) -> bool:
-    """Tell whether the parameter of a switch is certainly 0; Motor also takes an array that begins with 0."""
+    """Return whether a switch's parameter is certainly 0; Motor also takes an array that begins with 0."""
     if len(arguments) != _WITH_PARAMETER:
         return False
     parameter = arguments[2]

@@ -7,14 +7,14 @@ from bcapscope.protocol.frame import LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame
 from bcapscope.protocol.guard import always_passes
 
 LONGEST_OPENING = 4096
-"""Bytes after which a first frame counts as complete: far more than any call that opens a session."""
+"""Bytes after which a first frame counts as complete: far more than any call that opens a session has."""
 
 _LONGEST_STOP = 1024
 _LENGTH_ENDS = 5
 
 
 def is_incomplete(data: bytes | bytearray) -> bool:
-    """Tell whether the first bytes of a stream are the beginning of a frame that is not complete yet."""
+    """Return whether the first bytes of a stream are the beginning of a frame that is not complete yet."""
     if not data:
         return True
     if data[0] != SOH:
@@ -26,7 +26,7 @@ def is_incomplete(data: bytes | bytearray) -> bool:
 
 
 def begins_with_stop(data: bytes) -> bool:
-    """Tell whether the first frame of a datagram or stream is one that no guard may hold up."""
+    """Return whether the first frame of a datagram or stream is one that no guard may hold up."""
     if len(data) < SMALLEST_FRAME or data[0] != SOH:
         return False
     length = _length(data)

@@ -32,7 +32,7 @@ below 10 KiB, so that a flood of long ones does not damage theirs."""
 STREAM_ENDS = "the stream ends here"
 """Why the last frame of a stream is not whole."""
 
-NOT_AWAITED = "its rest is not awaited: the unfinished frames of all connections hold more than"
+NOT_AWAITED = "incomplete: the unfinished frames of all connections exceed"
 """Why a frame in the middle of a stream is not whole."""
 
 MOST_ARGUMENTS = 64
@@ -69,11 +69,12 @@ class _Trust(Enum):
 
 
 class Splitter:
-    """Cuts a stream into pieces; what it gives depends on the bytes alone, never on how they were cut.
+    """Cuts a stream into pieces; the result depends on the bytes alone, never on how they arrive.
 
     Every byte fed comes out in exactly one piece, in order. Held are at most `limit` bytes, or
-    `LARGEST_GARBAGE` and `LARGEST_DOUBTFUL` where that is more. Splitters that share a budget hold no more
-    than that together, `ALWAYS_HELD` of each left aside: a longer frame that exceeds it comes out unfinished.
+    `LARGEST_GARBAGE` and `LARGEST_DOUBTFUL` where that is more. Splitters that share a budget together hold
+    no more than that, not counting `ALWAYS_HELD` of each. A longer frame that exceeds the budget is returned
+    unfinished.
     """
 
     def __init__(

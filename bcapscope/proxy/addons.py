@@ -205,7 +205,7 @@ class Addons:
                 self.tell(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
         took = self._clock() - began
         if took > SLOW and self._is_new(addon, name, "slow"):
-            text = f"{type(addon).__name__}.{name} took {took / 1e6:.1f} ms, for which messages wait"
+            text = f"{type(addon).__name__}.{name} delayed messages by {took / 1e6:.1f} ms"
             self.tell(f"{text} (told once)")
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:

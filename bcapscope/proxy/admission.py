@@ -1,4 +1,4 @@
-"""Who may be a client of the proxy when many want to be; it does no I/O and reads no clock.
+"""Decides which clients the proxy accepts when there are too many; does no I/O and reads no clock.
 
 Each transport has places of its own, and no address may take all of them. A new client whose first frame is a
 stop always gets one: some are kept for that.
@@ -129,7 +129,7 @@ class Places:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """End the client that has been in a kept place for longest; tell whether there was one."""
+        """End the client that has been in a kept place for longest; return whether there was one."""
         oldest = next(iter(self._kept.values()), None)
         if oldest is None:
             return False
@@ -138,7 +138,7 @@ class Places:
         return True
 
     def _clears(self, source: str | None, now: int) -> bool:
-        """End a client, of one source or of any, that may give its place up; tell whether there was one."""
+        """End a client, of one source or of any, that may give its place up; return whether there was one."""
         victim = self._renewable(source, now) or self._quietest(source, now)
         if victim is None:
             return False
@@ -147,7 +147,8 @@ class Places:
         return True
 
     def _quietest(self, source: str | None, now: int) -> Occupant | None:
-        """Return the client that has been quiet for longest; what was in vain is not tried again at once."""
+        """Return the client that has been quiet for longest; a search that found none is not repeated at
+        once."""
         if now != self._futile_at:
             self._futile_at = now
             self._futile.clear()

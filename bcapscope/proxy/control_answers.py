@@ -1,4 +1,4 @@
-"""What a proxy answers on its control socket, with types and bounds, as any program may listen there."""
+"""A proxy's answers on its control socket, with types and bounds, since any program may listen there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 
 class Client(msgspec.Struct, frozen=True):
-    """A client, as `proxy.control` tells of it."""
+    """A client, as `proxy.control` reports it."""
 
     number: Count
     client: str
@@ -35,7 +35,7 @@ class Client(msgspec.Struct, frozen=True):
 
 
 class Rule(msgspec.Struct, frozen=True):
-    """A fault, as `proxy.control` tells of it."""
+    """A fault, as `proxy.control` reports it."""
 
     name: str
     on: bool
@@ -44,7 +44,7 @@ class Rule(msgspec.Struct, frozen=True):
 
 
 class Held(msgspec.Struct, frozen=True):
-    """A message that waits, as `proxy.control` tells of it."""
+    """A message that waits, as `proxy.control` reports it."""
 
     number: Count
     client: str
@@ -73,13 +73,13 @@ class Held(msgspec.Struct, frozen=True):
 
     @property
     def flow(self) -> Flow:
-        """Who speaks to whom."""
+        """Sender and receiver."""
         ends = _endpoint(self.client), _endpoint(self.server)
         return Flow(Conversation(*ends, self.transport, "the proxy"), self.direction)
 
     @property
     def question(self) -> Question | None:
-        """What it asks or answers, where that is known."""
+        """The function that it calls or answers, if known."""
         return None if self.function_id is None else Question(self.function_id, self.command)
 
 
@@ -98,7 +98,7 @@ class Delays(msgspec.Struct, frozen=True):
 
 
 class Figures(msgspec.Struct, frozen=True):
-    """The figures, as `proxy.control` tells them."""
+    """The figures that `proxy.control` reports."""
 
     struck: dict[str, Count]
     refused: Count

@@ -28,7 +28,7 @@ _LONGEST_REASON = 1000
 
 
 class _Envelope(msgspec.Struct, frozen=True):
-    """What every answer has."""
+    """The fields of every answer."""
 
     ok: bool
     error: str = "the proxy refused"
@@ -63,7 +63,7 @@ class ControlClient:
         """Ask, and return the answer; takes `ANSWERS_WITHIN` at most.
 
         Raises:
-            ControlError: nobody listens there, or it does not answer, or not as a proxy does.
+            ControlError: nothing listens there, or it does not answer as a proxy does.
             ControlRefused: the proxy did not do it.
         """
         line = self.ask_raw(question)
@@ -71,7 +71,7 @@ class ControlClient:
             answer: Answer = orjson.loads(line)
         except orjson.JSONDecodeError as error:
             self.close()
-            raise ControlError(f"what listens on {self._address} is no proxy") from error
+            raise ControlError(f"the program on {self._address} is not a bcapscope proxy") from error
         return answer
 
     def held(self) -> list[Held]:
@@ -85,7 +85,9 @@ class ControlClient:
             return msgspec.json.decode(line, type=_HeldList).held
         except msgspec.DecodeError as error:
             self.close()
-            raise ControlError(f"what listens on {self._address} is no proxy of this version") from error
+            raise ControlError(
+                f"the program on {self._address} is not a bcapscope proxy of this version"
+            ) from error
 
     def ask_raw(self, question: Mapping[str, object]) -> bytes:
         """Ask, and return the answer as it came, one line of JSON.
@@ -105,7 +107,7 @@ class ControlClient:
             raise ControlError(f"{self._address}: {(error.strerror or str(error)).lower()}") from error
         except (msgspec.DecodeError, RecursionError) as error:
             self.close()
-            raise ControlError(f"what listens on {self._address} is no proxy") from error
+            raise ControlError(f"the program on {self._address} is not a bcapscope proxy") from error
         if not envelope.ok:
             raise ControlRefused(envelope.error, line)
         return line
@@ -135,5 +137,5 @@ class ControlClient:
             answer += data
             if len(answer) > limit:
                 self.close()
-                raise ControlError(f"what listens on {self._address} answers more than {limit >> 20} MB")
+                raise ControlError(f"the answer of the program on {self._address} exceeds {limit >> 20} MB")
         return bytes(answer)

@@ -99,7 +99,7 @@ class ControlServer:
         self._connections[sock.fileno()] = _Connection(sock, self._desk, self._watcher, self._connections)
 
     def _makes_room(self) -> bool:
-        """Close the connection that has been idle for longest, one without a command first; tell if so."""
+        """Close the connection that has been idle for longest, one without a command first, if any."""
         idle = min(self._connections.values(), key=lambda each: each.asked_at)
         if time.monotonic() - idle.asked_at < IDLE_AFTER:
             return False
@@ -108,7 +108,7 @@ class ControlServer:
 
 
 class _Connection:
-    """Someone who asks.
+    """A connected control client.
 
     Attributes:
         asked_at: s of `time.monotonic` when the last command came; minus infinity for never.

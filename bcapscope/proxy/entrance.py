@@ -13,14 +13,14 @@ from bcapscope.transport.lobby import Lobby
 from bcapscope.transport.tcp import reset
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Takes a client, its address, what it has sent, and when the last of that came, ns since 1970."""
+"""Takes a client, its address, the bytes that it has sent, and when the last of them came, ns since 1970."""
 
 _AT_ONCE = 4096
 """Bytes that are read at a time."""
 
 
 class Watcher(Protocol):
-    """The relay, as far as it is needed here."""
+    """The part of the relay that is needed here."""
 
     now: int
 
@@ -57,7 +57,7 @@ class Entrance:
         self._read(descriptor)
 
     def drop(self) -> bool:
-        """End the client that is wanted least; tell whether there was one."""
+        """End the client with the lowest priority; return whether there was one."""
         dropped = self._lobby.drop()
         if dropped is None:
             return False

@@ -169,7 +169,7 @@ class Guard:
 
 
 def _only_stops(request: Frame) -> bool:
-    """Tell whether a request, however it is read, stops something or releases a handle, and no more."""
+    """Return whether a request, however it is read, stops something or releases a handle, and no more."""
     values = request.variants
     if not always_passes(request.code, values) or not _is_whole(request) or not _reads_one_way(request):
         return False
@@ -187,7 +187,7 @@ def _is_whole(frame: Frame) -> bool:
 
 
 def _reads_one_way(frame: Frame) -> bool:
-    """Tell whether a frame cannot be both compressed and plain.
+    """Return whether a frame cannot be both compressed and plain.
 
     A frame that looks compressed must be so in every respect. As a plain one it would have 376 arguments or
     more, for which it must have no room.

@@ -94,7 +94,7 @@ class Policy(Protocol):
         """
 
     def is_full(self, client: int) -> bool:
-        """Tell whether so much is held that no stream of a client is to be read before `take` has given out
+        """Return whether so much is held that no stream of a client is to be read before `take` has given out
         some.
         """
 

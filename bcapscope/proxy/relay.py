@@ -92,14 +92,14 @@ class Relay:
     """Moves bytes.
 
     Attributes:
-        ring: what passed, for whoever watches.
+        ring: the traffic, for the watching process.
         counts: of the ring.
         policy: the rules; None without.
         sessions: those that are open, by number.
         places: which of them are clients, and who may become one, by transport.
         entrance: TCP clients that have not sent a complete frame yet.
         spares: file descriptors held back for stops.
-        buffer: for whatever is being received; one thread needs one.
+        buffer: for receiving; one thread needs one.
         now: ns of a clock that does not go back, as it was some `PATIENCE` ago at most.
     """
 
@@ -228,11 +228,11 @@ class Relay:
             self.tell(f"{client} {why}; {what}")
 
     def free_for_newcomer(self) -> bool:
-        """Free a file descriptor for a TCP client that may yet send a stop; tell whether there was one."""
+        """Free a file descriptor for a TCP client that may yet send a stop; return whether there was one."""
         return self.spares.give(keep=1) or self.entrance.drop() or self.spares.give()
 
     def free_descriptor(self) -> bool:
-        """Free a file descriptor for a client that must get in; tell whether there was one to free."""
+        """Free a file descriptor for a client that must get in; return whether there was one to free."""
         return (
             self.entrance.drop()
             or self.spares.give()
@@ -287,14 +287,14 @@ class Relay:
             self._settle(arrival, decision.note, decision.actions)
 
     def note_undecided(self, session: Session, up: bool) -> None:
-        """Note what came of a direction and still waits, so that what is noted next stands behind it."""
+        """Record what came in a direction and still waits, so that later notes come after it."""
         for ticket, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[ticket]
                 self.ring.put(up, session.number, each.came, 0, each.data)
 
     def _settle(self, arrival: _Arrival, note: str, actions: Sequence[Send | Close]) -> None:
-        """Note something that came, and do what was decided about it."""
+        """Record something that came, and do what was decided about it."""
         session, up, data, came = arrival
         if not note and len(actions) == 1:
             action = actions[0]
@@ -408,7 +408,7 @@ class Relay:
 
 
 def is_told(count: int) -> bool:
-    """Tell whether the user hears of what may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
+    """Return whether to report an event that may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
     return count & (count - 1) == 0
 
 

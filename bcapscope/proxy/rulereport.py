@@ -24,7 +24,7 @@ def report_lines(rules: Rules) -> list[str]:
     if rules.intercept.count:
         lines.append(f"intercept: held {_times(rules.intercept.count)}")
     if rules.lost:
-        lines.append(f"held requests that were not sent on, as nobody waited any more: {rules.lost}")
+        lines.append(f"held requests dropped because their client no longer waited: {rules.lost}")
     if scripts is not None and scripts.errors:
         lines.append(f"scripts: went wrong {_times(scripts.errors)}")
     if scripts is not None and scripts.off_because:

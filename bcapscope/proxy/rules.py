@@ -1,6 +1,6 @@
-"""All that looks into what passes: scripts, intercept, faults and guard, in this order: the relay's policy.
+"""The relay's policy: scripts, intercept, faults and guard, in this order.
 
-The guard comes last, right before the controller: whatever the others have made of a message, it sees it.
+The guard comes last, right before the controller, so it sees what the others made of a message.
 
 Nothing here reads a clock or a socket. A stream is cut into frames only while something must see them; else
 its bytes pass as they come.
@@ -46,7 +46,7 @@ class Asked(NamedTuple):
 
 
 class Rules:
-    """Decides what becomes of what passes.
+    """Decides what happens to each message.
 
     Attributes:
         shaper: the faults.
@@ -54,7 +54,7 @@ class Rules:
         intercept: what is held.
         scripts: the user's own; None without.
         refused: requests that the guard has refused, or, since the scripts are off, motions.
-        lost: requests that were held until nobody waited for them any more, and went no further.
+        lost: requests that were held until their client no longer waited, and were dropped.
         tell: is given a line for the user.
     """
 
@@ -135,7 +135,7 @@ class Rules:
         )
 
     def is_full(self, client: int) -> bool:
-        """Tell whether so much is held that no stream of a client is to be read."""
+        """Return whether so much is held that the client's streams must not be read."""
         return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
 
     def ended(self, client: int, direction: Direction, now: int) -> Sequence[Send | Close]:
@@ -177,7 +177,7 @@ class Rules:
                 self._emit(way, data, "sent on, as it ends", work)
         if lost:
             who = self._ways[client][Direction.REQUEST].flow.conversation.client
-            self.tell(f"{who} ends; of what was held of it these were not sent on: {names_of(lost)}")
+            self.tell(f"{who} ended; held messages that were not sent: {names_of(lost)}")
             self.lost += len(lost)
         return work.actions
 
@@ -241,7 +241,7 @@ class Rules:
             self._decide(self.scripts.receive(data, now), now)
 
     def lose_scripts(self, now: int) -> None:
-        """Take notice that the scripts' process has ended."""
+        """Handle the end of the scripts' process."""
         if self.scripts is not None:
             self._decide(self.scripts.lost(now), now)
 
@@ -327,7 +327,7 @@ class Rules:
         return None
 
     def _decide(self, decisions: Iterable[ScriptDecision[Asked]], now: int) -> None:
-        """Let messages go on about which the scripts have decided, or did not in time."""
+        """Forward messages that the scripts have decided about, or failed to decide about in time."""
         for decision in decisions:
             (way, came), message, work = decision.token, decision.message, Work()
             if decision.answer is None:

@@ -130,7 +130,7 @@ def _run(proxy: socket.socket, paths: Sequence[str]) -> None:
 
 
 def _serve(proxy: socket.socket, host: ScriptHost) -> None:
-    """Obey until there is nobody who orders."""
+    """Carry out orders until the proxy closes the connection."""
     orders: Unpacker[Order] = Unpacker(Order)
     while data := proxy.recv(_READ):
         orders.add(data)
@@ -143,9 +143,7 @@ def _say(proxy: socket.socket, statement: Statement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Make sure that the process ends with the proxy, that it takes no more memory than it may, and that one
-    can see where it stands.
-    """
+    """Make sure that the process ends with the proxy, keeps its memory limit, and can report where it is."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it ended before it could have been noticed

@@ -1,4 +1,5 @@
-"""The process of the scripts, as the proxy has it: started, listened to, and ended however the proxy ends."""
+"""The proxy's handle on the process of the scripts: starts it, reads it, and ends it however the proxy
+ends."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.scriptwire import Loaded, ScriptError, Statement, Unpacker, Unusable, WireError
 
 MEMORY = 512
-"""Megabytes that the process may allocate unless told otherwise. Python takes 20, NumPy on 4 processors 200
+"""Megabytes that the process may allocate by default. Python takes 20, NumPy on 4 processors 200
 and more on others, as its stacks count.
 """
 
@@ -71,7 +72,7 @@ class ScriptProcess:
             with other:
                 self._process = self._start(other, paths, megabytes)
         except OSError as error:
-            raise ScriptError(f"{self.names}: no process can be started: {error.strerror or error}") from None
+            raise ScriptError(f"{self.names}: cannot start a process: {error.strerror or error}") from None
         self._socket.setblocking(False)
         self._statements: Unpacker[Statement] = Unpacker(Statement)
 
@@ -159,7 +160,7 @@ class ScriptProcess:
         """Let the process be heard while the relay runs, once it is loaded.
 
         Args:
-            rules: that are told.
+            rules: that get what the scripts decide.
             relay: waits for the socket.
             is_interrupted: asked at the end, whether the user does not want to wait any more.
         """
@@ -205,7 +206,7 @@ class ScriptProcess:
         return False
 
     def close(self) -> None:
-        """End the process, if it is there still, and free what it takes."""
+        """End the process, if it still runs, and free its resources."""
         self._kill()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_REAPED_WITHIN)
@@ -227,7 +228,7 @@ class ScriptProcess:
                 self._rules.lose_scripts(now)
 
     def _receive(self) -> bytes | None:
-        """Read what there is; return nothing at the end, None where there is nothing yet."""
+        """Read available bytes; return b"" at the end, None if there are none yet."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -288,7 +289,7 @@ class ScriptProcess:
 
 
 def _how(code: int | None) -> str:
-    """Say how a process ended by itself; nothing if it did not."""
+    """Return how a process ended on its own; "" if it did not."""
     if code is None:
         return ""
     if code >= 0:

@@ -1,4 +1,4 @@
-"""What waits for the scripts, and what becomes of it when they take too long.
+"""Messages that wait for the scripts, and what happens to them when the scripts take too long.
 
 Nothing here reads a clock or a socket. Times are ns of a clock that does not go back.
 """
@@ -30,7 +30,7 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 T = TypeVar("T")
 
 LIMIT = 100_000_000
-"""ns that the scripts have for one message unless told otherwise."""
+"""ns that the scripts have for one message by default."""
 
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
 """ns. A process that is woken takes a share of a millisecond; a motion that is older than some seconds does
@@ -58,7 +58,7 @@ _SETTLE = 50_000_000
 """ns between looks for calls that have settled, as the tracker itself has it."""
 
 _MOST_SAID = 200
-"""Sentences of the scripts that the user is told."""
+"""Sentences of the scripts that the proxy reports."""
 
 _OFF = "stops pass, motion is refused, everything else passes unchanged; restart the proxy to let motion pass"
 
@@ -83,7 +83,7 @@ class ScriptLink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Waiting(Generic[T]):
-    """Something that was told to the scripts and has no answer yet.
+    """An order to the scripts that has no answer yet.
 
     Attributes:
         hook: what is called for it.
@@ -128,14 +128,14 @@ class ScriptQueue(Generic[T]):
     """Shows messages to the scripts, in order, and gives out what they decide.
 
     Scripts that take longer than `limit` for one message are switched off, and so are those whose process
-    ends or says what makes no sense.
+    ends or sends invalid data.
 
     Attributes:
         names: of the scripts, as the user is told.
         is_on: whether messages are shown.
         off_because: why not; "" while they are.
         errors: how often something went wrong in the scripts.
-        tell: is given a sentence for the user.
+        tell: called with a sentence for the user.
     """
 
     def __init__(self, names: str, link: ScriptLink, limit: int = LIMIT) -> None:
@@ -168,7 +168,7 @@ class ScriptQueue(Generic[T]):
         self._is_ending = self._is_told = False
 
     def begin(self, hooks: Iterable[str]) -> None:
-        """Take notice that the scripts are loaded and have these hooks."""
+        """Handle that the scripts are loaded and have these hooks."""
         self._hooks = frozenset(hooks)
 
     @property
@@ -182,13 +182,13 @@ class ScriptQueue(Generic[T]):
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
-        """Tell whether messages of a direction wait for the scripts."""
+        """Return whether messages of a direction wait for the scripts."""
         return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
 
     # what is told to the scripts
 
     def connected(self, client: int, conversation: Conversation, now: int) -> None:
-        """Tell of a client."""
+        """Report a client to the scripts."""
         ends = conversation.client, conversation.server
         self._order(Connected(client, ends, conversation.transport), Waiting("connected", now, client))
 
@@ -234,21 +234,21 @@ class ScriptQueue(Generic[T]):
         try:
             while (answer := self._answers.next()) is not None:
                 if not isinstance(answer, Answer) or not self._queue:
-                    raise WireError("an answer to nothing")
+                    raise WireError("an unexpected answer")
                 yield from self._take(answer, now)
         except WireError as error:
             self._stop(f"its process sent the proxy an invalid message ({error})", now)
             yield from self._undecided()
 
     def lost(self, now: int) -> Iterator[ScriptDecision[T]]:
-        """Take notice that the scripts' process has ended, or ended its connection."""
+        """Handle that the scripts' process has ended, or has closed its connection."""
         if self.is_on:
             during = f"during {self._queue[0]}" if self._queue else "between two messages"
             self._stop(f"its process ended {during}", now)
             yield from self._undecided()
 
     def due(self) -> int | None:
-        """Tell when `advance` is to be called."""
+        """Return when to call `advance`."""
         if not self.is_on:
             return self._end_at
         if self._queue:
@@ -281,21 +281,21 @@ class ScriptQueue(Generic[T]):
     # for who asks
 
     def holds(self, flow: Flow) -> bool:
-        """Tell whether a message of a flow waits."""
+        """Return whether a message of a flow waits."""
         return any(_is_of(each, flow) for each in self._queue)
 
     def is_full(self, client: int) -> bool:
-        """Tell whether so much of a client waits that nothing more of a stream is to be read."""
+        """Return whether so much of a client waits that nothing more of a stream is to be read."""
         kept = self._kept.get(client)
         return (kept is not None and kept.size > MOST_BYTES) or self._size > MOST_BYTES_IN_ALL
 
     def has_room(self, client: int) -> bool:
-        """Tell whether one more datagram of a client may wait."""
+        """Return whether one more datagram of a client may wait."""
         kept = self._kept.get(client)
         return not self.is_full(client) and (kept is None or kept.count < MOST_WAITING)
 
     def abandon(self, flow: Flow) -> list[bytes]:
-        """Let go of the messages of a flow and return them; what is decided about them counts no more."""
+        """Remove the messages of a flow and return them; later decisions about them are ignored."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.message is not None and _is_of(each, flow):
@@ -342,7 +342,7 @@ class ScriptQueue(Generic[T]):
                 del self._kept[waiting.client]
 
     def _undecided(self) -> Iterator[ScriptDecision[T]]:
-        """Give out all that waits."""
+        """Yield everything that waits."""
         self._kept.clear()
         self._size = 0
         while self._queue:
@@ -386,7 +386,7 @@ class _Kept:
 
 
 def _is_of(waiting: Waiting[T], flow: Flow) -> bool:
-    """Tell whether a message of a flow waits."""
+    """Return whether a message of a flow waits."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 

@@ -27,11 +27,11 @@ _Result = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)]
 
 
 class ScriptError(BcapError):
-    """A script cannot be used; the message names the file and says why."""
+    """A script cannot be used; the message gives the file and the reason."""
 
 
 class WireError(BcapError):
-    """What came is no frame of this protocol; the message says why."""
+    """The bytes are not a frame of this protocol; the message gives the reason."""
 
 
 class _Frame(msgspec.Struct, frozen=True, array_like=True, tag=True):
@@ -154,7 +154,7 @@ class Unpacker(Generic[T]):
         """Return the next frame; None until more bytes come.
 
         Raises:
-            WireError: what comes is none.
+            WireError: the bytes are not a frame.
         """
         buffer = self._buffer
         if len(buffer) < _HEAD:

@@ -212,7 +212,7 @@ class TcpSession:
             self._want()
 
     def _is_left(self, quiet: int) -> bool:
-        """Tell whether one side has ended and the other has been quiet for longer than any call takes."""
+        """Return whether one side has ended and the other has been quiet for longer than any call takes."""
         if any(self._relay.holds(self, half.up) for half in (self._up, self._down)):
             return False
         if self._down.shut:

@@ -16,7 +16,7 @@ from bcapscope.transport.descriptors import NO_DESCRIPTORS, none_left
 from bcapscope.transport.tcp import reset
 
 _MOST_ACCEPTED = 16
-"""Clients that are taken before others have their turn."""
+"""Clients that are accepted before other sockets have their turn."""
 
 
 class TcpPort:
@@ -26,14 +26,14 @@ class TcpPort:
         relay: whose it is.
         address: where it listens.
         controller: address family and address of the controller.
-        to: the same as the user says it.
+        to: the same as the user typed it.
     """
 
     def __init__(self, relay: Relay, listener: Listener) -> None:
         """Listen.
 
         Raises:
-            ListenError: that cannot be done.
+            ListenError: the address cannot be used.
         """
         self.relay = relay
         self.controller = resolve(listener.to, Transport.TCP)
@@ -94,13 +94,13 @@ class TcpPort:
         try:
             server = self._new_socket(is_stop)
         except OSError as error:
-            self._refuse(client, address, f"cannot be taken: {reason(error)}")
+            self._refuse(client, address, f"cannot be accepted: {reason(error)}")
             return
         if not relay.spares.fill():
             place = Place.KEPT
             if not is_stop:
                 server.close()
-                self._refuse(client, address, f"cannot be taken: {NO_DESCRIPTORS}")
+                self._refuse(client, address, f"cannot be accepted: {NO_DESCRIPTORS}")
                 return
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
@@ -128,8 +128,8 @@ class TcpPort:
                     raise
 
     def _pause(self, error: OSError) -> None:
-        """Take no more clients for a while; that is told once, until one can be taken again."""
+        """Accept no clients for a while; reports this once, until one can be accepted again."""
         if not self._told:
             self._told = True
-            self.relay.tell(f"no client can be taken on {self.address} TCP: {reason(error)}")
+            self.relay.tell(f"cannot accept clients on {self.address} TCP: {reason(error)}")
         self.relay.pause(self._socket.fileno())

@@ -189,7 +189,7 @@ class UdpPort:
             place = Place.KEPT
             if not is_stop:
                 upstream.close()
-                self._refuse(address, f"cannot be taken: {NO_DESCRIPTORS}")
+                self._refuse(address, f"cannot be accepted: {NO_DESCRIPTORS}")
                 return None
         session = self._fresh[address] = UdpSession(self, address, upstream)
         places.take(session, place, is_fresh=True)

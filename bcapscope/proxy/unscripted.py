@@ -23,7 +23,7 @@ class Unscripted(NamedTuple):
 
 
 def is_stop(frames: Iterable[Frame]) -> bool:
-    """Tell whether frames stop the robot or release something, and do nothing else."""
+    """Return whether frames stop the robot or release something, and do nothing else."""
     found = tuple(frames)
     return bool(found) and all(not each.problems and _always_passes(each) for each in found)
 

@@ -106,7 +106,7 @@ class Work:
 
     @property
     def note(self) -> str:
-        """All that is said of it."""
+        """All notes on it."""
         return "; ".join(dict.fromkeys(self.notes))
 
 

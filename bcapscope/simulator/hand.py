@@ -148,7 +148,7 @@ class Hand:
 
     @property
     def collides_at(self) -> int | None:
-        """When fingers that are not to grip meet the object; None if they do not."""
+        """When fingers that do not grip touch the object; None if they never do."""
         return self._ends if self._touches and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:

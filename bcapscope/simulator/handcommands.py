@@ -3,8 +3,8 @@
 Parameters: ShoheiKobata/orin_bcap_python_samples and public ROS bridges of COBOTTA (HandMove..., HandCurPos,
 HandHoldState), DENSORobot/denso_cobotta_ros issue 22 (HandMoveH, HandChuck, options), and DENSO's texts in
 nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg...). Codes: the list of controller errors
-there. What happens to fingers that meet an object without gripping: DENSORobot/denso_robot_ros issue 46. That
-the hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
+there. What happens to fingers that touch an object without gripping: DENSORobot/denso_robot_ros issue 46.
+That the hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
 A call lasts as long as its motion: the samples send the next command at once, and a moving hand refuses it.
 """

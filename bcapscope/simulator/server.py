@@ -284,7 +284,7 @@ class Server:
         self._is_rearranged = True
 
     def _drop_newcomer(self, number: int | None) -> bool:
-        """Close a connection that left the lobby for another; tell whether there was one."""
+        """Close a connection that left the lobby for another; return whether there was one."""
         if number is None:
             return False
         self._drop(self._connections[number], by_reset=True)

@@ -22,7 +22,8 @@ MOST_CLIENTS = 20
 """On TCP, and again on UDP."""
 
 KEPT = 4
-"""Further clients of each transport whose first request is a stop; ours, as DENSO's C server refuses them."""
+"""Additional clients of each transport whose first request is a stop. DENSO's C server refuses them; this
+limit is our own."""
 
 FORGOTTEN_AFTER = 10_000_000_000
 """ns of silence after which a UDP client gives way to a new one when the list is full."""

@@ -98,8 +98,8 @@ class Lane:
         Args:
             conversation: between whom.
             budget: counts what the open calls of all conversations hold.
-            let_go: the latest call of the traffic that may have been one of this conversation, and was let go
-                and forgotten; 0 where there is none.
+            let_go: the latest call of the traffic that may belong to this conversation and was evicted; 0 if
+                there is none.
         """
         self.waiting: deque[Exchange] = deque()
         self.weight = 0

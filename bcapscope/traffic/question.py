@@ -41,7 +41,7 @@ _BSTR_DATA = 33
 
 
 class Question(NamedTuple):
-    """What a request asks, its parameters left aside; equal ones are mostly the same object.
+    """What a request asks, without its parameters; equal ones are usually the same object.
 
     Attributes:
         function_id: number of the function, known or not.

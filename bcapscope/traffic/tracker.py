@@ -18,9 +18,9 @@ conversation's is let go. Where four clients send a set point each 2 ms and get 
 than a second, after which a reply would be late, so that they count as unanswered."""
 
 MOST_BYTES = 32 * 1024 * 1024
-"""Bytes of all frames of open calls, with what keeping them costs; when there are more, the older half of the
-calls is let go of the conversation that holds most. That is one call whose request and reply have the
-largest size."""
+"""Bytes of all frames of open calls, with what keeping them costs; beyond that, the conversation that holds
+most evicts the older half of its calls. The limit fits one call whose request and reply have the largest
+size."""
 
 SWEEP_NS = 50_000_000
 """Time of the traffic between two looks for calls that have settled: too short for people to notice."""

@@ -14,7 +14,7 @@ _NONE_LEFT = frozenset({errno.EMFILE, errno.ENFILE})
 
 
 def none_left(error: OSError) -> bool:
-    """Tell whether an error means that the process, or the system, has no file descriptors left."""
+    """Return whether an error means that the process, or the system, has no file descriptors left."""
     return error.errno in _NONE_LEFT
 
 
@@ -42,14 +42,14 @@ class SpareDescriptors:
         self._held: list[int] = []
 
     def fill(self) -> bool:
-        """Take back what is missing; tell whether all are held now."""
+        """Take back what is missing; return whether all are held now."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
     def give(self, *, keep: int = 0) -> bool:
-        """Give one up; tell whether there were more than `keep`."""
+        """Give one up; return whether there were more than `keep`."""
         if len(self._held) <= keep:
             return False
         os.close(self._held.pop())

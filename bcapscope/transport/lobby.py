@@ -1,7 +1,7 @@
 """Where TCP clients wait until they have sent a complete frame; it does no I/O and reads no clock.
 
-A connection costs an attacker nothing, a place among the clients costs everybody else one. So a connection
-gets a place only when its first frame is complete, and those that said nothing are the first to be dropped.
+A connection costs an attacker nothing, but a place among the clients is lost to everybody else. So a
+connection gets a place only when its first frame is complete, and silent connections are dropped first.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Lobby(Generic[Key]):
         self._waiting.pop(key, None)
 
     def drop(self) -> Key | None:
-        """Forget the connection that is wanted least and return it; None if none waits."""
+        """Remove the connection with the lowest priority and return it; None if none waits."""
         dropped = self._least_wanted()
         if dropped is not None:
             del self._waiting[dropped]

@@ -381,7 +381,7 @@ def test_a_stop_that_is_held_when_the_proxy_ends_is_sent_and_a_motion_is_not() -
                     assert time.monotonic() < until
             told = process.end(signal.SIGINT)
         assert server.recv(4096) == halt
-    assert "not sent on: 1 Robot_Execute slvMove" in told
+    assert "not sent: 1 Robot_Execute slvMove" in told
 
 
 def answers(port: int, seconds: float) -> bool:

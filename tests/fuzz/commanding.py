@@ -100,7 +100,7 @@ class Commander:
         self._chance = chance
 
     def command(self) -> None:
-        """Open a session, call what comes to mind, and leave, with or without closing the session."""
+        """Open a session, make random calls, and leave, with or without closing the session."""
         with socket.create_connection(self._address, 30) as sock, suppress(TimeoutError, ConnectionError):
             session = _Session(sock, self)
             sock.settimeout(PATIENCE)

@@ -1,4 +1,4 @@
-"""Nonsense and every command, to a running simulator: it goes on answering others, and nothing grows.
+"""Send nonsense and every command to a running simulator: it still answers others, and no memory grows.
 
 Run from the project's root as ``python -m tests.fuzz.sim SECONDS [SEED]``.
 """

@@ -183,5 +183,5 @@ def test_a_slow_hook_is_told_once() -> None:
     addons.tell = told.append
     addons.see(WHO, message())
     addons.see(WHO, message())
-    assert told == ["Slow.request took 2.5 ms, for which messages wait (told once)"]
+    assert told == ["Slow.request delayed messages by 2.5 ms (told once)"]
     assert addons.errors == 0

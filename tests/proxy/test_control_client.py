@@ -41,15 +41,15 @@ def test_nobody_is_there() -> None:
     ("answer", "reason"),
     [
         (b"", "ended before it answered"),
-        (b"SSH-2.0-x\n", "is no proxy"),
+        (b"SSH-2.0-x\n", "is not a bcapscope proxy"),
         (b'{"ok"', "ended before"),
-        (b"[]\n", "is no proxy"),
-        (b'{"ok": 1}\n', "is no proxy"),
-        (b'{"ok": true, "x": ' + b"[" * 50_000 + b"\n", "is no proxy"),
-        (b'{"ok": true, "x": 1e999}\n', "is no proxy"),
-        (b'{"ok": true, "x": "\xff"}\n', "is no proxy"),
-        (b'{"ok": true}\n{"ok": true}\n', "is no proxy"),
-        (b"[" * (LONGEST_LINE + 1), "answers more than 1 MB"),
+        (b"[]\n", "is not a bcapscope proxy"),
+        (b'{"ok": 1}\n', "is not a bcapscope proxy"),
+        (b'{"ok": true, "x": ' + b"[" * 50_000 + b"\n", "is not a bcapscope proxy"),
+        (b'{"ok": true, "x": 1e999}\n', "is not a bcapscope proxy"),
+        (b'{"ok": true, "x": "\xff"}\n', "is not a bcapscope proxy"),
+        (b'{"ok": true}\n{"ok": true}\n', "is not a bcapscope proxy"),
+        (b"[" * (LONGEST_LINE + 1), "exceeds 1 MB"),
     ],
 )
 def test_somebody_else_is_there(answer: bytes, reason: str) -> None:

@@ -138,7 +138,7 @@ def test_a_stop_that_is_held_is_sent_before_a_client_that_was_reset_is_let_go() 
         eventually(lambda: proxy.relay.counts[Count.RULED])
         reset(client)
         assert read_all(server) == halt
-        eventually(lambda: "not sent on: 1 Robot_Execute slvMove" in proxy.told())
+        eventually(lambda: "not sent: 1 Robot_Execute slvMove" in proxy.told())
 
 
 def test_a_reset_by_a_rule_reaches_both_sides() -> None:

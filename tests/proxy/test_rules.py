@@ -117,10 +117,8 @@ def test_of_what_is_held_at_the_end_stops_and_answers_go_on_and_motions_do_not()
         SLAVE_OFF,
     ]
     assert sent(actions, DOWN) == reply(1)
-    assert told == [
-        "10.0.0.2:50001 ends; of what was held of it these were not sent on: 2 Robot_Execute slvMove"
-    ]
-    assert "held requests that were not sent on, as nobody waited any more: 2" in made.report()
+    assert told == ["10.0.0.2:50001 ended; held messages that were not sent: 2 Robot_Execute slvMove"]
+    assert "held requests dropped because their client no longer waited: 2" in made.report()
     assert made.due() is None
     made.gone(1, 10)
 
@@ -372,7 +370,7 @@ def test_what_waits_too_long_is_dropped_when_its_client_has_gone_on(
     assert made.take(2000 * MS) == []
     why = "its client has asked for something else since"
     assert told == [f"message 1: intercept: nobody decided in 2 s and {why}, dropped"]
-    assert "held requests that were not sent on, as nobody waited any more: 1" in made.report()
+    assert "held requests dropped because their client no longer waited: 1" in made.report()
     if transport is Transport.UDP:
         assert made.receive(1, UP, request(3, reserved=1), 3000 * MS).actions == []
 

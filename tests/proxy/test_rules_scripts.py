@@ -251,7 +251,7 @@ def test_a_client_that_goes_leaves_nothing_that_waits() -> None:
     made.receive(1, DOWN, reply(8), 0)
     made.receive(2, UP, request(7), 0)
     assert sent(made.let_go(1, MS), DOWN) == reply(8)
-    assert told[0].endswith("these were not sent on: 1 Robot_Execute slvMove")
+    assert told[0].endswith("held messages that were not sent: 1 Robot_Execute slvMove")
     made.gone(1, MS)
     here.answer(made, MS)
     assert sent(made.take(MS)) == request(7)

@@ -228,7 +228,9 @@ def test_without_file_descriptors_clients_are_cut_off_and_taken_again_when_there
             with pytest.raises(ConnectionResetError):
                 knock()
             monkeypatch.undo()
-        eventually(lambda: "cannot be taken: too many open files; its connection is closed" in proxy.told())
+        eventually(
+            lambda: "cannot be accepted: too many open files; its connection is closed" in proxy.told()
+        )
         with socket.create_connection(proxy.address, PATIENCE):
             door.accept()[0].close()
 

@@ -20,7 +20,7 @@ from tests.security.harness import Outcome, attacker, proxied, run_measured, und
 
 
 def can_mount() -> bool:
-    """Tell whether this user can make a small disk."""
+    """Return whether this user can make a small disk."""
     if not sys.platform.startswith("linux") or os.geteuid() != 0:
         return False
     with tempfile.TemporaryDirectory() as folder:

@@ -361,7 +361,7 @@ def under_attack(
     halts: Sequence[str] = TRANSPORTS,
     code: int = 0,
 ) -> Outcome:
-    """Measure an honest client without and with an attack, and Robot_Halt during it.
+    """Measure an honest client without and with an attack, and Robot_Halt during the attack.
 
     Args:
         name: of the attack.

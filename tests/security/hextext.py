@@ -1,6 +1,6 @@
 """Pasted text without end, or of many megabytes: `decode --text` reads it in bounded memory.
 
-Each text goes in by a pipe and is made while it is read.
+Each text is generated while it is read from a pipe.
 """
 
 from __future__ import annotations

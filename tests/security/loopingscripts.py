@@ -1,5 +1,5 @@
-"""The user's own script does what it can to stop the proxy: it loops, sleeps, eats memory, prints, writes to
-every file descriptor, or takes most of its time for each message.
+"""A script tries to stop the proxy: it loops, sleeps, eats memory, prints, writes to every file descriptor,
+or takes most of its time for each message.
 
 One client sends a command at which the script begins. Robot_Halt must be answered within a second, the honest
 client must be answered, Ctrl-C must end the proxy, and the process of the script must end with it.

@@ -71,7 +71,7 @@ async def _refused(screen: Served, request: bytes) -> None:
 
 
 async def _ask(screen: Served, count: int) -> None:
-    """Send requests that must be refused, some at a time."""
+    """Send requests that must be refused, several at a time."""
     requests = _foreign(screen)
     left = count
 
@@ -121,7 +121,7 @@ class _Stage:
         return time.perf_counter() - began
 
     async def load_again(self) -> float:
-        """Load the page; return the seconds until it was there."""
+        """Load the page; return the seconds until it was loaded."""
         began = time.perf_counter()
         status = (await asyncio.to_thread(self.screen.get, self.screen.base, {"Cookie": self.screen.cookie}))[
             0

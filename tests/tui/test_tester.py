@@ -394,7 +394,7 @@ def test_a_name_that_was_begun_is_completed_first_and_its_parameter_asked_for(tm
         value = screen(pilot).query_one("#execute TypedValue .value", Input)
         await execute(pilot, "slvgetm")
         assert screen(pilot).query_one(COMMAND, Input).value == "slvGetMode"
-        assert result(pilot, RESULT).startswith("tells the slave mode")
+        assert result(pilot, RESULT).startswith("returns the slave mode")
         await pilot.press("enter")
         await answered(pilot, RESULT, "0")
         await execute(pilot, "slvMove")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 LAPSES_AFTER = 180_000_000_000
-"""ns after the last call that needed arming; then nobody is thought to stand by the robot."""
+"""ns after the last call that needed arming; after that, nobody is assumed to watch the robot."""
 
 
 class Arming:
@@ -27,7 +27,7 @@ class Arming:
         self._until = None
 
     def used(self, now: int) -> None:
-        """Take note of a call that needs arming: somebody is there, so the time begins anew."""
+        """Restart the time on a call that needs arming, since somebody is watching the robot."""
         if self.is_armed(now):
             self._until = now + LAPSES_AFTER
 
@@ -36,7 +36,7 @@ class Arming:
         return self._until is not None and now < self._until
 
     def lets_pass(self, now: int) -> bool:
-        """Tell whether calls that need arming go out."""
+        """Return whether calls that need arming go out."""
         return not self.needed or self.is_armed(now)
 
     def left(self, now: int) -> int:

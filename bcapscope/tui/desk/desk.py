@@ -294,7 +294,7 @@ class Desk:
         return needs_arming(function_id, arguments, written.label if written and is_variable else "")
 
     def _raw_needs_arming(self, item: Frame | Malformed) -> bool:
-        """Tell whether raw bytes need arming; bytes that are no sound frame do."""
+        """Return whether raw bytes need arming; bytes that are not an intact frame do."""
         if not isinstance(item, Frame) or item.problems:
             return True
         return self._needs_arming(item.code, item.variants)

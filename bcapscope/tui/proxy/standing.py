@@ -1,4 +1,4 @@
-"""How a proxy stands: all that the screen asks it for at a time."""
+"""State of a proxy: everything that the screen asks for in one poll."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ MOST = 20_000
 
 
 MOST_BYTES = 32 << 20
-"""Bytes of their packets; a tenth of the calls goes where there are more, but never the latest."""
+"""Bytes of their packets; beyond that a tenth of the calls is dropped, but never the latest."""
 
 
 class HistoryLines(Lines):

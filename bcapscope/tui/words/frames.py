@@ -29,7 +29,7 @@ PHRASES: dict[str, str] = {
     "{word} is no type that b-CAP carries": "{word} は b-CAP で送れる型ではありません",
     "element count of a scalar is {n}, read as one": "スカラの要素数が {n} です (1 として読みました)",
     "the frame has more than {n} elements, the rest is not read": "フレームの要素が {n} 個を超えるため、残りは読み取っていません",
-    "{n} problems are listed, not the others": "問題は {n} 件まで表示し、残りは省略しています",
+    "only the first {n} problems are listed": "問題は {n} 件まで表示し、残りは省略しています",
     "{n} element of {word} promised, bytes for {n2}": "{word} の要素は {n} 個のはずですが、{n2} 個分のバイトしかありません",
     "{n} elements of {word} promised, bytes for {n2}": "{word} の要素は {n} 個のはずですが、{n2} 個分のバイトしかありません",
     "bytes end before the length of a string": "文字列の長さの前でバイトが終わっています",
