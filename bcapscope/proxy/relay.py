@@ -229,15 +229,16 @@ class Relay:
 
     def free_for_newcomer(self) -> bool:
         """Free a file descriptor for a TCP client that may yet send a stop; tell whether there was one."""
-        return self.spares.give(keep=1) or self.entrance.drop() or self.spares.give()
+        return (
+            self.spares.give(keep=1) or self.entrance.drop() or self.spares.give() or self._end_oldest_stop()
+        )
 
     def free_descriptor(self) -> bool:
         """Free a file descriptor for a client that must get in; tell whether there was one to free."""
-        return (
-            self.entrance.drop()
-            or self.spares.give()
-            or any(places.end_oldest_stop() for places in self.places.values())
-        )
+        return self.entrance.drop() or self.spares.give() or self._end_oldest_stop()
+
+    def _end_oldest_stop(self) -> bool:
+        return any(places.end_oldest_stop() for places in self.places.values())
 
     def meet(self, session: Session, ends: Sequence[Endpoint], when: int) -> None:
         """Take in a new client.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import socket
 import time
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ from bcapscope.proxy.sockets import (
 from bcapscope.proxy.spec import Listener
 from bcapscope.traffic.observation import Transport
 from bcapscope.transport.arrival import CONTROL, kernel_time, receiver
-from bcapscope.transport.descriptors import NO_DESCRIPTORS, none_left
+from bcapscope.transport.descriptors import NO_DESCRIPTORS, can_be_read, none_left
 from bcapscope.transport.lobby import source_of
 
 FORGET_AFTER = 600_000_000_000
@@ -316,7 +315,7 @@ class UdpSession:
         left = self.send(True, request)
         relay.ring.put(True, self.number, 0, left, request, note=b"the proxy ends the session")
         until = time.monotonic() + _PATIENCE
-        while (rest := until - time.monotonic()) > 0 and select.select([self._upstream], (), (), rest)[0]:
+        while (rest := until - time.monotonic()) > 0 and can_be_read(self._upstream.fileno(), rest):
             try:
                 data, control, _, _ = receiver(self._upstream)(LARGEST, CONTROL)
             except OSError:
