@@ -10,7 +10,7 @@ from contextlib import suppress
 from bcapscope.protocol.hresult import S_EXECUTING
 from bcapscope.protocol.opening import begins_with_stop
 from bcapscope.proxy.admission import Place
-from bcapscope.proxy.relay import Handler, Relay, conversation, is_told
+from bcapscope.proxy.relay import Handler, Relay, conversation
 from bcapscope.proxy.ring import BATCH, Count
 from bcapscope.proxy.sockets import (
     LARGEST,
@@ -19,6 +19,7 @@ from bcapscope.proxy.sockets import (
     drops,
     endpoint_of,
     facing,
+    is_told,
     listen_on,
     reason,
     resolve,
@@ -332,6 +333,9 @@ class UdpSession:
 
     def passed_on(self, up: bool) -> None:
         """Do nothing: datagrams have no end."""
+
+    def read_on(self) -> None:
+        """Do nothing: datagrams are always read."""
 
     def close(self, reset: bool, why: str) -> None:
         """Close the socket, after what rules still give out of what they held."""
