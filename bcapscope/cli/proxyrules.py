@@ -82,8 +82,9 @@ class RuleWishes:
             return None
         from bcapscope.faults.shaper import Shaper
         from bcapscope.proxy.intercept import Intercept
-        from bcapscope.proxy.rules import Asked, Rules
+        from bcapscope.proxy.rules import Rules
         from bcapscope.proxy.scriptqueue import LIMIT, ScriptQueue
+        from bcapscope.proxy.way import Asked
 
         now, since_1970 = time.monotonic_ns(), time.time_ns()
         queue: ScriptQueue[Asked] | None = None

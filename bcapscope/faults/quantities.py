@@ -267,6 +267,7 @@ def read_path(written: str) -> tuple[int, ...]:
 
 
 def _shown(written: object) -> str:
-    is_huge = isinstance(written, int) and written.bit_length() > _LONGEST_SHOWN
-    text = f"a number of {written.bit_length()} bits" if is_huge else repr(written)
+    if isinstance(written, int) and written.bit_length() > _LONGEST_SHOWN:
+        return f"a number of {written.bit_length()} bits"
+    text = repr(written)
     return text if len(text) <= 60 else f"{text[:59]}…"

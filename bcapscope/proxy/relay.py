@@ -16,6 +16,7 @@ from bcapscope.proxy.entrance import Entrance
 from bcapscope.proxy.hook import Action, Close, LateDecision, Policy, Send
 from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisely
 from bcapscope.proxy.ring import Count, Kind, RingWriter
+from bcapscope.proxy.sockets import is_told
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
@@ -62,6 +63,9 @@ class Session(Protocol):
     def passed_on(self, up: bool) -> None:
         """Take notice that nothing of a direction is held back any more."""
 
+    def read_on(self) -> None:
+        """Read what was not read while rules held too much."""
+
     def quiet(self, now: int) -> int | None:
         """Return the ns for which it has done nothing, if it may give its place to another; else None."""
 
@@ -69,7 +73,7 @@ class Session(Protocol):
         """Let go."""
 
     def sweep(self, now: int) -> None:
-        """Do what is to be done from time to time; `now` as `Relay.now`."""
+        """Do what is due from time to time; `now` as `Relay.now`."""
 
 
 class Port(Protocol):
@@ -130,6 +134,7 @@ class Relay:
         self._parted: list[tuple[int, bytes, int]] = []
         self.spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._undecided: dict[int, _Arrival] = {}
+        self._unread: dict[int, Session] = {}
 
     def listen(self, ports: Iterable[Port]) -> None:
         """Take clients from these ports."""
@@ -229,15 +234,16 @@ class Relay:
 
     def free_for_newcomer(self) -> bool:
         """Free a file descriptor for a TCP client that may yet send a stop; return whether there was one."""
-        return self.spares.give(keep=1) or self.entrance.drop() or self.spares.give()
+        return (
+            self.spares.give(keep=1) or self.entrance.drop() or self.spares.give() or self._end_oldest_stop()
+        )
 
     def free_descriptor(self) -> bool:
         """Free a file descriptor for a client that must get in; return whether there was one to free."""
-        return (
-            self.entrance.drop()
-            or self.spares.give()
-            or any(places.end_oldest_stop() for places in self.places.values())
-        )
+        return self.entrance.drop() or self.spares.give() or self._end_oldest_stop()
+
+    def _end_oldest_stop(self) -> bool:
+        return any(places.end_oldest_stop() for places in self.places.values())
 
     def meet(self, session: Session, ends: Sequence[Endpoint], when: int) -> None:
         """Take in a new client.
@@ -262,6 +268,7 @@ class Relay:
 
     def part(self, session: Session, why: str) -> None:
         """Forget a client; that is told soon, behind what came of it and could not be passed on any more."""
+        self._unread.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.places[session.conversation.transport].leave(session.number)
             self.note_undecided(session, True)
@@ -321,6 +328,13 @@ class Relay:
         """Tell whether neither side of a client may hear of the other's end."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
+    def is_full(self, session: Session) -> bool:
+        """Tell whether rules hold so much that a stream is not to be read; it hears when that has changed."""
+        if self.policy is None or not self.policy.is_full(session.number):
+            return False
+        self._unread[session.number] = session
+        return True
+
     def let_go(self, session: Session) -> bool:
         """Send what rules give out of what they hold of a client that is about to end; tell if it was any."""
         if self.policy is None or session.number not in self.sessions:
@@ -367,6 +381,10 @@ class Relay:
                 for up in (True, False) if session is not None else ():
                     if session is not None and not policy.holds(number, direction_of(up)):
                         session.passed_on(up)
+        for number, session in list(self._unread.items()) if self._unread else ():
+            if not policy.is_full(number):
+                del self._unread[number]
+                session.read_on()
 
     def _ticked(self, _: int) -> None:
         assert self._ticker is not None
@@ -405,11 +423,6 @@ class Relay:
         self._left.clear()
         self._handlers.update(self._coming)
         self._coming.clear()
-
-
-def is_told(count: int) -> bool:
-    """Return whether to report an event that may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
-    return count & (count - 1) == 0
 
 
 class _Arrival(NamedTuple):

@@ -9,7 +9,6 @@ its bytes pass as they come.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
 
 from msgspec.structs import replace
 
@@ -27,22 +26,10 @@ from bcapscope.proxy.intercept import Held, Intercept
 from bcapscope.proxy.rulereport import names_of, report_lines
 from bcapscope.proxy.scriptqueue import ScriptDecision, ScriptQueue
 from bcapscope.proxy.scriptwire import Answer
-from bcapscope.proxy.unscripted import is_stop, without_motion
-from bcapscope.proxy.way import Attendance, Way, Work, joined, part
+from bcapscope.proxy.unscripted import is_stop, mark_overtaken, without_motion
+from bcapscope.proxy.way import Asked, Attendance, Way, Work, joined, part
 from bcapscope.traffic.observation import Conversation, Direction, Flow
 from bcapscope.traffic.question import Questions
-
-
-class Asked(NamedTuple):
-    """A message that the scripts are asked about.
-
-    Attributes:
-        way: on which it came.
-        came: what is done about all that came with it.
-    """
-
-    way: Way
-    came: Work
 
 
 class Rules:
@@ -53,7 +40,8 @@ class Rules:
         guard: what requests it refuses; None for none.
         intercept: what is held.
         scripts: the user's own; None without.
-        refused: requests that the guard has refused, or, since the scripts are off, motions.
+        refused: requests that the guard has refused, motions while the scripts are off, and motions that
+            a stop has overtaken.
         lost: requests that were held until their client no longer waited, and were dropped.
         tell: is given a line for the user.
     """
@@ -313,7 +301,10 @@ class Rules:
             return message
         if not scripts.is_on:
             return self._unscripted(way, message, work)
-        if not scripts.decides(way.flow.direction) or is_stop(message.frames):
+        decides = scripts.decides(way.flow.direction)
+        if not decides or is_stop(message):
+            if decides:
+                mark_overtaken(message, way, (ways[Direction.REQUEST] for ways in self._ways.values()))
             scripts.show(way.client, message, None)
             return message
         if message.datagram and not scripts.has_room(way.client):
@@ -334,6 +325,8 @@ class Rules:
                 left = self._unscripted(way, message, work)
             else:
                 left = self._as_answered(way, message, decision.answer, work)
+                if left is not None and message.number < way.overtaken:
+                    left = self._without_motion(way, left, "overtaken by a stop: motion is refused", work)
             if left is not None:
                 self._go_on(way, left, now, work)
             came.waiting -= 1
@@ -357,11 +350,14 @@ class Rules:
         """Give what passes of a message that no script decides about, as they are off: all but motion."""
         if way.flow.direction is Direction.RESPONSE:
             return message
+        return self._without_motion(way, message, "script is off: motion is refused", work)
+
+    def _without_motion(self, way: Way, message: Message, note: str, work: Work) -> Message | None:
+        """Refuse the motions in a request; give the rest of it."""
         passing, refused = without_motion(told.seen.item for told in message.told)
         if not refused:
             return message
         self.refused += len(refused)
-        note = "script is off: motion is refused"
         self._answer(way, refused, E_ACCESSDENIED, note, work)
         if passing:
             return self._changed(message, passing, note, work)

@@ -175,6 +175,10 @@ class ScriptProcess:
         self._backlog += frame
         self._flush()
 
+    def receive(self) -> bytes:
+        """Return what has come and was not read yet, or nothing; `attach` has its end noticed."""
+        return self._receive() or b""
+
     def locate(self) -> None:
         """Ask the process where in the scripts it is."""
         if self._traces is not None and self._exit_code() is None:

@@ -69,6 +69,9 @@ class ScriptLink(Protocol):
     def send(self, frame: bytes) -> None:
         """Send it an order."""
 
+    def receive(self) -> bytes:
+        """Return what has come from it and was not read yet, or nothing."""
+
     def locate(self) -> None:
         """Ask it where in the scripts it is."""
 
@@ -157,7 +160,7 @@ class ScriptQueue(Generic[T]):
         self._queue: deque[Waiting[T]] = deque()
         self._answers: Unpacker[Statement] = Unpacker(Statement)
         self._kept: dict[int, _Kept] = {}
-        self._size = 0
+        self._size = self._decided_size = 0
         self._head_since = 0
         self._lost_time = 0  # while the relay stood still
         self._was_late = False
@@ -271,7 +274,17 @@ class ScriptQueue(Generic[T]):
         elif not self._queue:
             self._settle_at = now + _SETTLE
             self._order(Expire(time), Waiting("settled", now))
-        elif now - due > _LATE and not self._was_late:
+        else:
+            # What came in time counts, though the relay has not read it: it had other things to do.
+            yield from self.receive(self._link.receive(), now)
+            yield from self._judge(now)
+
+    def _judge(self, now: int) -> Iterator[ScriptDecision[T]]:
+        """Switch the scripts off if they take too long, unless the relay itself may have held them up."""
+        due = self.due()
+        if not self.is_on or not self._queue or due is None or now < due:
+            return
+        if now - due > _LATE and not self._was_late:
             self._was_late = True
             self._lost_time += now - due + self._limit
         else:
@@ -287,7 +300,7 @@ class ScriptQueue(Generic[T]):
     def is_full(self, client: int) -> bool:
         """Return whether so much of a client waits that nothing more of a stream is to be read."""
         kept = self._kept.get(client)
-        return (kept is not None and kept.size > MOST_BYTES) or self._size > MOST_BYTES_IN_ALL
+        return (kept is not None and kept.size > MOST_BYTES) or self._decided_size > MOST_BYTES_IN_ALL
 
     def has_room(self, client: int) -> bool:
         """Return whether one more datagram of a client may wait."""
@@ -300,6 +313,7 @@ class ScriptQueue(Generic[T]):
         for place, each in enumerate(self._queue):
             if each.message is not None and _is_of(each, flow):
                 found.append(each.message.data)
+                self._release(each)
                 self._queue[place] = replace(each, token=None)
         return found
 
@@ -313,15 +327,17 @@ class ScriptQueue(Generic[T]):
         if not self._queue:
             self._head_since = waiting.since
         self._queue.append(waiting)
-        if waiting.size:
+        self._size += waiting.size
+        if waiting.token is not None:
             kept = self._kept.setdefault(waiting.client, _Kept())
             kept.count += 1
             kept.size += waiting.size
-            self._size += waiting.size
+            self._decided_size += waiting.size
 
     def _take(self, answer: Answer, now: int) -> Iterator[ScriptDecision[T]]:
         waiting = self._queue.popleft()
-        self._forget(waiting)
+        self._size -= waiting.size
+        self._release(waiting)
         self._head_since = now - self._lost_time
         self._was_late = False
         self._waits = answer.waits
@@ -332,19 +348,20 @@ class ScriptQueue(Generic[T]):
                 self.tell(text)
         yield from _decided(waiting, answer)
 
-    def _forget(self, waiting: Waiting[T]) -> None:
-        if waiting.size:
+    def _release(self, waiting: Waiting[T]) -> None:
+        """Count a message no more among those that wait for a decision."""
+        if waiting.token is not None:
             kept = self._kept[waiting.client]
             kept.count -= 1
             kept.size -= waiting.size
-            self._size -= waiting.size
+            self._decided_size -= waiting.size
             if not kept.count:
                 del self._kept[waiting.client]
 
     def _undecided(self) -> Iterator[ScriptDecision[T]]:
         """Yield everything that waits."""
         self._kept.clear()
-        self._size = 0
+        self._size = self._decided_size = 0
         while self._queue:
             yield from _decided(self._queue.popleft(), None)
 

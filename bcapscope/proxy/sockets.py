@@ -153,3 +153,8 @@ def reason(error: Exception) -> str:
     if number is not None and number > 0 and not isinstance(error, socket.gaierror):
         return os.strerror(number).lower()
     return str(getattr(error, "strerror", None) or error).lower()
+
+
+def is_told(count: int) -> bool:
+    """Tell whether the user hears of what may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
+    return count & (count - 1) == 0

@@ -140,6 +140,10 @@ class TcpSession:
         self._shut(self._up if up else self._down)
         self._want()
 
+    def read_on(self) -> None:
+        """Read what was not read while rules held too much."""
+        self._want()
+
     def close(self, reset_both: bool, why: str) -> None:
         """Close both connections, after what rules still give out of what they held."""
         self._close(reset_both, why, why.encode())
@@ -281,7 +285,7 @@ class TcpSession:
             self._pass_on(half, memoryview(data), came)
             return
         relay.rule(self, half.up, bytes(data), came)
-        if relay.policy.is_full(self.number):
+        if relay.is_full(self):
             self._want()
 
     def _finish(self, half: _Half) -> None:
@@ -365,7 +369,7 @@ class TcpSession:
     def _reads(self, half: _Half) -> bool:
         """Tell whether more may be read: never while a peer does not take what there is."""
         policy = self._relay.policy
-        if policy is not None and policy.is_full(self.number):
+        if self._relay.is_full(self):
             return False
         most = 0 if policy is None else MOST_PENDING
         if half.up and policy is not None and len(self._down.pending) > most:

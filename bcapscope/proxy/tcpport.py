@@ -12,7 +12,7 @@ from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, reaso
 from bcapscope.proxy.spec import Listener
 from bcapscope.proxy.tcp import TcpSession
 from bcapscope.traffic.observation import Transport
-from bcapscope.transport.descriptors import NO_DESCRIPTORS, none_left
+from bcapscope.transport.descriptors import NO_DESCRIPTORS, accept, none_left
 from bcapscope.transport.tcp import reset
 
 _MOST_ACCEPTED = 16
@@ -67,14 +67,13 @@ class TcpPort:
         """Take a client; return whether another one may be waiting."""
         relay = self.relay
         try:
-            client, address = self._socket.accept()
-        except (BlockingIOError, ConnectionError):
-            return False
+            accepted = accept(self._socket, relay.free_for_newcomer)
         except OSError as error:
-            if none_left(error) and relay.free_for_newcomer():
-                return True
             self._pause(error)
             return False
+        if accepted is None:
+            return False
+        client, address = accepted
         self._told = False
         if self._listener.allows(address[0]):
             relay.entrance.enter(client, address, self._admit)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import socket
 import time
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ from contextlib import suppress
 from bcapscope.protocol.hresult import S_EXECUTING
 from bcapscope.protocol.opening import begins_with_stop
 from bcapscope.proxy.admission import Place
-from bcapscope.proxy.relay import Handler, Relay, conversation, is_told
+from bcapscope.proxy.relay import Handler, Relay, conversation
 from bcapscope.proxy.ring import BATCH, Count
 from bcapscope.proxy.sockets import (
     LARGEST,
@@ -20,6 +19,7 @@ from bcapscope.proxy.sockets import (
     drops,
     endpoint_of,
     facing,
+    is_told,
     listen_on,
     reason,
     resolve,
@@ -27,7 +27,7 @@ from bcapscope.proxy.sockets import (
 from bcapscope.proxy.spec import Listener
 from bcapscope.traffic.observation import Transport
 from bcapscope.transport.arrival import CONTROL, kernel_time, receiver
-from bcapscope.transport.descriptors import NO_DESCRIPTORS, none_left
+from bcapscope.transport.descriptors import NO_DESCRIPTORS, can_be_read, none_left
 from bcapscope.transport.lobby import source_of
 
 FORGET_AFTER = 600_000_000_000
@@ -316,7 +316,7 @@ class UdpSession:
         left = self.send(True, request)
         relay.ring.put(True, self.number, 0, left, request, note=b"the proxy ends the session")
         until = time.monotonic() + _PATIENCE
-        while (rest := until - time.monotonic()) > 0 and select.select([self._upstream], (), (), rest)[0]:
+        while (rest := until - time.monotonic()) > 0 and can_be_read(self._upstream.fileno(), rest):
             try:
                 data, control, _, _ = receiver(self._upstream)(LARGEST, CONTROL)
             except OSError:
@@ -333,6 +333,9 @@ class UdpSession:
 
     def passed_on(self, up: bool) -> None:
         """Do nothing: datagrams have no end."""
+
+    def read_on(self) -> None:
+        """Do nothing: datagrams are always read."""
 
     def close(self, reset: bool, why: str) -> None:
         """Close the socket, after what rules still give out of what they held."""

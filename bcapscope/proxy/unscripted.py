@@ -1,13 +1,22 @@
-"""What passes without the scripts: stops always, and while the scripts are off all but motion."""
+"""What passes without the scripts: stops always, and while the scripts are off all but motion.
+
+A stop overtakes what waits for the scripts. A motion that came before it must not start after it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from bcapscope.faults.message import Message
 from bcapscope.protocol.effects import Effect
 from bcapscope.protocol.frame import Frame, Malformed
+from bcapscope.protocol.functions import FUNCTIONS, ID
 from bcapscope.protocol.guard import always_passes, request_effect
+from bcapscope.proxy.way import Way
+from bcapscope.traffic.observation import Direction
+
+_HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
 
 
 class Unscripted(NamedTuple):
@@ -22,10 +31,32 @@ class Unscripted(NamedTuple):
     refused: tuple[Frame, ...]
 
 
-def is_stop(frames: Iterable[Frame]) -> bool:
-    """Return whether frames stop the robot or release something, and do nothing else."""
-    found = tuple(frames)
-    return bool(found) and all(not each.problems and _always_passes(each) for each in found)
+def is_stop(message: Message) -> bool:
+    """Return whether a message is a request that stops the robot or releases something, and no more."""
+    if message.flow.direction is Direction.RESPONSE or not message.frames:
+        return False
+    return all(not each.problems and _always_passes(each) for each in message.frames)
+
+
+def mark_overtaken(stop: Message, way: Way, requests: Iterable[Way]) -> None:
+    """Note whose motions that wait may not start any more, since a stop that came later does not wait.
+
+    A stop ends the motions of its own client. Robot_Halt and Robot_Hold end those of all clients of the
+    controller: they may come over a connection of their own. A release ends none.
+
+    Args:
+        stop: does not wait.
+        way: of its client's requests.
+        requests: of all clients.
+    """
+    codes = {each.code for each in stop.frames}
+    if not codes.isdisjoint(_HALTS):
+        controller = way.flow.conversation.server
+        for each in requests:
+            if each.flow.conversation.server == controller:
+                each.overtaken = stop.number
+    elif any(FUNCTIONS[code].releases is None for code in codes):
+        way.overtaken = stop.number
 
 
 def without_motion(items: Iterable[Frame | Malformed]) -> Unscripted:

@@ -26,9 +26,10 @@ class Way:
         pieces: datagrams, or reads of a stream, that came.
         last: when the last of them came; ns.
         ended: the stream has ended.
+        overtaken: number of the latest message that stops the motions before it; 0 for none.
     """
 
-    __slots__ = ("_budget", "begun", "client", "ended", "flow", "last", "pieces", "splitter")
+    __slots__ = ("_budget", "begun", "client", "ended", "flow", "last", "overtaken", "pieces", "splitter")
 
     def __init__(self, client: int, flow: Flow, budget: Budget | None = None) -> None:
         """Begin; `budget` counts what is held of unfinished frames of all streams."""
@@ -37,7 +38,7 @@ class Way:
         self.flow = flow
         self.splitter: Splitter | None = None
         self.begun = self.ended = False
-        self.pieces = self.last = 0
+        self.pieces = self.last = self.overtaken = 0
 
     @property
     def is_stream(self) -> bool:
@@ -108,6 +109,18 @@ class Work:
     def note(self) -> str:
         """All notes on it."""
         return "; ".join(dict.fromkeys(self.notes))
+
+
+class Asked(NamedTuple):
+    """A message that the scripts are asked about.
+
+    Attributes:
+        way: on which it came.
+        came: what is done about all that came with it.
+    """
+
+    way: Way
+    came: Work
 
 
 class Parted(NamedTuple):

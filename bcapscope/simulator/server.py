@@ -20,7 +20,7 @@ from bcapscope.simulator.simulator import KEPT, Abort, Output, Peer
 from bcapscope.simulator.turns import Turns
 from bcapscope.simulator.watch import Ready, Watch
 from bcapscope.transport.arrival import CONTROL, Control, ask_for_times, kernel_time, receiver
-from bcapscope.transport.descriptors import SpareDescriptors, none_left
+from bcapscope.transport.descriptors import SpareDescriptors, accept
 from bcapscope.transport.lobby import Lobby
 from bcapscope.transport.tcp import reset
 
@@ -266,14 +266,12 @@ class Server:
         """Take connections; they are clients of the controller with their first frame."""
         for _ in range(_MOST_ACCEPTED):
             try:
-                sock, address = self._tcp.accept()
-            except (BlockingIOError, ConnectionError):
-                break
-            except OSError as error:
-                if none_left(error) and (self._spares.give() or self._drop_newcomer(self._lobby.drop())):
-                    continue
+                if (accepted := accept(self._tcp, self._free_descriptor)) is None:
+                    break
+            except OSError:
                 self._is_paused = True  # or it would be told again and again that somebody waits
                 break
+            sock, address = accepted
             sock.setblocking(False)
             with suppress(OSError):  # on macOS a client that has gone by now has no options any more
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -289,6 +287,13 @@ class Server:
             return False
         self._drop(self._connections[number], by_reset=True)
         return True
+
+    def _free_descriptor(self) -> bool:
+        is_freed = self._spares.give() or self._drop_newcomer(self._lobby.drop())
+        if not is_freed and self._stops:
+            self._drop(self._stops[0])
+            return True
+        return is_freed
 
     def _tidy(self) -> None:
         """Once a second, end what takes too long and look again for what there was no room for."""
@@ -308,9 +313,8 @@ class Server:
         is_stop = begins_with_stop(first)
         has_room = self._spares.fill() and self._simulator.connect(connection.peer, self._tell_now())
         if not has_room and is_stop:
-            self._stops = [each for each in self._stops if each.number in self._connections]
             if len(self._stops) >= KEPT:
-                self._drop(self._stops.pop(0))
+                self._drop(self._stops[0])
             has_room = self._simulator.connect(connection.peer, self._tell_now(), is_stop=True)
             self._stops.append(connection)
         if not has_room:
@@ -417,6 +421,7 @@ class Server:
             return
         del self._by_peer[connection.peer]
         self._lobby.leave(connection.number)
+        self._stops = [each for each in self._stops if each is not connection]
         self._is_rearranged = True
         if self.tap:
             if not is_broken:

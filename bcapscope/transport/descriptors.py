@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
+import select
+import socket
 import sys
+from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 NO_DESCRIPTORS = os.strerror(errno.EMFILE).lower()
 """What the system says when a process has no file descriptors left."""
@@ -16,6 +21,41 @@ _NONE_LEFT = frozenset({errno.EMFILE, errno.ENFILE})
 def none_left(error: OSError) -> bool:
     """Return whether an error means that the process, or the system, has no file descriptors left."""
     return error.errno in _NONE_LEFT
+
+
+def can_be_read(descriptor: int, seconds: float) -> bool:
+    """Wait until a file descriptor can be read, so many seconds at most; tell whether it can.
+
+    It takes no file descriptor, and the number of this one may be larger than `select` takes.
+    """
+    if not hasattr(select, "poll"):
+        return bool(select.select([descriptor], (), (), seconds)[0])
+    poller = select.poll()
+    poller.register(descriptor, select.POLLIN)
+    return bool(poller.poll(math.ceil(seconds * 1e3)))
+
+
+def accept(listener: socket.socket, free: Callable[[], bool]) -> tuple[socket.socket, Any] | None:
+    """Accept a connection and return it with its address; None if none waits.
+
+    Args:
+        listener: does not block.
+        free: frees a file descriptor, and tells whether there was one to free; called when none is left.
+
+    Raises:
+        OSError: no connection can be accepted now.
+    """
+    while True:
+        try:
+            return listener.accept()
+        except (BlockingIOError, ConnectionError):
+            return None
+        except OSError as error:
+            # Linux looks for a file descriptor first, and for a connection after that.
+            if none_left(error) and not can_be_read(listener.fileno(), 0):
+                return None
+            if not none_left(error) or not free():
+                raise
 
 
 def allow_descriptors(count: int) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from bcapscope.proxy.addons import Addons, Client, PassingMessage
-from bcapscope.proxy.rules import Asked, Rules
+from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.scripthost import ScriptHost
 from bcapscope.proxy.scriptqueue import LIMIT, ScriptQueue
 from bcapscope.proxy.scriptwire import Order, Unpacker, pack
+from bcapscope.proxy.way import Asked
 from tests.faults.traffic import request
 
 
@@ -18,6 +19,7 @@ class Here:
     Attributes:
         queue: of what waits for them.
         obeys: orders are obeyed; else they are lost in an endless loop.
+        arrived: what has come and was not read yet.
         place: what is known about the end of their process.
         located: how often it was asked where they are.
         ended: how often they were ended.
@@ -26,6 +28,7 @@ class Here:
     def __init__(self, *addons: object, limit: int = LIMIT) -> None:
         taken = Addons(addons, clock=lambda: 0)
         self.obeys = True
+        self.arrived = b""
         self.place = ""
         self.located = self.ended = 0
         self._host = ScriptHost(taken)
@@ -45,6 +48,11 @@ class Here:
         while (order := self._orders.next()) is not None:
             if self.obeys:
                 self._answers.append(pack(self._host.obey(order)))
+
+    def receive(self) -> bytes:
+        """Give what `arrived` says has come."""
+        found, self.arrived = self.arrived, b""
+        return found
 
     def locate(self) -> None:
         """Count that."""

@@ -14,6 +14,7 @@ from bcapscope.faults import shaper
 from bcapscope.faults.notation import read_fault
 from bcapscope.protocol.frame import Frame, encode
 from bcapscope.protocol.variant import VT, Variant
+from bcapscope.proxy import relay
 from bcapscope.proxy.ring import Count, Kind
 from bcapscope.proxy.rules import Rules
 from bcapscope.transport.tcp import reset
@@ -58,6 +59,28 @@ def test_a_stream_cut_anyhow_comes_out_the_same() -> None:
         client.shutdown(socket.SHUT_WR)
         assert read_all(server) == raw
         assert proxy.relay.counts[Count.RULED] == 0
+
+
+class Full(Rules):
+    """Holds too much while `is_so`."""
+
+    is_so = True
+
+    def is_full(self, client: int) -> bool:
+        return self.is_so
+
+
+def test_a_stream_is_read_on_as_soon_as_the_rules_have_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(relay, "_SWEEP_EVERY", 1 << 40)  # what looks once a second does not help
+    policy = Full(shaper.Shaper(now=0))
+    with connected(policy) as (_, client, server):
+        server.settimeout(0.2)
+        client.sendall(request(1))
+        with pytest.raises(TimeoutError):
+            server.recv(1)
+        server.settimeout(PATIENCE)
+        policy.is_so = False
+        assert server.recv(1000) == request(1)
 
 
 def test_the_end_of_a_stream_waits_for_what_is_delayed() -> None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.frame import Frame, encode
+from bcapscope.protocol.functions import ID
 from bcapscope.protocol.hresult import E_ACCESSDENIED, E_FAIL
+from bcapscope.protocol.variant import VT, Variant
 from bcapscope.proxy.addons import PassingMessage
 from bcapscope.proxy.guard import Guard, read_target
 from bcapscope.proxy.hook import Decision, LateDecision, Send
 from bcapscope.proxy.rules import Rules
 from bcapscope.proxy.scriptqueue import MOST_WAITING
 from bcapscope.proxy.scriptwire import Answer, Finish, pack
-from bcapscope.traffic.observation import Direction, Transport
-from tests.faults.traffic import MS, reply, request
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from tests.faults.traffic import CLIENT, MS, reply, request
 from tests.proxy.scripting import Here, Listener, Meddler
 from tests.proxy.test_rules import DOWN, HALT, SLAVE_OFF, UP, holding, rules, sent
 
@@ -62,6 +64,16 @@ def test_the_guard_sees_what_a_script_has_made() -> None:
     assert Frame(sent(made.take(0), DOWN)).code == E_ACCESSDENIED
 
 
+class Everything:
+    """Has replies wait, too."""
+
+    def request(self, message: PassingMessage) -> None:
+        pass
+
+    def reply(self, message: PassingMessage) -> None:
+        pass
+
+
 class Looker:
     """Notes what it is shown, and changes nothing."""
 
@@ -101,21 +113,105 @@ def test_a_stop_overtakes_all_that_waits_and_scripts_see_it_still(transport: Tra
     looker = Looker()
     here = Here(looker)
     made = rules(scripts=here, transport=transport)
-    assert made.receive(1, UP, request(1), 0).actions == []
+    waiting = request(1, "CurJnt")
+    assert made.receive(1, UP, waiting, 0).actions == []
     for stop in (HALT, SLAVE_OFF):
         assert made.receive(1, UP, stop, 0) == Decision("", [Send(1, UP, stop)])
     here.answer(made, 0)
+    assert sent(made.take(0)) == waiting
+    assert looker.seen == [waiting, HALT, SLAVE_OFF]
+
+
+def robot_call(name: str) -> bytes:
+    """Make a call of the robot, with its handle alone."""
+    return encode(30, 0, ID[name], (Variant(VT.I4, 1),))
+
+
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+@pytest.mark.parametrize("stop", [HALT, SLAVE_OFF, robot_call("Robot_Hold")])
+def test_a_motion_that_a_stop_has_overtaken_does_not_start_after_it(
+    stop: bytes, transport: Transport
+) -> None:
+    here = Here(Looker())
+    made = rules(scripts=here, transport=transport)
+    for raw in (request(1), request(2, "CurJnt")):
+        made.receive(1, UP, raw, 0)
+    assert made.receive(1, UP, stop, 0).actions == [Send(1, UP, stop)]
+    made.receive(1, UP, request(3), 0)
+    here.answer(made, 0)
+    actions = made.take(0)
+    assert sent(actions) == request(2, "CurJnt") + request(3)
+    refused = Frame(sent(actions, DOWN))
+    assert (refused.serial, refused.code) == (1, E_ACCESSDENIED)
+    assert isinstance(actions[0], LateDecision)
+    assert actions[0].note == "overtaken by a stop: motion is refused"
+    assert made.refused == 1
+
+
+def test_a_motion_that_a_script_makes_of_an_overtaken_request_is_refused_too() -> None:
+    here = Here(Meddler())
+    made = rules(scripts=here)
+    made.receive(1, UP, request(3, "CurJnt"), 0)
+    made.receive(1, UP, HALT, 0)
+    here.answer(made, 0)
+    assert sent(made.take(0)) == b""
+
+
+@pytest.mark.parametrize(
+    ("stop", "passes"),
+    [
+        (HALT, False),
+        (robot_call("Robot_Hold"), False),
+        (SLAVE_OFF, True),
+        (robot_call("Robot_Release"), True),
+        (robot_call("Task_Stop"), True),
+    ],
+)
+def test_a_halt_ends_the_motions_of_all_clients_other_stops_those_of_their_own(
+    stop: bytes, passes: bool
+) -> None:
+    here = Here(Looker())
+    made = rules(scripts=here, clients=2)
+    made.receive(1, UP, request(1), 0)
+    made.receive(2, UP, stop, 0)
+    here.answer(made, 0)
+    assert sent(made.take(0)) == (request(1) if passes else b"")
+
+
+def test_a_halt_of_one_controller_leaves_the_motions_of_another() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here)
+    other = Conversation(CLIENT, Endpoint("10.0.0.99", 5007), Transport.UDP, "port 5007")
+    made.opened(2, other, 0)
+    here.answer(made, 0)
+    made.receive(1, UP, request(1), 0)
+    made.receive(2, UP, HALT, 0)
+    here.answer(made, 0)
     assert sent(made.take(0)) == request(1)
-    assert looker.seen == [request(1), HALT, SLAVE_OFF]
+
+
+def test_a_release_ends_no_motion() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here)
+    made.receive(1, UP, request(1), 0)
+    made.receive(1, UP, robot_call("Task_Release"), 0)
+    here.answer(made, 0)
+    assert sent(made.take(0)) == request(1)
+
+
+def test_a_reply_is_no_stop_whatever_its_result() -> None:
+    here = Here(Everything())
+    made = rules(scripts=here)
+    assert made.receive(1, DOWN, reply(1, ID["Robot_Halt"]), 0).ticket
 
 
 def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
     here = Here(Looker())
     made = rules(scripts=here, transport=Transport.TCP)
-    first = made.receive(1, UP, request(1) + HALT + request(2) + request(3)[:20], 0)
+    first = made.receive(1, UP, request(1, "CurJnt") + HALT + request(2) + request(3)[:20], 0)
     assert sent(first.actions) == HALT
     here.answer(made, 0, count=1)
-    assert made.take(0) == [Send(1, UP, request(1))]
+    assert made.take(0) == [Send(1, UP, request(1, "CurJnt"))]
     here.answer(made, 0)
     assert late(made) == LateDecision(1, first.ticket, "", [Send(1, UP, request(2))])
     made.ended(1, UP, 0)
@@ -200,6 +296,50 @@ def test_a_message_does_not_wait_behind_others_for_ever() -> None:
     assert not made.holds(1, UP)
 
 
+def test_a_script_is_not_blamed_for_answers_that_nobody_has_read() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here)
+    made.receive(1, UP, request(1), 0)
+    here.arrived = here.take()
+    assert sent(made.take(105 * MS)) == request(1)
+    assert here.queue.is_on
+
+
+def test_a_script_is_blamed_for_the_message_that_it_has_not_answered() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here)
+    for serial in (1, 2):
+        made.receive(1, UP, request(serial, "CurJnt"), 0)
+    here.arrived = here.take(1)
+    made.take(105 * MS)
+    assert here.queue.is_on
+    here.arrived = b"\x20"  # the beginning of an answer is none
+    made.take(205 * MS)
+    assert not here.queue.is_on
+
+
+def test_streams_are_read_on_where_scripts_are_only_shown_what_passes() -> None:
+    here = Here(Listener())
+    made = rules(scripts=here, transport=Transport.TCP)
+    raw = request(1, "CurJnt") * 1000
+    for _ in range(100):
+        assert sent(made.receive(1, UP, raw, 0).actions) == raw
+        assert not made.is_full(1)
+    assert made.receive(1, UP, HALT, 0).actions == [Send(1, UP, HALT)]
+
+
+def test_what_a_client_that_has_gone_left_takes_no_room() -> None:
+    here = Here(Looker())
+    made = rules(scripts=here, clients=2)
+    for serial in range(1, MOST_WAITING + 1):
+        made.receive(1, UP, request(serial), 0)
+    made.let_go(1, 0)
+    made.gone(1, 0)
+    assert made.receive(2, UP, request(1), 0).ticket
+    here.answer(made, 0)
+    assert sent(made.take(0)) == request(1)
+
+
 def test_a_relay_that_stood_still_does_not_blame_the_script() -> None:
     here = Here(Looker())
     made = rules(scripts=here)
@@ -261,12 +401,12 @@ def test_datagrams_that_find_no_room_are_dropped_and_streams_are_not_read() -> N
     here = Here(Looker())
     made = rules(scripts=here, clients=2)
     for serial in range(1, MOST_WAITING + 1):
-        made.receive(1, UP, request(serial), 0)
+        made.receive(1, UP, request(serial, "CurJnt"), 0)
     assert made.receive(1, UP, request(99), 0).note == "addon: dropped, too many messages wait"
     assert made.receive(1, UP, HALT, 0).actions == [Send(1, UP, HALT)]
-    assert made.receive(2, UP, request(1), 0).ticket
+    assert made.receive(2, UP, request(1, "CurJnt"), 0).ticket
     here.answer(made, 0)
-    assert len(sent(made.take(0))) == len(request(1)) * (MOST_WAITING + 1)
+    assert len(sent(made.take(0))) == len(request(1, "CurJnt")) * (MOST_WAITING + 1)
     assert made.receive(1, UP, request(99), 0).ticket
     stream = rules(scripts=Here(Looker()), transport=Transport.TCP)
     while not stream.is_full(1):

@@ -8,14 +8,16 @@ from __future__ import annotations
 import socket
 import sys
 import time
+from contextlib import ExitStack
 
 from bcapscope.protocol.frame import encode
 from bcapscope.protocol.variant import VT, Variant
 from tests.cli.proxying import simulator
 from tests.security.connections import BUSIEST
-from tests.security.harness import Outcome, attacker, proxied, under_attack
+from tests.security.harness import HALT_LIMIT, PATIENCE, Outcome, attacker, proxied, under_attack
 
 _START = encode(1, 0, 1, (Variant(VT.BSTR, ""),))
+_HALT = encode(2, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
 _RENEWED_EACH = 0.01
 
 
@@ -77,9 +79,34 @@ def withstand(count: int, seconds: float, descriptors: int = 24) -> list[Outcome
     return outcomes
 
 
+def stop_each(count: int, descriptors: int = 40) -> None:
+    """Take all file descriptors, then send stops from ever new TCP clients that stay; each is answered."""
+    for name, server in (
+        ("proxy", proxied("-q", "--control", "127.0.0.1:0", descriptors=descriptors)),
+        ("sim", simulator(descriptors=descriptors)),
+    ):
+        with server as process, ExitStack() as stack:
+            for _ in range(descriptors):
+                stack.enter_context(_connect(process.port, 1))
+            delays = [_stop(stack.enter_context(socket.socket()), process.port) for _ in range(count)]
+            print(f"{count} stops of a {name}: {max(delays) * 1e3:.0f} ms at most", flush=True)
+            assert max(delays) < HALT_LIMIT
+
+
+def _stop(sock: socket.socket, port: int) -> float:
+    """Send Robot_Halt once; return the seconds until its reply."""
+    began = time.monotonic()
+    sock.settimeout(PATIENCE)
+    sock.connect(("127.0.0.1", port))
+    sock.sendall(_HALT)
+    assert sock.recv(1024), "a stop was not answered"
+    return time.monotonic() - began
+
+
 def main() -> None:
-    """Run the attack in its full size."""
+    """Run the attacks in their full size."""
     withstand(60, 5.0)
+    stop_each(200)
 
 
 if __name__ == "__main__":

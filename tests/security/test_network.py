@@ -33,6 +33,10 @@ def test_no_file_descriptors() -> None:
     descriptors.withstand(30, SECONDS)
 
 
+def test_stops_without_file_descriptors() -> None:
+    descriptors.stop_each(12)
+
+
 @pytest.mark.skipif(not fulldisk.can_mount(), reason="only root can mount a small disk")
 def test_full_disks() -> None:
     fulldisk.withstand(100, SECONDS)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+import socket
 import subprocess
 import sys
 
 import pytest
 
-from bcapscope.transport.descriptors import SpareDescriptors, none_left
+from bcapscope.transport.descriptors import SpareDescriptors, accept, can_be_read, none_left
 
 
 def test_what_was_given_is_taken_back_when_there_is_some(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,3 +61,47 @@ def test_the_limit_is_raised_as_far_as_the_user_may() -> None:
 
 def _refuse(*_: object) -> int:
     raise OSError(errno.EMFILE, "")
+
+
+def test_without_descriptors_nothing_is_freed_unless_somebody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    freed: list[bool] = []
+
+    def free() -> bool:
+        freed.append(True)
+        monkeypatch.undo()
+        return True
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.setblocking(False)
+        monkeypatch.setattr(socket.socket, "accept", _refuse)
+        assert accept(listener, free) is None
+        assert not freed
+        with socket.create_connection(listener.getsockname()) as client:
+            assert can_be_read(listener.fileno(), 20)
+            with pytest.raises(OSError, match=str(errno.EMFILE)):
+                accept(listener, lambda: False)
+            accepted = accept(listener, free)
+            assert accepted is not None
+            assert accepted[1] == client.getsockname()
+            accepted[0].close()
+        assert freed == [True]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its numbers are no small ones")
+def test_a_descriptor_of_any_number_can_be_waited_for() -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    number = 3000
+    if hard != resource.RLIM_INFINITY and hard <= number:
+        pytest.skip("there are no such numbers")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, number + 1), hard))
+    reader, writer = os.pipe()
+    try:
+        os.dup2(reader, number)
+        assert not can_be_read(number, 0.001)
+        os.write(writer, b"x")
+        assert can_be_read(number, 1)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        for each in (reader, writer, number):
+            os.close(each)

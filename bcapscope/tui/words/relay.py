@@ -146,8 +146,6 @@ PHRASES: dict[str, str] = {
     "{name} is less than a byte a second": "{name} は毎秒 1 バイト未満です",
     "{name} is no HRESULT: a name such as E_FAIL, or 32 bits": "{name} は HRESULT ではありません (E_FAIL のような名前、または 32 ビット)",
     "{name} is no filter, such as 'command == slvMove'": "{name} はフィルタではありません (例 command == slvMove)",
-    "{name} goes beyond ±{text}": "{name} は ±{text} を超えています",
-    "so large a number": "大きすぎる数値",
     "{name} is no span, such as -90..90": "{name} は範囲ではありません (例 -90..90)",
     "nothing is within {name}": "{name} の範囲に値はありません",
     "{name} is no argument, such as arg[2][0]": "{name} は引数ではありません (例 arg[2][0])",

@@ -49,5 +49,6 @@ PHRASES: dict[str, str] = {
     "addon: changed": "アドオン: 変更",
     "addon: dropped, too many messages wait": "アドオン: 待ちメッセージが多すぎるため破棄",
     "script is off: motion is refused": "スクリプト停止中: 動作を拒否",
+    "overtaken by a stop: motion is refused": "停止要求が先行: 動作を拒否",
     "the proxy ends the session": "プロキシがセッションを終了",
 }
