@@ -273,9 +273,8 @@ def test_a_client_that_stays_when_the_controller_has_gone_is_ended() -> None:
 def test_a_client_that_does_not_read_gives_way_and_one_that_only_says_nothing_does_not() -> None:
     with standing() as (_, _, proxy, session):
         assert session.quiet(proxy.relay.now + ANSWER_WITHIN) is None
-        before = proxy.relay.now
         session.send(False, bytes(64 << 20))
-        assert session.quiet(before + STUCK_FOR) is None
+        assert session.quiet(session.heard + STUCK_FOR) is None
         quiet = session.quiet(proxy.relay.now + STUCK_FOR + 1)
         assert quiet is not None
         assert quiet > STUCK_FOR
