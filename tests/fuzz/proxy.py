@@ -119,7 +119,10 @@ def state(process: Process) -> str:
 
 
 def end(process: Process) -> str:
-    """Interrupt the proxy; return what it wrote. On a busy machine it may report that its recording has holes."""
+    """Interrupt the proxy; return what it wrote.
+
+    On a busy machine the recording may have holes. The proxy then says so and exits with 6.
+    """
     process.popen.send_signal(signal.SIGINT)
     code = process.popen.wait(PATIENCE)
     process.close()
