@@ -79,7 +79,7 @@ class Decision(msgspec.Struct, frozen=True):
 
 
 class Policy(Protocol):
-    """Decides what passes. None of the methods may raise, and only `close` may wait."""
+    """Decides which messages pass. None of the methods may raise, and only `close` may wait."""
 
     def opened(self, client: int, conversation: Conversation, now: int) -> None:
         """Meet a client: its number, never used twice, and its conversation with the controller itself."""

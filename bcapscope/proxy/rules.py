@@ -347,7 +347,7 @@ class Rules:
         return message if answer.data is None else self._changed(message, answer.data, "addon: changed", work)
 
     def _unscripted(self, way: Way, message: Message, work: Work) -> Message | None:
-        """Give what passes of a message that no script decides about, as they are off: all but motion."""
+        """Return the parts of a message that pass while the scripts are off: all but motion."""
         if way.flow.direction is Direction.RESPONSE:
             return message
         return self._without_motion(way, message, "script is off: motion is refused", work)

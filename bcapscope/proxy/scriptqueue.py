@@ -90,7 +90,7 @@ class Waiting(Generic[T]):
 
     Attributes:
         hook: what is called for it.
-        since: when it was told; ns.
+        since: when it was sent to the scripts; ns.
         client: whose it is.
         size: bytes that are kept for it.
         message: that is shown; None where it is about something else.
@@ -134,7 +134,7 @@ class ScriptQueue(Generic[T]):
     ends or sends invalid data.
 
     Attributes:
-        names: of the scripts, as the user is told.
+        names: of the scripts, for messages to the user.
         is_on: whether messages are shown.
         off_because: why not; "" while they are.
         errors: how often something went wrong in the scripts.
@@ -188,7 +188,7 @@ class ScriptQueue(Generic[T]):
         """Return whether messages of a direction wait for the scripts."""
         return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
 
-    # what is told to the scripts
+    # what the scripts are sent
 
     def connected(self, client: int, conversation: Conversation, now: int) -> None:
         """Report a client to the scripts."""

@@ -156,5 +156,5 @@ def reason(error: Exception) -> str:
 
 
 def is_told(count: int) -> bool:
-    """Tell whether the user hears of what may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
+    """Return whether to report an event that may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
     return count & (count - 1) == 0

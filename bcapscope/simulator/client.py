@@ -165,7 +165,7 @@ def is_allowed_in_slave_mode(
     Args:
         function_id: of the call.
         arguments: of the call, the handle first.
-        is_other: the client is not the one that has the arm.
+        is_other: another client has the arm.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

@@ -24,7 +24,7 @@ def none_left(error: OSError) -> bool:
 
 
 def can_be_read(descriptor: int, seconds: float) -> bool:
-    """Wait until a file descriptor can be read, so many seconds at most; tell whether it can.
+    """Wait at most so many seconds for a file descriptor to be readable; return whether it is.
 
     It takes no file descriptor, and the number of this one may be larger than `select` takes.
     """
@@ -40,7 +40,7 @@ def accept(listener: socket.socket, free: Callable[[], bool]) -> tuple[socket.so
 
     Args:
         listener: does not block.
-        free: frees a file descriptor, and tells whether there was one to free; called when none is left.
+        free: frees a file descriptor and returns whether it could; called when none is left.
 
     Raises:
         OSError: no connection can be accepted now.

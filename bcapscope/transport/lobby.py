@@ -59,7 +59,7 @@ class Lobby(Generic[Key]):
         return key in self._waiting
 
     def enter(self, key: Key, host: str) -> Key | None:
-        """Let a connection wait; return the one that must be dropped for it, None if there is room.
+        """Let a connection wait; return the connection to drop for it, None if there is room.
 
         That is the oldest of the source with the most connections. It does not help to have sent a few bytes:
         an honest client that has just connected has sent none.
