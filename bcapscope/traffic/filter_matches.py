@@ -28,6 +28,7 @@ COMPARISONS = {"==": operator.eq, "!=": operator.ne, **ORDERINGS}
 
 _U32 = 0xFFFFFFFF
 _SIGN_BIT = 0x80000000
+_LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
 """Names, commands and endpoints come back all the time and are short; what is longer is no name, and
@@ -205,13 +206,32 @@ def code_order(sign: str, wanted: int, signed: bool) -> Match:
     return lambda value: _is_code(value) and compare((value & _U32) ^ flip, limit)
 
 
-def contains(wanted: str | Number) -> Match:
+def contains(wanted: str | int | float) -> Match:
     """Match a text that has `wanted` in it, or a list that has it, or a text with it, as an element."""
     if not isinstance(wanted, str):
-        equal = number(wanted).equal
-        return lambda value: any(equal(plain(item)) for item in elements(value))
+        return _has_number(wanted)
     folded = wanted.casefold()
     return _in_text_or_element(lambda text: folded in text.casefold())
+
+
+def _has_number(wanted: int | float) -> Match:
+    """Match a list that has a number as an element.
+
+    A frame can hold 260,000 numbers and a relay waits meanwhile, so the interpreter looks at them, not Python
+    code: then 65,536 of them take a millisecond. All elements of a list are of one type.
+    """
+    equal = number(wanted).equal
+    is_byte = 0 <= wanted <= _LARGEST_BYTE and wanted == int(wanted)
+
+    def match(value: object) -> bool:
+        items = elements(value)
+        if isinstance(items, bytes):
+            return is_byte and int(wanted) in items
+        if not items or isinstance(items[0], (Argument, Variant)):
+            return any(equal(plain(item)) for item in items)
+        return not isinstance(items[0], bool) and wanted in items
+
+    return match
 
 
 def search(pattern: str) -> Match:

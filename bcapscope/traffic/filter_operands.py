@@ -95,7 +95,8 @@ def contains(subject: Subject, literal: Token) -> Match:
     if subject.type is FieldType.NUMBERS or (
         literal.kind is TokenKind.NUMBER and subject.type in (FieldType.VALUE, FieldType.VALUES)
     ):
-        return matches.contains(_number(subject, literal))
+        _check_number(subject, literal)
+        return matches.contains(_plain_number(subject, literal))
     if literal.is_word("true", "false", "null"):
         subject.refuse(literal, "contains takes a text or a number")
     if literal.kind is TokenKind.NUMBER:
@@ -207,10 +208,18 @@ def _endpoint(subject: Subject, token: Token) -> Wanted:
 def _number(subject: Subject, token: Token) -> Number:
     if subject.type is FieldType.TIME and token.kind is TokenKind.TEXT:
         return _moment(subject, token)
-    if token.kind is not TokenKind.NUMBER:
-        subject.refuse(token, f"{subject.name} is {_a(subject.type)}, {token.text!r} is none")
+    _check_number(subject, token)
     if subject.type in (FieldType.TIME, FieldType.DURATION):
         return _nanoseconds(subject, token)
+    return _plain_number(subject, token)
+
+
+def _check_number(subject: Subject, token: Token) -> None:
+    if token.kind is not TokenKind.NUMBER:
+        subject.refuse(token, f"{subject.name} is {_a(subject.type)}, {token.text!r} is none")
+
+
+def _plain_number(subject: Subject, token: Token) -> int | float:
     if token.unit:
         position = token.start + len(token.text)
         raise FilterError(

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from bcapscope.protocol.arguments import Argument
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.variant import ARRAY, VT, Variant
 from bcapscope.traffic import filter_matches as matches
 from bcapscope.traffic.observation import Endpoint
 
@@ -79,6 +79,31 @@ def test_text_is_compared_without_regard_to_case() -> None:
     assert matches.contains("SLV")("xslvMove")
     assert matches.search("ÄRM$")("der ärm")
     assert not matches.search("(?-i)ÄRM$")("der ärm")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "value", "has"),
+    [
+        (3, b"\x01\x03", True),
+        (3.0, b"\x01\x03", True),
+        (3.5, b"\x01\x03", False),
+        (256, b"\x00\xff", False),
+        (-1, b"\xff", False),
+        (1, (True, False), False),
+        (0, (True, False), False),
+        (90.5, (1.0, 90.5), True),
+        (5, (1.0, 5.0), True),
+        (5, (), False),
+        (5, ("5",), False),
+        (5, (Variant(VT.BOOL, True), Variant(VT.R8, 5.0)), True),
+        (1, (Variant(VT.BOOL, True), Variant(VT.BSTR, "1")), False),
+        (5, Variant(VT.I4 | ARRAY, (4, 5), 2), True),
+        (5, 5, False),
+        (5, None, False),
+    ],
+)
+def test_a_list_contains_a_number(wanted: float, value: object, has: bool) -> None:
+    assert matches.contains(wanted)(value) is has
 
 
 def test_search_takes_any_text() -> None:
