@@ -6,6 +6,8 @@ import asyncio
 
 import pytest
 
+from bcapscope.capture.file import open_capture
+from bcapscope.capture.observer import Observer
 from bcapscope.client import Session
 from bcapscope.protocol.hresult import E_HANDLE
 from bcapscope.protocol.requester import Answered
@@ -14,7 +16,8 @@ from bcapscope.replay.performance import FarAwayError, Played
 from bcapscope.simulator.machine import Start
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
-from tests.replay.sessions import CONNECT, perform, recorded
+from tests.cli.run import CAPTURES
+from tests.replay.sessions import CONNECT, perform, recorded, script_of
 
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 
@@ -110,6 +113,14 @@ def test_an_early_end_leaves_slave_mode_and_lets_go() -> None:
     assert commands[-1] == "slvChangeMode"
     assert wire.sent[-1][1].code == 2
     assert simulator.machine.slave.mode is None
+
+
+def test_a_session_of_the_sample_captures_goes_as_recorded() -> None:
+    with open_capture(CAPTURES / "slave-session.pcapng") as packets:
+        script = script_of(list(Observer(frozenset({5007})).observe(packets)))
+    played, _ = perform(script, Simulator(PROFILES["rc8"]))
+    assert len(played) == len(script.lines) == 257
+    assert not any(each.differs for each in played)
 
 
 def test_a_failure_that_was_none_is_one() -> None:
