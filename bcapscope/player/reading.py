@@ -25,7 +25,7 @@ from bcapscope.capture.source import GZIP_MAGIC
 from bcapscope.errors import CaptureError
 from bcapscope.player.layout import Wishes
 from bcapscope.player.project import is_project, search
-from bcapscope.player.records import read_records
+from bcapscope.player.records import MOST_VALUES, TOO_MANY_VALUES, read_records
 from bcapscope.player.slvmoves import read_capture
 from bcapscope.player.table import read_table
 from bcapscope.player.trajectory import Source, Trajectory, TrajectoryError
@@ -34,8 +34,8 @@ from bcapscope.player.yamltext import read_yaml
 LARGEST = 1 << 30
 """Bytes of a table: two hours of a log with 73 columns."""
 
-LARGEST_OBJECT = 1 << 26
-"""Bytes of JSON or YAML, which has to be in memory as a whole, many times its size."""
+LARGEST_OBJECT = 24 << 20
+"""Bytes of JSON or YAML, which is in memory as a whole, at up to 24 times its size; see `MOST_VALUES`."""
 
 LONGEST_LINE = 1 << 16
 
@@ -140,12 +140,14 @@ def _refuse_foreign(head: bytes) -> None:
 def _whole(stream: BinaryIO, size: int) -> bytes:
     if size > LARGEST_OBJECT:
         raise TrajectoryError(
-            f"larger than {LARGEST_OBJECT >> 20} MB, which is too much as a whole: write a table"
+            f"larger than {LARGEST_OBJECT >> 20} MB, the limit for JSON and YAML: write a table (CSV)"
         )
     return stream.read(LARGEST_OBJECT + 1)
 
 
 def _json(data: bytes) -> list[object]:
+    if sum(map(data.count, (b",", b"[", b"{"))) > MOST_VALUES:  # each value has one of these before it
+        raise TrajectoryError(TOO_MANY_VALUES)
     try:
         return [orjson.loads(data.removeprefix(codecs.BOM_UTF8))]
     except orjson.JSONDecodeError as error:

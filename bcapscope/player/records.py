@@ -24,6 +24,12 @@ from bcapscope.protocol.slavemode import PoseType
 OWN = "bcapscope trajectory 1"
 """What `extract` calls its format."""
 
+MOST_VALUES = 1_500_000
+"""Values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes up to 72 bytes,
+so these take 110 MB."""
+
+TOO_MANY_VALUES = f"more than {MOST_VALUES} values, the limit for JSON and YAML: write a table (CSV)"
+
 _DEEPEST, _MOST_FOUND, _SHOWN = 8, 256, 40
 _RADIAN = degrees(1.0)
 _NONE = (None, "", "~", "null")  # YAML is read as text

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from bcapscope.faults.yamlevents import YamlError, events
+from bcapscope.player.records import MOST_VALUES, TOO_MANY_VALUES
 from bcapscope.player.trajectory import TrajectoryError
 
 
@@ -42,6 +43,7 @@ class _Builder:
         self._open: list[list[Any] | dict[str, Any]] = []
         self._keys: list[str | None] = []  # of each open mapping, the key whose value comes next
         self._anchors: dict[str, object] = {}
+        self._values = 0
 
     def take(self, event: yaml.Event) -> None:
         """Take an event of a document in; those of the stream itself are ignored."""
@@ -61,6 +63,9 @@ class _Builder:
             self._keys.pop()
 
     def _add(self, node: object, event: yaml.NodeEvent) -> None:
+        self._values += 1
+        if self._values > MOST_VALUES:
+            raise TrajectoryError(TOO_MANY_VALUES, _line(event))
         if event.anchor and not isinstance(event, yaml.AliasEvent):
             self._anchors[event.anchor] = node
         if not self._open:

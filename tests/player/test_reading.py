@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from bcapscope.player.layout import Wishes
 from bcapscope.player.reading import LARGEST, LARGEST_OBJECT, LONGEST_LINE, read
+from bcapscope.player.records import MOST_VALUES, OWN
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.protocol.slavemode import PoseType
 from tests.cli.run import CAPTURES, run_here
@@ -139,6 +140,22 @@ def test_files_that_are_too_large(tmp_path: Path, name: str, size: int) -> None:
     os.truncate(path, size + 1)
     with pytest.raises(TrajectoryError, match="larger than"):
         read(path)
+
+
+@pytest.mark.parametrize("name", ["way.yaml", "a.json"])
+def test_files_of_too_many_values(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name, '{"points": [' + "[]," * MOST_VALUES + "[]]}")
+    with pytest.raises(TrajectoryError, match=f"more than {MOST_VALUES} values"):
+        read(path)
+
+
+def test_a_long_object_is_read(tmp_path: Path) -> None:
+    row = "[" + ",".join(["1.5"] * 6) + "]"
+    count = MOST_VALUES // 7 - 10
+    titles = ",".join(f'"J{axis}"' for axis in range(1, 7))
+    text = f'{{"format":"{OWN}","columns":[{titles}],"rows":[' + ",".join([row] * count) + "]}"
+    (trajectory,) = read(write(tmp_path / "a.json", text))
+    assert len(trajectory.points) == count
 
 
 def test_what_cannot_be_opened(tmp_path: Path) -> None:
