@@ -126,7 +126,7 @@ def stated(name: str) -> set[str]:
     classifiers = [
         line.rpartition(" :: ")[2] for line in data.get_all("Classifier") or () if "License ::" in line
     ]
-    named = (data["License"] or "").strip()
+    named = (data.get("License") or "").strip()
     if data["License-Expression"]:
         texts = [data["License-Expression"]]
     elif named and len(named) < _LONGEST_NAME:
