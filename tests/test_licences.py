@@ -126,9 +126,10 @@ def stated(name: str) -> set[str]:
     classifiers = [
         line.rpartition(" :: ")[2] for line in data.get_all("Classifier") or () if "License ::" in line
     ]
-    named = (data.get("License") or "").strip()
-    if data["License-Expression"]:
-        texts = [data["License-Expression"]]
+    named = "".join(data.get_all("License") or ()).strip()
+    expressions = data.get_all("License-Expression") or []
+    if expressions:
+        texts = expressions
     elif named and len(named) < _LONGEST_NAME:
         texts = [named]
     else:
