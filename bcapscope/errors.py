@@ -50,16 +50,16 @@ class ControllerError(BcapError):
         self.meaning = meaning
 
 
-class Arrival(NamedTuple):
+class AttemptEvent(NamedTuple):
     """Something that came for a try and was no answer in time.
 
     Attributes:
         time: nanoseconds of the clock that the tries have.
-        what: name of the result code, or what the system said.
+        description: name of the result code, or what the system said.
     """
 
     time: int
-    what: str
+    description: str
 
 
 class Attempt(NamedTuple):
@@ -69,31 +69,31 @@ class Attempt(NamedTuple):
         serial: of its packet.
         reserved: of its packet.
         sent: nanoseconds of a clock that does not go back.
-        came: what came for it, in order.
+        events: what came for it, in order.
     """
 
     serial: int
     reserved: int
     sent: int
-    came: tuple[Arrival, ...] = ()
+    events: tuple[AttemptEvent, ...] = ()
 
-    def text(self, start: int) -> str:
+    def describe(self, start: int) -> str:
         """Tell it in words, times counted from `start`; what came again and again is told once."""
         came = ", ".join(
-            _several(what, [(arrival.time - start) / 1e6 for arrival in same])
-            for what, same in groupby(self.came, attrgetter("what"))
+            _repeated_event_text(what, [(arrival.time - start) / 1e6 for arrival in same])
+            for what, same in groupby(self.events, attrgetter("what"))
         )
         head = f"serial {self.serial}, reserved {self.reserved}, sent at {(self.sent - start) / 1e6:.3f} ms"
         return f"{head}: {came or 'nothing came'}"
 
 
-def _several(what: str, times: list[float]) -> str:
+def _repeated_event_text(what: str, times: list[float]) -> str:
     if len(times) == 1:
         return f"{what} at {times[0]:.3f} ms"
     return f"{what} × {len(times)} at {times[0]:.3f} … {times[-1]:.3f} ms"
 
 
-class ExchangeTimeout(BcapError, TimeoutError):
+class CallTimeout(BcapError, TimeoutError):
     """No try of a call was answered in time.
 
     Attributes:
@@ -103,7 +103,7 @@ class ExchangeTimeout(BcapError, TimeoutError):
     def __init__(self, call: str, attempts: tuple[Attempt, ...]) -> None:
         """Tell that `call`, such as `Robot_Execute slvMove`, had no answer to any of its tries."""
         count = "1 try" if len(attempts) == 1 else f"{len(attempts)} tries"
-        tries = "".join(f"\n  {attempt.text(attempts[0].sent)}" for attempt in attempts)
+        tries = "".join(f"\n  {attempt.describe(attempts[0].sent)}" for attempt in attempts)
         super().__init__(f"{call} was not answered in time, {count}:{tries}")
         self.attempts = attempts
 

@@ -6,7 +6,7 @@ import re
 import struct
 from collections.abc import Callable, Iterator
 
-from bcapscope.capture.hextext import HexPacket, read_hex_text
+from bcapscope.capture.hex_text import HexPacket, read_hex_text
 
 
 def packets_in(text: str) -> list[HexPacket]:

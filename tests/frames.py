@@ -10,8 +10,8 @@ import math
 import zlib
 from typing import NamedTuple
 
-from bcapscope.protocol.content import Framing
-from bcapscope.protocol.variant import ARRAY, VT, Variant
+from bcapscope.protocol.codec.frame_content import Framing
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 
 
 class ArgumentPair(NamedTuple):

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Framing, encode
-from bcapscope.protocol.variant import NUMBER_FORMATS, VT, Value, Variant
+from bcapscope.protocol.codec.frame import Framing, encode_frame
+from bcapscope.protocol.codec.variant import NUMBER_FORMATS, VT, Value, Variant
 from tests.frames import FRAMES
 
 INTEGER_BITS = {
@@ -84,7 +84,7 @@ def _argument_lists() -> st.SearchStrategy[list[Variant]]:
 
 
 class Plan(NamedTuple):
-    """What a frame is made from, in the order of the arguments of `encode`."""
+    """What a frame is made from, in the order of the arguments of `encode_frame`."""
 
     serial: int
     reserved: int
@@ -95,7 +95,7 @@ class Plan(NamedTuple):
 
 @st.composite
 def plans(draw: st.DrawFn) -> Plan:
-    """Draw what `encode` takes."""
+    """Draw what `encode_frame` takes."""
     framing = draw(st.sampled_from(Framing))
     version_1 = framing in (Framing.VERSION_1, Framing.VERSION_1_ZLIB)
     reserved = 1 if version_1 else draw(st.sampled_from([0, 1, 65535]))
@@ -106,7 +106,7 @@ def plans(draw: st.DrawFn) -> Plan:
 @cache
 def frames() -> st.SearchStrategy[bytes]:
     """Draw the bytes of a sound frame."""
-    return st.sampled_from([pair.data for pair in FRAMES]) | plans().map(lambda plan: encode(*plan))
+    return st.sampled_from([pair.data for pair in FRAMES]) | plans().map(lambda plan: encode_frame(*plan))
 
 
 _SPLINTERS = st.binary(max_size=4) | st.sampled_from(

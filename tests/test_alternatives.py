@@ -12,24 +12,31 @@ from types import ModuleType
 import pytest
 
 import bcapscope
-from bcapscope.capture.hexline import End, Text
-from bcapscope.faults.fault import Ending
-from bcapscope.faults.message import Closing
-from bcapscope.faults.message import Send as SendMessage
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.requester import Answered, Executing, Late, Refused, Stray, TimedOut
-from bcapscope.proxy.hook import Close, Send
+from bcapscope.capture.hex_line import EndOffset, ProseText
+from bcapscope.faults.fault import CloseMode
+from bcapscope.faults.wire_message import CloseConnection
+from bcapscope.faults.wire_message import SendBytes as SendMessage
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.retry.requester import (
+    CallAnswered,
+    CallExecuting,
+    CallRefused,
+    CallTimedOut,
+    LateReply,
+    UnmatchedItem,
+)
+from bcapscope.proxy.policy import CloseAction, SendAction
 from bcapscope.simulator.alarms import Alarm
-from bcapscope.simulator.drive import Fault
+from bcapscope.simulator.slave_drive import SlaveModeFault
 from bcapscope.traffic.observation import Direction
 from tests.faults.traffic import talk
 
 MODULES = [each.name for each in pkgutil.walk_packages(bcapscope.__path__, "bcapscope.")]
-REPLY = Frame(encode(1, 0, 0))
+REPLY = Frame(encode_frame(1, 0, 0))
 
 
 def unions(source: str) -> Iterator[tuple[str, ...]]:
-    """Give out the names that each union of types joins, such as `Send` and `Close` of ``Send | Close``."""
+    """Give out the names that each union of types joins, such as `SendAction` and `CloseAction` of ``Send | Close``."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitOr):
             yield tuple(_members(node))
@@ -71,13 +78,13 @@ def test_the_unions_of_a_module_are_found() -> None:
 @pytest.mark.parametrize(
     ("one", "other"),
     [
-        (Answered(REPLY, ()), Refused(REPLY, ())),
-        (Executing(REPLY), TimedOut(())),
-        (Late(REPLY, 1, 2), Stray(REPLY, 1)),
-        (Text("00"), End("00")),
-        (SendMessage(talk().up, b""), Closing(talk().up.conversation, Ending.RESET)),
-        (Send(1, Direction.REQUEST, b""), Close(1, False, "")),
-        (Alarm(1, 2), Fault(1, 2)),
+        (CallAnswered(REPLY, ()), CallRefused(REPLY, ())),
+        (CallExecuting(REPLY), CallTimedOut(())),
+        (LateReply(REPLY, 1, 2), UnmatchedItem(REPLY, 1)),
+        (ProseText("00"), EndOffset("00")),
+        (SendMessage(talk().up, b""), CloseConnection(talk().up.conversation, CloseMode.RESET)),
+        (SendAction(1, Direction.REQUEST, b""), CloseAction(1, False, "")),
+        (Alarm(1, 2), SlaveModeFault(1, 2)),
     ],
 )
 def test_two_kinds_of_news_are_never_equal(one: object, other: object) -> None:

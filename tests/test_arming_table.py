@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import pytest
 
-from bcapscope.protocol.commands import commands
-from bcapscope.protocol.effects import Effect
-from bcapscope.protocol.functions import FUNCTIONS, ID
+from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.guard import always_passes, needs_arming, passes_read_only, request_effect
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
 
 DOCS = Path(__file__).parent.parent / "docs"
 SENTENCE = "**No stop in software is a safety function"
@@ -51,11 +51,11 @@ class Call(NamedTuple):
         if self.name in SWITCHED_OFF:
             return "Switch off"
         return {
-            Effect.READS: "Read or open",
-            Effect.SESSION: "Read or open",
-            Effect.CHANGES: "Change a value or a setting",
-            Effect.ENERGISES: "Energise, permit motion, or make running programs faster",
-            Effect.MOVES: "Move",
+            CallEffect.READS: "Read or open",
+            CallEffect.SESSION: "Read or open",
+            CallEffect.CHANGES: "Change a value or a setting",
+            CallEffect.ENERGISES: "Energise, permit motion, or make running programs faster",
+            CallEffect.MOVES: "Move",
         }[request_effect(self.function_id, self.arguments, self.variable)]
 
     @property
@@ -72,7 +72,7 @@ def calls() -> Iterator[Call]:
     for function in FUNCTIONS.values():
         if function.id not in EXECUTES:
             yield Call(function.name, function.id, (HANDLE, text, text))
-        for command in commands(function.id):
+        for command in commands_of(function.id):
             arguments = (HANDLE, Variant(VT.BSTR, command.name), Variant(VT.I4, 1))
             yield Call(command.name, function.id, arguments)
     for name in ("Motor 0", "slvChangeMode 0"):

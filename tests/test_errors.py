@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from bcapscope.errors import Arrival, Attempt, BcapError, ControllerError, ExchangeTimeout
+from bcapscope.errors import Attempt, AttemptEvent, BcapError, CallTimeout, ControllerError
 
 
 def test_a_time_out_lists_every_try() -> None:
     start = 5_000_000_000
     attempts = (
-        Attempt(7, 0, start, (Arrival(start + 19_000_000, "S_OK"),)),
+        Attempt(7, 0, start, (AttemptEvent(start + 19_000_000, "S_OK"),)),
         Attempt(8, 7, start + 16_000_000),
     )
-    error = ExchangeTimeout("Robot_Execute slvMove", attempts)
+    error = CallTimeout("Robot_Execute slvMove", attempts)
     assert str(error).splitlines() == [
         "Robot_Execute slvMove was not answered in time, 2 tries:",
         "  serial 7, reserved 0, sent at 0.000 ms: S_OK at 19.000 ms",
@@ -23,9 +23,9 @@ def test_a_time_out_lists_every_try() -> None:
 
 
 def test_what_came_again_and_again_is_told_once() -> None:
-    came = [Arrival(each * 100_000_000, "S_EXECUTING") for each in range(1, 21)]
-    attempt = Attempt(7, 0, 0, (*came, Arrival(2_004_000_000, "S_OK")))
-    head, told = attempt.text(0).split(": ")
+    came = [AttemptEvent(each * 100_000_000, "S_EXECUTING") for each in range(1, 21)]
+    attempt = Attempt(7, 0, 0, (*came, AttemptEvent(2_004_000_000, "S_OK")))
+    head, told = attempt.describe(0).split(": ")
     assert head == "serial 7, reserved 0, sent at 0.000 ms"
     assert told == "S_EXECUTING × 20 at 100.000 … 2000.000 ms, S_OK at 2004.000 ms"
 

@@ -12,19 +12,19 @@ import pytest
 from bcapscope.errors import LocalProtocolError
 from bcapscope.faults.document import DocumentError, RuleFile, read_document
 from bcapscope.faults.fault import ACTIONS
-from bcapscope.faults.notation import read_fault
-from bcapscope.player.limits import LARGEST, UNKNOWN, limited
-from bcapscope.player.reading import read
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.player.arm_limits import MAX_LIMIT, UNKNOWN_ARM, with_limits
 from bcapscope.player.trajectory import TrajectoryError
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.notation import parse
-from bcapscope.protocol.variant import VT
-from bcapscope.proxy.control import Desk
+from bcapscope.player.trajectory_reader import read_trajectories
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.codec.variant_notation import parse_variant
+from bcapscope.proxy.control_api import ControlApi
 from bcapscope.simulator.scenario import Scenario
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import FilterError, compile_filter
+from bcapscope.traffic.filter.compiler import FilterError, compile_filter
+from bcapscope.traffic.filter.field_table import RecordKind
 from tests.cli.test_numbers import HOSTILE
-from tests.proxy.test_rules import rules
+from tests.proxy.test_rule_policy import rules
 
 NUMBERS = {
     **HOSTILE,
@@ -149,19 +149,19 @@ def test_filters(kind: RecordKind, text: str) -> None:
 def test_arguments_of_calls(vt: VT, text: str) -> None:
     for form in (f"{vt.name}:{text}", f"{vt.name}[]:1,{text}", text):
         try:
-            value = parse(form)
+            value = parse_variant(form)
         except ValueError as error:
             check_refusal(error)
             continue
         try:
-            encode(1, 0, 1, [value])
+            encode_frame(1, 0, 1, [value])
         except LocalProtocolError as error:
             pytest.fail(f"{form[:50]!r} was read, and cannot be sent: {error}")
 
 
 @pytest.mark.parametrize("text", NUMBERS.values(), ids=NUMBERS)
 def test_questions_to_a_proxy(text: str) -> None:
-    desk = Desk(rules())
+    desk = ControlApi(rules())
     quoted = msgspec.json.encode(text).decode()
     for value, form in product(
         (text, quoted, f"[{text}]"),
@@ -174,7 +174,7 @@ def test_questions_to_a_proxy(text: str) -> None:
             '{{"do":"add","fault":{{"action":"rewrite","step":{{"arg[2]":{}}}}}}}',
         ),
     ):
-        reply = desk.answer(form.format(value).encode(), 0)
+        reply = desk.handle_line(form.format(value).encode(), 0)
         answer = msgspec.json.decode(reply.line)
         assert answer["ok"] in (True, False)
         assert "set_int_max_str_digits" not in reply.line.decode()
@@ -197,7 +197,7 @@ def test_trajectories(text: str, tmp_path: Path) -> None:
         path = tmp_path / name
         path.write_text(content)
         try:
-            read(path)
+            read_trajectories(path)
         except TrajectoryError as error:
             check_refusal(error)
 
@@ -206,12 +206,12 @@ def test_trajectories(text: str, tmp_path: Path) -> None:
 def test_limits_of_an_arm(text: str) -> None:
     for form in (f"J1={text}..{text}", f"J1=0..{text}", f"J1.speed={text}", f"J{text}=0..1"):
         try:
-            found = limited(UNKNOWN, [form])
+            found = with_limits(UNKNOWN_ARM, [form])
         except ValueError as error:
             check_size(error, 200 + 3 * len(text))
         else:
             assert all(
-                abs(end) <= LARGEST
+                abs(end) <= MAX_LIMIT
                 for end in (found.axes["J1"].low, found.axes["J1"].high)
                 if "speed" not in form
             )

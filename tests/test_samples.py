@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.observer import Observer
-from bcapscope.player.limits import SIMULATED
-from bcapscope.player.preflight import check
-from bcapscope.player.reading import read
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.player.arm_limits import SIMULATED_ARM
+from bcapscope.player.preflight import run_preflight
 from bcapscope.player.resampling import resample
-from bcapscope.protocol.frame import Frame, Malformed
+from bcapscope.player.trajectory_reader import read_trajectories
+from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.simulator.kinematics import HOME, pose_of
 from bcapscope.traffic.observation import Direction, Observation, Transport
 from tests.dumps import packets_in
@@ -29,11 +29,11 @@ CAPTURES = [sample.name for sample in SAMPLES if not sample.name.endswith((".txt
 DAMAGED = {"damaged-dumps.pcap", "malformed.pcapng", "tcp-gap.pcap"}
 
 
-def observe(name: str) -> tuple[list[Observation], Observer]:
+def observe(name: str) -> tuple[list[Observation], PacketDecoder]:
     """Read a sample."""
-    observer = Observer()
+    observer = PacketDecoder()
     with open_capture(FOLDER / name) as capture:
-        return list(observer.observe(capture)), observer
+        return list(observer.decode(capture)), observer
 
 
 def frames(name: str) -> list[tuple[Direction, Frame]]:
@@ -64,19 +64,19 @@ def test_sound_samples_have_no_problem(name: str) -> None:
     observations, observer = observe(name)
     assert observations
     assert [seen.item for seen in observations if seen.item.problems] == []
-    assert all(talk.side_known_by == "port 5007" for talk in observer.conversations)
+    assert all(talk.server_known_by == "port 5007" for talk in observer.conversations)
     times = [seen.time for seen in observations]
     assert times == sorted(times)
 
 
 @pytest.mark.parametrize("name", WAYS)
 def test_the_simulated_arm_can_go_each_way(name: str) -> None:
-    (way,) = read(FOLDER / name)
+    (way,) = read_trajectories(FOLDER / name)
     if way.period != PERIOD:
         way = resample(way, PERIOD)
-    preflight = check(way, PERIOD, SIMULATED, present=pose_of(way.kind, HOME))
-    assert preflight.is_fit
-    found = {finding.check for finding in preflight.findings}
+    preflight = run_preflight(way, PERIOD, SIMULATED_ARM, current_pose=pose_of(way.kind, HOME))
+    assert preflight.is_playable
+    found = {finding.check for finding in preflight.problems}
     assert found == ({"first-point"} if name == "half-circle-positions.csv" else set())
 
 
@@ -137,7 +137,7 @@ def test_tcp_loses_nothing() -> None:
     assert len(observations) == 24
     assert observer.counts.gaps == 0
     answer = observations[11]
-    assert answer.time - answer.began == 3_090_000
+    assert answer.time - answer.first_byte_time == 3_090_000
 
 
 def test_a_gap_is_told_as_a_gap() -> None:

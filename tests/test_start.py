@@ -79,7 +79,7 @@ def test_help_that_finds_no_room_is_told_in_one_sentence() -> None:
 
 def test_scapy_is_imported_only_by_the_modules_that_need_it() -> None:
     modules = _modules()
-    assert "bcapscope.capture.source" in modules
+    assert "bcapscope.capture.byte_source" in modules
     argv = [sys.executable, "-c", _FIRST_WITH_SCAPY, *sorted(modules - SCAPY_USERS)]
     done = subprocess.run(argv, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -5,232 +5,249 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from bcapscope.analysis.casebook import Casebook
-from bcapscope.analysis.choice import Choice
-from bcapscope.analysis.client import Client, Clients
-from bcapscope.analysis.finding import Finding, Seen
-from bcapscope.analysis.rules import WATCHERS
-from bcapscope.analysis.rules.rule import Kind, all_seen, overrides
-from bcapscope.analysis.rules.wire import LARGE
-from bcapscope.analysis.slave import ChosenStays, SlaveWatcher
+from bcapscope.analysis.call_selection import CallSelection
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.finding import Finding, TrafficTotals
+from bcapscope.analysis.finding_collector import FindingCollector
+from bcapscope.analysis.rules import CHECKERS
+from bcapscope.analysis.rules.rule_checker import CallHealth, call_observations, checkers_overriding
+from bcapscope.analysis.rules.wire_rules import CHECKED_FROM_BYTES
+from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions, SlaveSessionDetector
+from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.speech import Speech
-from bcapscope.analysis.stay import Stay
-from bcapscope.protocol.frame import Malformed
-from bcapscope.protocol.hresult import is_failure
-from bcapscope.traffic.exchange import Exchange, FrameObservation, Settled
-from bcapscope.traffic.handles import Handles
+from bcapscope.protocol.codec.frame import Malformed
+from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.traffic.call import Call, FrameObservation, PairingResult
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.observation import Conversation, Flow, Observation
-from bcapscope.traffic.question import Question
 
-MOST_QUESTIONS = 4096
+MOST_CALL_KINDS = 4096
 """Kinds of calls whose watchers are remembered; when more are met, all are forgotten and asked again."""
 
-MOST_FLOWS = 65536
+MAX_FLOWS = 65536
 """Flows that are known not to be new; when there are more, all are forgotten."""
 
-_See: TypeAlias = Callable[[Exchange, Client], None]
+_CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 
 
 class Diagnosis:
     """Looks for what went wrong; memory is bounded, whatever the traffic.
 
-    Every observation goes to `take_observation` and everything that a tracker makes of it to `take`.
+    Every observation goes to `on_observation` and everything that a tracker makes of it to `on_pairing_result`.
     """
 
     def __init__(
         self,
-        chosen: Callable[[Exchange], bool] | None = None,
-        heed: Callable[[Stay], object] | None = None,
+        is_selected: Callable[[Call], bool] | None = None,
+        on_slave_session: Callable[[SlaveSession], object] | None = None,
     ) -> None:
         """Begin.
 
         Args:
-            chosen: tells which calls are asked about; None for all. What is found is told if it concerns one
+            is_selected: tells which calls are asked about; None for all. What is found is told if it concerns one
                 of them or is what that follows from; all calls count for what happened before and after.
-            heed: is given each stay in slave mode of the calls asked about, for who wants those as well.
+            on_slave_session: is given each stay in slave mode of the calls asked about, for who wants those as well.
         """
-        self._book = Casebook()
-        self._choice = None if chosen is None else Choice(chosen, self._book.report)
-        report = self._book.report if self._choice is None else self._choice.report
-        self._clients = Clients(self._drop)
-        self._handles = Handles(most_over=0)
-        self._slave = SlaveWatcher()
-        watchers = [watcher(report, self._clients) for watcher in WATCHERS]
-        self._callers = overrides(watchers, "call")
-        self._odd = [each.odd for each in overrides(watchers, "odd")]
-        self._strays = [each.stray for each in overrides(watchers, "stray")]
-        self._stays: list[Callable[[Stay], object]] = [each.stay for each in overrides(watchers, "stay")]
-        self._asked: ChosenStays | None = None
-        if heed is not None and chosen is None:
-            self._stays.append(heed)
-        elif heed is not None:
-            self._asked, self._heed = ChosenStays(chosen), heed
-        self._gone = [each.gone for each in overrides(watchers, "gone")]
-        self._fresh = [each.fresh for each in overrides(watchers, "fresh")]
-        self._forgetters = [each.forget for each in overrides(watchers, "forget")]
-        self._calls = self._not_followed = self._ended = 0
-        self._seers: dict[tuple[Question, Kind], tuple[_See, ...]] = {}
+        self._collector = FindingCollector()
+        self._selection = (
+            None if is_selected is None else CallSelection(is_selected, self._collector.add_occurrence)
+        )
+        report = self._collector.add_occurrence if self._selection is None else self._selection.add_occurrence
+        self._clients = ClientRegistry(self._drop_client)
+        self._handles = HandleTracker(max_ended=0)
+        self._session_detector = SlaveSessionDetector()
+        watchers = [watcher(report, self._clients) for watcher in CHECKERS]
+        self._call_checkers = checkers_overriding(watchers, "on_call")
+        self._suspect_frame_handlers = [
+            each.on_suspect_frame for each in checkers_overriding(watchers, "on_suspect_frame")
+        ]
+        self._stray_reply_handlers = [
+            each.on_stray_reply for each in checkers_overriding(watchers, "on_stray_reply")
+        ]
+        self._slave_session_handlers: list[Callable[[SlaveSession], object]] = [
+            each.on_slave_session for each in checkers_overriding(watchers, "on_slave_session")
+        ]
+        self._selected_sessions: SelectedSlaveSessions | None = None
+        if on_slave_session is not None and is_selected is None:
+            self._slave_session_handlers.append(on_slave_session)
+        elif on_slave_session is not None:
+            self._selected_sessions, self._on_selected_session = (
+                SelectedSlaveSessions(is_selected),
+                on_slave_session,
+            )
+        self._client_ended_handlers = [
+            each.on_client_ended for each in checkers_overriding(watchers, "on_client_ended")
+        ]
+        self._new_flow_handlers = [each.on_new_flow for each in checkers_overriding(watchers, "on_new_flow")]
+        self._closed_handlers = [
+            each.on_conversation_closed for each in checkers_overriding(watchers, "on_conversation_closed")
+        ]
+        self._dropped_calls = self._not_followed = self._ended_at = 0
+        self._handlers_by_kind: dict[tuple[CallKind, CallHealth], tuple[_CallHandler, ...]] = {}
         self._flows: set[Flow] = set()
         self._first: Observation | None = None
         self._last: Observation | None = None
         # The stay in slave mode of which the next set point is expected.
-        self._client: Client
-        self._conversation: Conversation | None = None
-        self._question: Question | None = None
+        self._expected_client: ClientState
+        self._expected_conversation: Conversation | None = None
+        self._expected_kind: CallKind | None = None
 
-    def take_observation(self, seen: Observation) -> None:
+    def on_observation(self, observation: Observation) -> None:
         """See the next frame, or the next bytes that are none, before what the tracker makes of it."""
-        item = seen.item
-        if self._choice is not None:
-            self._choice.look(seen)
-        if seen.flow not in self._flows:
-            self._meet(seen)
-        self._last = seen
-        if item.__class__ is Malformed or len(item.raw) >= LARGE:
-            for look in self._odd:
-                look(seen)
+        item = observation.item
+        if self._selection is not None:
+            self._selection.on_observation(observation)
+        if observation.flow not in self._flows:
+            self._on_new_flow(observation)
+        self._last = observation
+        if item.__class__ is Malformed or len(item.raw) >= CHECKED_FROM_BYTES:
+            for look in self._suspect_frame_handlers:
+                look(observation)
 
-    def take(self, settled: Settled) -> None:
+    def on_pairing_result(self, settled: PairingResult) -> None:
         """See a call that has settled, or a reply that belongs to none."""
-        if self._choice is not None:
-            self._choice.settle(settled)
-        if isinstance(settled, Exchange):
-            if self._asked is not None:
-                self._hand_over(self._asked.take(settled))
-            if settled.question is self._question and settled.conversation is self._conversation:
+        if self._selection is not None:
+            self._selection.on_pairing_result(settled)
+        if isinstance(settled, Call):
+            if self._selected_sessions is not None:
+                self._pass_on_selected(self._selected_sessions.add_call(settled))
+            if settled.kind is self._expected_kind and settled.conversation is self._expected_conversation:
                 reply, frame = settled.reply, settled.request.item
                 if (
                     reply is not None
                     and not reply.item.code
-                    and not settled.others
+                    and not settled.other_frames
                     and frame.reserved in (0, frame.serial)
                 ):
-                    self._client.take_point(settled)
-                    stays = self._slave.take(settled)
+                    self._expected_client.on_set_point(settled)
+                    stays = self._session_detector.add_call(settled)
                     if stays:
-                        self._tell(stays)
+                        self._on_slave_sessions(stays)
                     return
-            self._take_call(settled)
+            self._on_call(settled)
         else:
-            self._look_inside(settled.seen)
-            for judge in self._strays:
+            self._check_frame(settled.observation)
+            for judge in self._stray_reply_handlers:
                 judge(settled)
 
-    def _take_call(self, call: Exchange) -> None:
-        client = self._clients.of(call)
-        client.thing = self._handles.follow(call)
-        for seen in all_seen(call):
-            self._look_inside(seen)
-        self._not_followed += call.let_go
-        kind = _kind(call)
-        seers = self._seers.get((call.question, kind))
+    def _on_call(self, call: Call) -> None:
+        client = self._clients.client_of(call)
+        client.target_object = self._handles.on_call(call)
+        for seen in call_observations(call):
+            self._check_frame(seen)
+        self._not_followed += call.evicted
+        kind = _health_of(call)
+        seers = self._handlers_by_kind.get((call.kind, kind))
         if seers is None:
-            seers = self._learn((call.question, kind))
+            seers = self._handlers_for((call.kind, kind))
         for see in seers:
             see(call, client)
-        self._tell(self._slave.take(call))
-        client.learn(call)
+        self._on_slave_sessions(self._session_detector.add_call(call))
+        client.on_call(call)
         # Of set points, of which there may be millions, the first of a stay is looked at by all, and then
         # only those that went wrong.
-        is_point = bool(client.points) and client.points[-1] is call
-        self._question = call.question if is_point else None
-        self._client, self._conversation = client, call.conversation
+        is_point = bool(client.recent_set_points) and client.recent_set_points[-1] is call
+        self._expected_kind = call.kind if is_point else None
+        self._expected_client, self._expected_conversation = client, call.conversation
 
-    def _look_inside(self, seen: FrameObservation) -> None:
+    def _check_frame(self, observation: FrameObservation) -> None:
         """Show a frame with problems; a large one was seen by now."""
-        if seen.item.problems and len(seen.item.raw) < LARGE:
-            for look in self._odd:
-                look(seen)
+        if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
+            for look in self._suspect_frame_handlers:
+                look(observation)
 
-    def _tell(self, stays: Sequence[Stay]) -> None:
-        for stay in stays:
-            for tell in self._stays:
+    def _on_slave_sessions(self, sessions: Sequence[SlaveSession]) -> None:
+        for stay in sessions:
+            for tell in self._slave_session_handlers:
                 tell(stay)
 
-    def _hand_over(self, stays: Sequence[Stay]) -> None:
-        for stay in stays:
-            self._heed(stay)
+    def _pass_on_selected(self, sessions: Sequence[SlaveSession]) -> None:
+        for stay in sessions:
+            self._on_selected_session(stay)
 
-    def forget(self, conversation: Conversation) -> None:
+    def on_conversation_closed(self, conversation: Conversation) -> None:
         """Let go of a conversation that is over, all of whose calls were taken."""
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
-        if conversation is self._conversation:
-            self._conversation = self._question = None
-        self._handles.forget(conversation)
-        self._tell(self._slave.forget(conversation))
-        self._clients.depart(conversation)
-        for forget in self._forgetters:
+        if conversation is self._expected_conversation:
+            self._expected_conversation = self._expected_kind = None
+        self._handles.close_conversation(conversation)
+        self._on_slave_sessions(self._session_detector.close_conversation(conversation))
+        self._clients.on_conversation_closed(conversation)
+        for forget in self._closed_handlers:
             forget(conversation)
 
-    def finish(self, ended: int = 0, present: bool = False) -> tuple[Finding, ...]:
+    def finish(self, ended_at: int = 0, clients_present: bool = False) -> tuple[Finding, ...]:
         """Tell all that was found, the first cause first; nothing more is to be taken after that.
 
         Args:
-            ended: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
-            present: clients that fell silent are known to be still there.
+            ended_at: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
+            clients_present: clients that fell silent are known to be still there.
         """
-        self._ended = max(self._ended, ended)
-        if self._choice is not None:
-            self._choice.close()
-        self._tell(self._slave.finish(self._end))
-        if self._asked is not None:
-            self._hand_over(self._asked.finish(self._end))
+        self._ended_at = max(self._ended_at, ended_at)
+        if self._selection is not None:
+            self._selection.release_all()
+        self._on_slave_sessions(self._session_detector.finish(self._end_time))
+        if self._selected_sessions is not None:
+            self._pass_on_selected(self._selected_sessions.finish(self._end_time))
         for client in self._clients:
-            client.present = present
-            self._goodbye(client)
-        return self._book.findings(self._speech)
+            client.known_present = clients_present
+            self._end_client(client)
+        return self._collector.findings(self._speech)
 
-    def news(self) -> tuple[Finding, ...]:
+    def new_findings(self) -> tuple[Finding, ...]:
         """Tell what was found since the last time; what it follows from shows when all is seen."""
-        return self._book.news(self._speech)
+        return self._collector.new_findings(self._speech)
 
     @property
-    def seen(self) -> Seen:
+    def totals(self) -> TrafficTotals:
         """How much was seen so far."""
         first, last = self._first, self._last
         if first is None or last is None:
-            return Seen(0, 0, 0, 0)
-        calls = self._calls + sum(client.calls for client in self._clients)
-        chosen = None if self._choice is None else self._choice.calls
-        frames, lasted = last.number - first.number + 1, self._end - first.time
-        return Seen(frames, calls, self._clients.seen, lasted, self._not_followed, chosen)
+            return TrafficTotals(0, 0, 0, 0)
+        calls = self._dropped_calls + sum(client.call_count for client in self._clients)
+        chosen = None if self._selection is None else self._selection.selected_calls
+        frames, lasted = last.number - first.number + 1, self._end_time - first.time
+        return TrafficTotals(frames, calls, self._clients.clients_seen, lasted, self._not_followed, chosen)
 
     @property
     def _speech(self) -> Speech:
         start = self._first.time if self._first is not None else 0
-        return Speech(start, self._clients.seen <= 1)
+        return Speech(start, self._clients.clients_seen <= 1)
 
     @property
-    def _end(self) -> int:
-        return max(self._ended, self._last.time if self._last is not None else 0)
+    def _end_time(self) -> int:
+        return max(self._ended_at, self._last.time if self._last is not None else 0)
 
-    def _meet(self, seen: Observation) -> None:
+    def _on_new_flow(self, observation: Observation) -> None:
         """See a flow for the first time."""
         if self._first is None:
-            self._first = seen
-        if len(self._flows) >= MOST_FLOWS:
+            self._first = observation
+        if len(self._flows) >= MAX_FLOWS:
             self._flows.clear()
-        self._flows.add(seen.flow)
-        for look in self._fresh:
-            look(seen)
+        self._flows.add(observation.flow)
+        for look in self._new_flow_handlers:
+            look(observation)
 
-    def _learn(self, key: tuple[Question, Kind]) -> tuple[_See, ...]:
-        if len(self._seers) >= MOST_QUESTIONS:
-            self._seers.clear()
-        seers = self._seers[key] = tuple(each.call for each in self._callers if each.heeds(*key))
+    def _handlers_for(self, key: tuple[CallKind, CallHealth]) -> tuple[_CallHandler, ...]:
+        if len(self._handlers_by_kind) >= MOST_CALL_KINDS:
+            self._handlers_by_kind.clear()
+        seers = self._handlers_by_kind[key] = tuple(
+            each.on_call for each in self._call_checkers if each.wants_call(*key)
+        )
         return seers
 
-    def _drop(self, client: Client) -> None:
-        self._calls += client.calls
-        self._goodbye(client)
+    def _drop_client(self, client: ClientState) -> None:
+        self._dropped_calls += client.call_count
+        self._end_client(client)
 
-    def _goodbye(self, client: Client) -> None:
-        for tell in self._gone:
-            tell(client, self._end)
+    def _end_client(self, client: ClientState) -> None:
+        for tell in self._client_ended_handlers:
+            tell(client, self._end_time)
 
 
-def _kind(call: Exchange) -> Kind:
+def _health_of(call: Call) -> CallHealth:
     reply = call.reply
     if reply is not None and is_failure(reply.item.code):
-        return Kind.REFUSED
-    return Kind.SMOOTH if reply is not None and call.is_plain else Kind.TROUBLED
+        return CallHealth.REFUSED
+    return CallHealth.SMOOTH if reply is not None and call.is_plain else CallHealth.TROUBLED

@@ -44,21 +44,21 @@ class Finding:
     source: str
 
 
-class Seen(NamedTuple):
+class TrafficTotals(NamedTuple):
     """How much a diagnosis saw.
 
     Attributes:
         frames: frames and malformed items.
         calls: calls.
         clients: conversations that asked at least once.
-        nanoseconds: from the first frame to the end.
+        duration_ns: from the first frame to the end.
         not_followed: of the calls those that were let go before a reply was seen.
-        chosen: of the calls those that were asked for; None where all were.
+        selected_calls: of the calls those that were asked for; None where all were.
     """
 
     frames: int
     calls: int
     clients: int
-    nanoseconds: int
+    duration_ns: int
     not_followed: int = 0
-    chosen: int | None = None
+    selected_calls: int | None = None

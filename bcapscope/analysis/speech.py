@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.functions import function_name
-from bcapscope.protocol.hresult import describe, hresult_name
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Conversation
 
 LONGEST_NAME = 60
@@ -38,13 +38,13 @@ def times(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def name_of(call: Exchange) -> str:
+def name_of(call: Call) -> str:
     """Name what a call asks: its command, else its function."""
-    command = call.question.command
-    return function_name(call.question.function_id) if command is None else shown(command)
+    command = call.kind.command
+    return function_name(call.kind.function_id) if command is None else shown(command)
 
 
-def called(call: Exchange) -> str:
+def called(call: Call) -> str:
     """Name a call by what it asks and its first serial."""
     return f"{name_of(call)} {call.request.item.serial}"
 
@@ -53,7 +53,7 @@ def result_text(code: int) -> str:
     """Write a result with its meaning."""
     name, number = hresult_name(code), f"0x{code:08X}"
     symbol = number if name == number else f"{name} {number}"
-    return f"{symbol}, {describe(code).text}"
+    return f"{symbol}, {describe_hresult(code).text}"
 
 
 class Speech:

@@ -6,7 +6,7 @@ import re
 
 from bcapscope.traffic.observation import Direction
 
-LONGEST = 120
+LONGEST_CAPTION = 120
 """Characters of a caption that are kept."""
 
 LONGEST_PARAGRAPH = 500
@@ -16,10 +16,10 @@ _SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
 
 _CLIENT = r"(?:client|pc|host|tester)"
 _SERVER = r"(?:server|controller|robot|rc[789]\w?)"
-_TOWARDS = r"\s*(?:[-=]*>|[\u2190-\u21ff\u27f5-\u27ff]|to(?:\s+the)?\b)\s*"
+_ARROW = r"\s*(?:[-=]*>|[\u2190-\u21ff\u27f5-\u27ff]|to(?:\s+the)?\b)\s*"
 _ARROWS = (
-    (Direction.REQUEST, re.compile(_CLIENT + _TOWARDS + _SERVER)),
-    (Direction.RESPONSE, re.compile(_SERVER + _TOWARDS + _CLIENT)),
+    (Direction.REQUEST, re.compile(_CLIENT + _ARROW + _SERVER)),
+    (Direction.RESPONSE, re.compile(_SERVER + _ARROW + _CLIENT)),
 )
 _NAMES = (
     (
@@ -41,10 +41,10 @@ def caption_direction(caption: str) -> Direction | None:
     Of a paragraph its last sentence decides.
     """
     last = _SENTENCE_END.split(caption[-LONGEST_PARAGRAPH:])[-1]
-    return _direction(last) or _direction(caption[-LONGEST_PARAGRAPH:])
+    return _direction_in(last) or _direction_in(caption[-LONGEST_PARAGRAPH:])
 
 
-def _direction(words: str) -> Direction | None:
+def _direction_in(words: str) -> Direction | None:
     words = words.casefold()
     for forms in (_ARROWS, _NAMES):
         said = [direction for direction, form in forms if form.search(words)]
@@ -53,7 +53,7 @@ def _direction(words: str) -> Direction | None:
     return None
 
 
-def tidy(words: str) -> str:
+def shorten_caption(words: str) -> str:
     """Shorten a line, or the end of a paragraph, to what names the packet under it."""
     words = words.strip(" \t-*#•:=")
-    return words if len(words) <= LONGEST else _SENTENCE_END.split(words)[-1][-LONGEST:]
+    return words if len(words) <= LONGEST_CAPTION else _SENTENCE_END.split(words)[-1][-LONGEST_CAPTION:]

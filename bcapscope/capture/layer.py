@@ -29,10 +29,18 @@ from scapy.fields import (
 from scapy.layers.inet import TCP, UDP
 from scapy.packet import Packet, bind_bottom_up, bind_layers
 
-from bcapscope.protocol.frame import EOT, HEADER_SIZE, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Framing
-from bcapscope.protocol.functions import FUNCTIONS, function_name
-from bcapscope.protocol.hresult import S_EXECUTING, hresult_name
-from bcapscope.protocol.variant import EMPTY, VT, Variant, encode_argument
+from bcapscope.protocol.codec.frame import (
+    EOT,
+    HEADER_SIZE,
+    LARGEST_FRAME,
+    SMALLEST_FRAME,
+    SOH,
+    Frame,
+    Framing,
+)
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_argument
+from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name
 
 PORT = 5007
 
@@ -42,7 +50,7 @@ _HEADER = struct.Struct("<BIHHIH")
 _TYPES = {bool: VT.BOOL, int: VT.I4, float: VT.R8, str: VT.BSTR}
 
 
-def _variant(value: Any) -> Variant:
+def _as_variant(value: Any) -> Variant:
     if isinstance(value, Variant):
         return value
     if value is None:
@@ -67,7 +75,7 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
         """Accept one value or several."""
         values = x if isinstance(x, (list, tuple)) and not isinstance(x, Variant) else (x,)
-        return tuple(map(_variant, values))
+        return tuple(map(_as_variant, values))
 
     def i2m(self, pkt: Packet | None, x: Any) -> bytes:
         """Encode all arguments."""
@@ -130,7 +138,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
         Bytes outside of any frame come out as a raw layer.
         """
-        garbage = _garbage(data)
+        garbage = _garbage_size(data)
         if garbage:
             found = conf.raw_layer(data[:garbage])
             return found / conf.padding_layer(data[garbage:]) if garbage < len(data) else found
@@ -218,7 +226,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return f"b-CAP {what} serial {self.serial}"
 
 
-def _garbage(data: bytes) -> int:
+def _garbage_size(data: bytes) -> int:
     """Return how many bytes of a stream no frame begins with."""
     length = int.from_bytes(data[1:5], "little")
     if data[:1] == bytes((SOH,)) and (len(data) < 5 or SMALLEST_FRAME <= length <= LARGEST_FRAME):

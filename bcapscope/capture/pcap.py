@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
+from bcapscope.capture.byte_source import ByteSource
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.capture.source import Source
 from bcapscope.errors import CaptureError
 
 MAGICS = {
@@ -26,14 +26,14 @@ _RECORD_HEADER_SIZE = 16
 _LINKTYPE = 0x03FFFFFF  # the bits above hold the length of a frame check sequence (pcap-common.c)
 
 
-def read_pcap(source: Source) -> Iterator[Packet]:
+def read_pcap(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture whose magic was recognised.
 
     Raises:
         CaptureError: the file ends inside a record, or a record claims more than `RECORD_LIMIT`; all
             packets before that were yielded.
     """
-    if not source.need(_HEADER_SIZE):
+    if not source.ensure_bytes(_HEADER_SIZE):
         raise CaptureError(f"the capture ends inside its header, after {len(source.data)} bytes", 0)
     order, scale = MAGICS[source.data[:4]]
     (linktype,) = struct.unpack_from(order + "I", source.data, 20)
@@ -49,24 +49,24 @@ def read_pcap(source: Source) -> Iterator[Packet]:
             stop = start + kept
             if stop > end or kept > RECORD_LIMIT:
                 if kept > RECORD_LIMIT:
-                    raise _too_long(source.offset + position, count + 1, kept)
+                    raise _oversized_record(source.offset + position, count + 1, kept)
                 break
             count += 1
             position = stop
             yield seconds * 1_000_000_000 + fraction * scale, data[start:stop], original, interface, comments
-        if not source.more(position):
+        if not source.advance(position):
             break
         position, data = 0, source.data
     if source.data:
-        raise _cut(source.offset, count + 1, source.data)
+        raise _truncated_record(source.offset, count + 1, source.data)
 
 
-def _too_long(offset: int, number: int, claimed: int) -> CaptureError:
+def _oversized_record(offset: int, number: int, claimed: int) -> CaptureError:
     reason = f"it claims {claimed} bytes, {RECORD_LIMIT} is the most"
     return CaptureError(f"the capture is damaged at packet {number} (byte {offset}): {reason}", offset)
 
 
-def _cut(offset: int, number: int, rest: bytes) -> CaptureError:
+def _truncated_record(offset: int, number: int, rest: bytes) -> CaptureError:
     there = len(rest)
     return CaptureError(
         f"the capture breaks off inside packet {number} (byte {offset}), of which {there} bytes are there",

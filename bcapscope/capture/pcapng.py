@@ -6,10 +6,10 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from bcapscope.capture.byte_source import ByteSource
 from bcapscope.capture.packet import Interface, Packet
-from bcapscope.capture.source import Source
 from bcapscope.errors import CaptureError
-from bcapscope.protocol.wording import counted
+from bcapscope.protocol.text_format import counted
 
 MAGIC = b"\x0a\x0d\x0d\x0a"
 """Type of the section header block, the same in both byte orders."""
@@ -29,11 +29,11 @@ COMMENTS_SIZE = 65_535
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes
 _ORDERS = {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}
-_FRAME_SIZE = 12  # type and length before the body of a block, the length again behind it
+_BLOCK_OVERHEAD = 12  # type and length before the body of a block, the length again behind it
 _ENHANCED_SIZE = 32  # an enhanced packet block without data and options
 
 
-class _Clock(NamedTuple):
+class _InterfaceClock(NamedTuple):
     """An interface and its time unit: nanoseconds are ticks * factor // divisor + offset."""
 
     interface: Interface
@@ -43,11 +43,11 @@ class _Clock(NamedTuple):
     snaplen: int
 
 
-class _Damage(Exception):
+class _DamagedBlockError(Exception):
     """Why a block makes no sense, in one clause."""
 
 
-def read_pcapng(source: Source) -> Iterator[Packet]:
+def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with a section header block.
 
     A simple packet block has no time; its packet gets that of the packet before it.
@@ -61,7 +61,7 @@ def read_pcapng(source: Source) -> Iterator[Packet]:
     data = source.data
     while True:
         end = len(data)
-        head, clocks = section.head.unpack_from, section.clocks
+        head, clocks = section.packet_header.unpack_from, section.clocks
         current = epoch = -1
         while position + _ENHANCED_SIZE <= end:  # the blocks that captures consist of, without options
             kind, size, number, high, low, kept, original = head(data, position)
@@ -80,9 +80,9 @@ def read_pcapng(source: Source) -> Iterator[Packet]:
             time = low * factor + offset
             yield time, data[start : start + kept], original, interface, ()
         try:
-            size = section.size(data, position)
-            packet = section.take(data, position, size, time) if size else None
-        except _Damage as damage:
+            size = section.block_size(data, position)
+            packet = section.read_block(data, position, size, time) if size else None
+        except _DamagedBlockError as damage:
             where = f"byte {source.offset + position}, after {count} packets"
             raise CaptureError(
                 f"the capture is damaged at {where}: {damage}", source.offset + position
@@ -93,7 +93,7 @@ def read_pcapng(source: Source) -> Iterator[Packet]:
             time = packet[0]
             yield packet
         if size == 0:
-            if not source.more(position):
+            if not source.advance(position):
                 break
             position, data = 0, source.data
     if source.data:
@@ -107,37 +107,37 @@ class _Section:
     """The byte order and the interfaces in force, and how its blocks are read."""
 
     def __init__(self) -> None:
-        self.clocks: list[_Clock] = []
-        self._begin("<")
+        self.clocks: list[_InterfaceClock] = []
+        self._set_byte_order("<")
 
-    def _begin(self, order: str) -> None:
+    def _set_byte_order(self, order: str) -> None:
         self.clocks.clear()
         self._order = order
-        self.head = struct.Struct(order + "IIIIIII")
+        self.packet_header = struct.Struct(order + "IIIIIII")
 
-    def _numbers(self, form: str, data: bytes, position: int = 0) -> tuple[int, ...]:
+    def _unpack(self, form: str, data: bytes, position: int = 0) -> tuple[int, ...]:
         """Read numbers; a block too small for them is damaged."""
         try:
             return struct.unpack_from(self._order + form, data, position)
         except struct.error:
-            raise _Damage(f"the block is too small, with {len(data)} bytes") from None
+            raise _DamagedBlockError(f"the block is too small, with {len(data)} bytes") from None
 
-    def size(self, data: bytes, position: int) -> int:
+    def block_size(self, data: bytes, position: int) -> int:
         """Return the size of the block at `position`, 0 if not all of it is there."""
         there = len(data) - position
-        if there < _FRAME_SIZE:
+        if there < _BLOCK_OVERHEAD:
             return 0
         if data[position : position + 4] == MAGIC:
             order = _ORDERS.get(data[position + 8 : position + 12])
             if order is None:
-                raise _Damage("a section header block without its byte-order magic")
-            self._begin(order)
-        (size,) = self._numbers("I", data, position + 4)
-        if size < _FRAME_SIZE or size % 4 or size > BLOCK_LIMIT:
-            raise _Damage(f"a block claims a length of {size} bytes")
+                raise _DamagedBlockError("a section header block without its byte-order magic")
+            self._set_byte_order(order)
+        (size,) = self._unpack("I", data, position + 4)
+        if size < _BLOCK_OVERHEAD or size % 4 or size > BLOCK_LIMIT:
+            raise _DamagedBlockError(f"a block claims a length of {size} bytes")
         return size if size <= there else 0
 
-    def take(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
+    def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
         """Read the block at `position`; return its packet if it holds one.
 
         Args:
@@ -146,66 +146,68 @@ class _Section:
             size: its size.
             time: of the packet before, in nanoseconds.
         """
-        kind, _ = self._numbers("II", data, position)
+        kind, _ = self._unpack("II", data, position)
         body = data[position + 8 : position + size - 4]
-        (again,) = self._numbers("I", data, position + size - 4)
+        (again,) = self._unpack("I", data, position + size - 4)
         if again != size:
-            raise _Damage(f"a block is {size} bytes long at its beginning and {again} at its end")
+            raise _DamagedBlockError(f"a block is {size} bytes long at its beginning and {again} at its end")
         if kind == _SECTION:
             self._check_version(body)
         elif kind == _INTERFACE:
             self._add_interface(body)
         elif kind == _SIMPLE:
-            return self._simple(body, time)
+            return self._make_simple_packet(body, time)
         elif kind == _ENHANCED:
-            number, *rest = self._numbers("IIIII", body)
-            return self._packet(body, number, rest)
+            number, *rest = self._unpack("IIIII", body)
+            return self._make_packet(body, number, rest)
         elif kind == _OBSOLETE:
-            number, _, *rest = self._numbers("HHIIII", body)
-            return self._packet(body, number, rest)
+            number, _, *rest = self._unpack("HHIIII", body)
+            return self._make_packet(body, number, rest)
         return None
 
     def _check_version(self, body: bytes) -> None:
-        _, major, minor = self._numbers("IHH", body)
+        _, major, minor = self._unpack("IHH", body)
         if major != 1:
-            raise _Damage(f"a section of pcapng version {major}.{minor}, only 1 is known")
+            raise _DamagedBlockError(f"a section of pcapng version {major}.{minor}, only 1 is known")
 
     def _add_interface(self, body: bytes) -> None:
-        linktype, _, snaplen = self._numbers("HHI", body)
+        linktype, _, snaplen = self._unpack("HHI", body)
         if len(self.clocks) == INTERFACES_LIMIT:
-            raise _Damage(f"more than {INTERFACES_LIMIT} interfaces in one section")
+            raise _DamagedBlockError(f"more than {INTERFACES_LIMIT} interfaces in one section")
         name, factor, divisor, offset = "", 1000, 1, 0
         for code, value in self._options(body, 8):
             if code == _NAME:
                 name = value[: 4 * LONGEST_NAME].decode("utf-8", "replace")[:LONGEST_NAME]
             elif code == _RESOLUTION and value:
-                factor, divisor = _unit(value[0])
+                factor, divisor = _tick_unit(value[0])
             elif code == _OFFSET:
-                offset = self._numbers("q", value)[0] * 1_000_000_000
-        self.clocks.append(_Clock(Interface(linktype, name), factor, divisor, offset, snaplen))
+                offset = self._unpack("q", value)[0] * 1_000_000_000
+        self.clocks.append(_InterfaceClock(Interface(linktype, name), factor, divisor, offset, snaplen))
 
     def _options(self, body: bytes, position: int) -> Iterator[tuple[int, bytes]]:
         while position + 4 <= len(body):
-            code, size = self._numbers("HH", body, position)
+            code, size = self._unpack("HH", body, position)
             if code == _END:
                 return
             start = position + 4
             if start + size > len(body):
-                raise _Damage(f"an option claims {size} bytes, {len(body) - start} are left in its block")
+                raise _DamagedBlockError(
+                    f"an option claims {size} bytes, {len(body) - start} are left in its block"
+                )
             yield code, body[start : start + size]
             position = start + (size + 3 & ~3)
 
-    def _clock(self, number: int) -> _Clock:
+    def _clock_of(self, number: int) -> _InterfaceClock:
         if number >= len(self.clocks):
-            raise _Damage(f"a packet of interface {number}, of which there is no description")
+            raise _DamagedBlockError(f"a packet of interface {number}, of which there is no description")
         return self.clocks[number]
 
-    def _packet(self, body: bytes, number: int, rest: list[int]) -> Packet:
-        interface, factor, divisor, offset, _ = self._clock(number)
+    def _make_packet(self, body: bytes, number: int, rest: list[int]) -> Packet:
+        interface, factor, divisor, offset, _ = self._clock_of(number)
         high, low, kept, original = rest
         stop = 20 + kept
         if stop > len(body):
-            raise _Damage(f"a packet claims {kept} bytes, its block has room for {len(body) - 20}")
+            raise _DamagedBlockError(f"a packet claims {kept} bytes, its block has room for {len(body) - 20}")
         time = (high << 32 | low) * factor // divisor + offset
         return time, body[20:stop], original, interface, self._comments(body, stop + 3 & ~3)
 
@@ -220,16 +222,16 @@ class _Section:
                     more += 1
         return (*found, f"{counted(more, 'comment')} not read") if more else tuple(found)
 
-    def _simple(self, body: bytes, time: int) -> Packet:
-        clock = self._clock(0)
-        (original,) = self._numbers("I", body)
+    def _make_simple_packet(self, body: bytes, time: int) -> Packet:
+        clock = self._clock_of(0)
+        (original,) = self._unpack("I", body)
         kept = min(original, clock.snaplen or original)
         if kept > len(body) - 4:
-            raise _Damage(f"a packet claims {kept} bytes, its block has room for {len(body) - 4}")
+            raise _DamagedBlockError(f"a packet claims {kept} bytes, its block has room for {len(body) - 4}")
         return time, body[4 : 4 + kept], original, clock.interface, ()
 
 
-def _unit(resolution: int) -> tuple[int, int]:
+def _tick_unit(resolution: int) -> tuple[int, int]:
     """Return factor and divisor from ticks to nanoseconds; option if_tsresol of the interface."""
     exponent = resolution & 0x7F
     if resolution & 0x80:

@@ -4,7 +4,7 @@ scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel cont
 License 2.0. The two licences do not permit both in one program. So scapy has a process of its own, which
 loads nothing else but Python's library and hands packets over through a pipe.
 
-Standard output carries records: kind, time and length (`RECORD`), then that many bytes.
+Standard output carries records: kind, time and length (`RECORD_HEADER`), then that many bytes.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from collections.abc import Iterator
 from enum import IntEnum
 from typing import BinaryIO
 
-RECORD = struct.Struct("<BqI")
+RECORD_HEADER = struct.Struct("<BqI")
 """Kind; ns since 1970-01-01 UTC, or the link type in a `READY`; how many bytes follow."""
 
-WAIT = 0.25
+READ_TIMEOUT = 0.25
 """Seconds that a read waits at most: an interrupt is never kept waiting, and each end notices when the other
 has gone."""
 
 
-class Kind(IntEnum):
+class SnifferRecordKind(IntEnum):
     """The kind of a record."""
 
     READY = 0
@@ -34,7 +34,7 @@ class Kind(IntEnum):
     PACKET = 1
     """A packet follows."""
     ALIVE = 2
-    """No packet came for `WAIT`."""
+    """No packet came for `READ_TIMEOUT`."""
     FORBIDDEN = 3
     """The right to capture is missing."""
     ENDED = 4
@@ -61,9 +61,9 @@ class ScapySource:
         self.linktype: int = conf.l2types.layer2num.get(self._socket.LL, 1)
 
     def packets(self) -> Iterator[tuple[int, bytes] | None]:
-        """Yield the time and the bytes of each packet; None when none came for `WAIT`."""
+        """Yield the time and the bytes of each packet; None when none came for `READ_TIMEOUT`."""
         while True:
-            if not self._socket.select([self._socket], WAIT):
+            if not self._socket.select([self._socket], READ_TIMEOUT):
                 yield None
                 continue
             _, data, seconds = self._socket.recv_raw()
@@ -74,24 +74,28 @@ class ScapySource:
 def main(name: str, out: BinaryIO) -> None:
     """Capture until the other end of `out` is closed."""
 
-    def write(kind: Kind, number: int = 0, data: bytes = b"") -> None:
-        out.write(RECORD.pack(kind, number, len(data)) + data)
+    def write(kind: SnifferRecordKind, number: int = 0, data: bytes = b"") -> None:
+        out.write(RECORD_HEADER.pack(kind, number, len(data)) + data)
         out.flush()
 
     try:
         source = ScapySource(name)
-        write(Kind.READY, source.linktype)
+        write(SnifferRecordKind.READY, source.linktype)
         for packet in source.packets():
             if packet is None:
-                write(Kind.ALIVE)
+                write(SnifferRecordKind.ALIVE)
             else:
-                write(Kind.PACKET, *packet)
+                write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # for what is flushed at the end
     except PermissionError:
-        write(Kind.FORBIDDEN)
+        write(SnifferRecordKind.FORBIDDEN)
     except Exception as error:  # scapy raises its own, and some that are not even documented
-        write(Kind.ENDED, 0, f"{getattr(error, 'strerror', None) or error}".encode("utf-8", "replace"))
+        write(
+            SnifferRecordKind.ENDED,
+            0,
+            f"{getattr(error, 'strerror', None) or error}".encode("utf-8", "replace"),
+        )
 
 
 if __name__ == "__main__":

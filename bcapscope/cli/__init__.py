@@ -14,9 +14,9 @@ import sys
 import click
 
 from bcapscope import __version__
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import OutputRefused, forget_stdout
-from bcapscope.protocol.wording import shortened
+from bcapscope.cli.common.data_output import StdoutWriteError, discard_stdout
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.protocol.text_format import shortened
 
 _COMMANDS = {
     "decode": "Read frames, one line each.",
@@ -38,11 +38,11 @@ _COMMANDS = {
 }
 
 
-_NO_ROOM = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+_DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 _LONGEST_MESSAGE = 2000  # characters of an error, which may repeat what was typed
 
-_GARBAGE = (20_000, 20, 100)
+_GC_THRESHOLDS = (20_000, 20, 100)
 """How rarely to look for cycles: frames and calls hold none, and looking takes a twentieth of the time."""
 
 
@@ -73,11 +73,11 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line and exit with one of `exits.Exit`."""
-    gc.set_threshold(*_GARBAGE)
+    gc.set_threshold(*_GC_THRESHOLDS)
     if sys.stdout is None or sys.stderr is None:  # closed by whoever started us
         if sys.stderr is not None:
             click.echo("Error: standard output is closed", err=True)
-        sys.exit(Exit.UNWRITABLE)
+        sys.exit(ExitCode.UNWRITABLE)
     try:
         # Not by cli.main(): that ends with 1 when the reader of stdout has gone.
         with cli.make_context("bcapscope", sys.argv[1:]) as context:
@@ -90,13 +90,13 @@ def main() -> None:
         click.echo(shortened(told.getvalue().rstrip("\n"), _LONGEST_MESSAGE), err=True)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        sys.exit(Exit.INTERRUPTED)
+        sys.exit(ExitCode.INTERRUPTED)
     except BrokenPipeError:  # the reader of stdout has seen enough
-        forget_stdout()
+        discard_stdout()
     except OSError as error:
-        if error.filename is not None or error.errno not in _NO_ROOM:
+        if error.filename is not None or error.errno not in _DISK_FULL:
             raise
-        forget_stdout()  # which has help or the version, as click writes them: all else sees to itself
-        refused = OutputRefused(error)
+        discard_stdout()  # which has help or the version, as click writes them: all else sees to itself
+        refused = StdoutWriteError(error)
         refused.show()
         sys.exit(refused.exit_code)

@@ -9,28 +9,28 @@ from typing import IO, Any, TextIO
 
 import click
 
-from bcapscope.cli import options
-from bcapscope.cli.arming import armed_calls, unarmed
-from bcapscope.cli.connection import Target, failures_told, target
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import echo, narrate, palette
-from bcapscope.cli.request import LONGEST_LINE, Request, RequestReader, check_owners
-from bcapscope.cli.signals import run_in_order
+from bcapscope.cli.common import options
+from bcapscope.cli.common.arming_prompt import log_armed_calls, unarmed_reason
+from bcapscope.cli.common.data_output import choose_palette, echo, print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.planned_call import LONGEST_LINE, PlannedCall, PlannedCallParser, check_owners
+from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
 from bcapscope.client.action_log import LoggedConnection
-from bcapscope.client.armed_calls import ArmedCalls
-from bcapscope.client.reach import NAMES, Reach
-from bcapscope.client.session import open_target
-from bcapscope.errors import ExchangeTimeout
-from bcapscope.protocol.commands import call_name
-from bcapscope.protocol.functions import ObjectClass
+from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.object_opener import DEFAULT_OBJECT_NAMES, ObjectOpener
+from bcapscope.client.session import open_target_session
+from bcapscope.errors import CallTimeout
+from bcapscope.live.end_signals import run_interruptible
+from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import needs_arming
-from bcapscope.protocol.requester import Refused, Settled, TimedOut
-from bcapscope.protocol.variant import Variant
-from bcapscope.render.answer import AnswerRenderer
+from bcapscope.protocol.retry.requester import CallRefused, CallTimedOut, RequesterOutcome
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import hexdump
+from bcapscope.render.reply_text import ReplyRenderer
+from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.traffic.question import Question
 
 _NAMED = (
     ObjectClass.ROBOT,
@@ -42,7 +42,7 @@ _NAMED = (
 )
 
 
-class _Script(click.File):
+class _ScriptFile(click.File):
     """A file or standard input, which may be closed."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
@@ -54,13 +54,13 @@ class _Script(click.File):
 @click.command(
     short_help="Call functions of a controller.", context_settings={"ignore_unknown_options": True}
 )
-@target
+@target_options
 @click.argument("words", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
 @click.option("-e", "--exec", "more", metavar="CALL", multiple=True, help="One more call, as one word.")
 @click.option(
     "--script",
     metavar="FILE",
-    type=_Script(encoding="utf-8-sig"),
+    type=_ScriptFile(encoding="utf-8-sig"),
     help="Calls, one a line; - is standard input.",
 )
 @click.option("--robot", help="Name of the robot that is opened where one is needed; Arm unless given.")
@@ -75,7 +75,7 @@ class _Script(click.File):
 @options.color
 def command(
     *,
-    target: Target,
+    target: ControllerTarget,
     words: tuple[str, ...],
     more: tuple[str, ...],
     script: TextIO | None,
@@ -100,112 +100,116 @@ def command(
     """
     if dump and as_json:
         raise click.UsageError("--hex and --json exclude each other")
-    reader = RequestReader(target, named["variable"])
-    requests = [reader.read(words)] if words else []
-    requests += reader.read_script(more)
+    reader = PlannedCallParser(target, named["variable"])
+    requests = [reader.parse(words)] if words else []
+    requests += reader.parse_script(more)
     if script is not None:
-        requests += reader.read_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
+        requests += reader.parse_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
     if not requests:
         raise click.UsageError("which function? Give FUNCTION, --exec or --script")
-    names = {owner: given for owner in _NAMED if (given := _given(named, owner)) is not None}
-    check_owners(requests, {*NAMES, *names})
-    calls = _Calls(target, names, arm, _Printer(dump, as_json, color))
-    with failures_told(target):
+    names = {owner: given for owner in _NAMED if (given := _given_name(named, owner)) is not None}
+    check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
+    calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color))
+    with exit_on_failure(target):
         try:
-            code = run_in_order(calls.make(requests))
+            code = run_interruptible(calls.run(requests))
         except ValueError as error:
             raise click.UsageError(str(error)) from None
     sys.exit(code)
 
 
-def _given(named: Mapping[str, str | None], owner: ObjectClass) -> str | None:
+def _given_name(named: Mapping[str, str | None], owner: ObjectClass) -> str | None:
     word = owner.lower()
     return named[word] if word in named else named[f"{word}_"]
 
 
-class _Printer:
+class _AnswerPrinter:
     """Writes answers, and under them the packets that belong to them."""
 
     def __init__(self, dump: bool, as_json: bool, color: str) -> None:
         self._dump = dump
         self._as_json = as_json
-        self._palette = palette(color)
-        self._renderer = AnswerRenderer(self._palette)
+        self._palette = choose_palette(color)
+        self._renderer = ReplyRenderer(self._palette)
         self.packets: list[Observation] = []
 
-    def answer(self, request: Request, arguments: Sequence[Variant], settled: Settled) -> None:
+    def print_answer(
+        self, request: PlannedCall, arguments: Sequence[Variant], settled: RequesterOutcome
+    ) -> None:
         """Write one answer; `packets` are those of its call."""
         function = request.function
         name = call_name(function.id, arguments)
-        if isinstance(settled, TimedOut):
-            self._packets()
-            raise ExchangeTimeout(name, settled.attempts)
-        reply, attempts, took = settled.reply, settled.attempts, settled.took
+        if isinstance(settled, CallTimedOut):
+            self._print_packets()
+            raise CallTimeout(name, settled.attempts)
+        reply, attempts, took = settled.reply, settled.attempts, settled.elapsed
         if self._as_json:
             seen = next(each for each in reversed(self.packets) if each.item is reply)
             command_name = name.partition(" ")[2] or None
-            question = Question(function.id, command_name)
+            question = CallKind(function.id, command_name)
             echo(self._renderer.record(seen, question, took, attempts))
         else:
             echo(self._renderer.line(name, function.id, reply, took, attempts))
-        self._packets()
+        self._print_packets()
 
-    def _packets(self) -> None:
+    def _print_packets(self) -> None:
         if self._dump:
-            echo("".join(f"{line}\n" for line in self._dumped()), end=False)
+            echo("".join(f"{line}\n" for line in self._packet_lines()), end=False)
 
-    def _dumped(self) -> Iterator[str]:
+    def _packet_lines(self) -> Iterator[str]:
         for seen in self.packets:
             sent = seen.flow.direction is Direction.REQUEST
             yield f"  {'sent to' if sent else 'received from'} {seen.flow.dst if sent else seen.flow.src}"
             yield from (f"  {line}" for line in hexdump(seen.item.raw, palette=self._palette))
 
 
-class _Calls:
+class _CallRunner:
     """Makes calls in one session."""
 
     def __init__(
-        self, target: Target, names: Mapping[ObjectClass, str], arm: bool, printer: _Printer
+        self, target: ControllerTarget, names: Mapping[ObjectClass, str], arm: bool, printer: _AnswerPrinter
     ) -> None:
         self._target = target
         self._names = names
         self._armed = arm
         self._printer = printer
-        self._log: ArmedCalls | None = None
+        self._log: ArmedCallLogger | None = None
 
-    async def make(self, requests: Sequence[Request]) -> Exit:
+    async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
         """Make all calls, up to the first that fails; log those that need arming, if they are armed."""
         if not self._armed:
-            return await self._make(requests)
-        with armed_calls("call", LoggedConnection.of_target(self._target)) as self._log:
-            return await self._make(requests)
+            return await self._run_calls(requests)
+        with log_armed_calls("call", LoggedConnection.of_target(self._target)) as self._log:
+            return await self._run_calls(requests)
 
-    async def _make(self, requests: Sequence[Request]) -> Exit:
+    async def _run_calls(self, requests: Sequence[PlannedCall]) -> ExitCode:
         printer = self._printer
-        async with open_target(self._target, observer=self._observe) as session:
-            reach = Reach(session, self._target.service, self._target.connect, self._names)
+        async with open_target_session(self._target, observer=self._on_packet) as session:
+            reach = ObjectOpener(session, self._target.service, self._target.connect, self._names)
             for request in requests:
                 arguments = await request.arguments(reach)
-                if not await self._may(request, arguments, reach):
-                    return Exit.UNARMED
+                if not await self._is_allowed(request, arguments, reach):
+                    return ExitCode.UNARMED
                 printer.packets.clear()
-                settled = await reach.exchange(request.function, arguments)
-                printer.answer(request, arguments, settled)
-                if isinstance(settled, Refused):
-                    return Exit.REFUSED
-        return Exit.OK
+                settled = await reach.perform_call(request.function, arguments)
+                printer.print_answer(request, arguments, settled)
+                if isinstance(settled, CallRefused):
+                    return ExitCode.REFUSED
+        return ExitCode.OK
 
-    def _observe(self, seen: Observation) -> None:
-        self._printer.packets.append(seen)
+    def _on_packet(self, observation: Observation) -> None:
+        self._printer.packets.append(observation)
         if self._log is not None:
-            self._log.observe(seen)
+            self._log.on_observation(observation)
 
-    async def _may(self, request: Request, arguments: Sequence[Variant], reach: Reach) -> bool:
+    async def _is_allowed(
+        self, request: PlannedCall, arguments: Sequence[Variant], reach: ObjectOpener
+    ) -> bool:
         function_id = request.function.id
-        if self._armed or not needs_arming(function_id, arguments, reach.variable_named(arguments)):
+        if self._armed or not needs_arming(function_id, arguments, reach.variable_name(arguments)):
             return True
-        self._armed = await reach.meets_simulator()
+        self._armed = await reach.is_simulator()
         if not self._armed:
             name, host = call_name(function_id, arguments), self._target.host
-            narrate(printable(f"bcapscope: {name} was not sent. {unarmed(host)}"))
+            print_stderr(printable(f"bcapscope: {name} was not sent. {unarmed_reason(host)}"))
         return self._armed

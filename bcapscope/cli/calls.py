@@ -8,21 +8,21 @@ from itertools import chain, starmap
 
 import click
 
-from bcapscope.cli import options
-from bcapscope.cli.output import narrate, palette
-from bcapscope.cli.pairing import settle
-from bcapscope.cli.reading import Reading
-from bcapscope.protocol.wording import counted
-from bcapscope.render.call import CallRenderer, session_text
+from bcapscope.cli.common import options
+from bcapscope.cli.common.call_reading import read_calls
+from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.data_output import choose_palette, print_stderr
+from bcapscope.protocol.text_format import counted
 from bcapscope.render.call_record import CallRecordRenderer
-from bcapscope.render.moment import Clock
-from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
-from bcapscope.traffic.getters import CALL_GETTERS
-from bcapscope.traffic.handles import Handles, Thing
+from bcapscope.render.call_text import CallRenderer, session_text
+from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import CALL_GETTERS
+from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 
-_MOST_SESSIONS_TOLD = 8
+_MOST_SESSIONS_LISTED = 8
 
 
 @click.command(short_help="Pair requests, retries and replies: a line a call.")
@@ -32,7 +32,7 @@ _MOST_SESSIONS_TOLD = 8
 @click.option("--tree", is_flag=True, help="Each call's frames under it, with the times between.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a call.")
 @options.filter_option(RecordKind.CALL)
-@options.clock
+@options.time_format
 @options.color
 def command(
     *,
@@ -55,59 +55,61 @@ def command(
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
-    reading = Reading(paths, ports, interface)
-    calls = _Calls(settle(reading), wanted)
+    reading = CaptureReader(paths, ports, interface)
+    calls = _FilteredCalls(read_calls(reading), wanted)
     if as_json:
-        lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.exchanges())
+        lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.calls())
     else:
-        renderer = CallRenderer(Clock(clock), palette(color))
-        reading.begin = renderer.begin
-        lines = starmap(renderer.line, calls.all())
+        renderer = CallRenderer(TimeFormat(clock), choose_palette(color))
+        reading.on_first_time = renderer.set_time_origin
+        lines = starmap(renderer.line, calls.all_items())
         if tree:
-            lines = chain.from_iterable(starmap(renderer.tree, calls.all()))
-    reading.output.write_lines(lines, reading.pause)
-    reading.summary()
-    calls.summary()
-    sys.exit(reading.exit)
+            lines = chain.from_iterable(starmap(renderer.tree, calls.all_items()))
+    reading.output.write_lines(lines, reading.show_progress)
+    reading.print_summary()
+    calls.print_summary()
+    sys.exit(reading.exit_code)
 
 
-class _Calls:
+class _FilteredCalls:
     """What settled, with the objects that handles stand for, and what is to be said at the end."""
 
-    def __init__(self, settled: Iterable[Settled], wanted: Filter | None) -> None:
+    def __init__(self, settled: Iterable[PairingResult], wanted: Filter | None) -> None:
         self._settled = settled
-        self._wanted = None if wanted is None else wanted.bind(CALL_GETTERS)
-        self._handles = Handles()
-        self._strays = 0
+        self._test = None if wanted is None else wanted.bind(CALL_GETTERS)
+        self._handles = HandleTracker()
+        self._stray_count = 0
         self._first_stray = 0
 
-    def all(self) -> Iterator[tuple[Settled, Thing | None]]:
+    def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
         """Yield the calls that are wanted, and what belongs to no call unless something else is wanted."""
-        wanted = self._wanted
+        wanted = self._test
         for item in self._settled:
-            if isinstance(item, Exchange):
-                subject = self._handles.follow(item)
+            if isinstance(item, Call):
+                subject = self._handles.on_call(item)
                 if wanted is None or wanted(item):
                     yield item, subject
             else:
-                self._strays += 1
-                self._first_stray = self._first_stray or item.seen.number
+                self._stray_count += 1
+                self._first_stray = self._first_stray or item.observation.number
                 if wanted is None:
                     yield item, None
 
-    def exchanges(self) -> Iterator[tuple[Exchange, Thing | None]]:
+    def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
         """Yield the calls that are wanted; for what belongs to none, JSON has no place."""
-        for item, subject in self.all():
-            if isinstance(item, Exchange):
+        for item, subject in self.all_items():
+            if isinstance(item, Call):
                 yield item, subject
 
-    def summary(self) -> None:
+    def print_summary(self) -> None:
         """Tell on stderr what belongs to no call, and which sessions left something behind."""
-        if self._strays:
-            count = counted(self._strays, "reply", "replies")
-            narrate(f"{count} to no open call, the first in frame {self._first_stray}")
+        if self._stray_count:
+            count = counted(self._stray_count, "reply", "replies")
+            print_stderr(f"{count} to no open call, the first in frame {self._first_stray}")
         unclean = [session for session in self._handles.sessions() if not session.is_clean]
-        for session in unclean[:_MOST_SESSIONS_TOLD]:
-            narrate(session_text(session))
-        if len(unclean) > _MOST_SESSIONS_TOLD:
-            narrate(f"… and {len(unclean) - _MOST_SESSIONS_TOLD} more sessions that were not ended in order")
+        for session in unclean[:_MOST_SESSIONS_LISTED]:
+            print_stderr(session_text(session))
+        if len(unclean) > _MOST_SESSIONS_LISTED:
+            print_stderr(
+                f"… and {len(unclean) - _MOST_SESSIONS_LISTED} more sessions that were not ended in order"
+            )

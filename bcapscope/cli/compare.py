@@ -6,21 +6,21 @@ import sys
 
 import click
 
-from bcapscope.analysis.comparison import MOST_STAYS, Side, compare
+from bcapscope.analysis.capture_comparison import MOST_SESSIONS, ComparedCapture, compare
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.statistics import Summary
-from bcapscope.analysis.stay import Stay
-from bcapscope.cli import options
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import narrate, palette
-from bcapscope.cli.pairing import follow
-from bcapscope.cli.reading import Reading
-from bcapscope.render.comparison import comparison_lines, comparison_record
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
+from bcapscope.cli.common import options
+from bcapscope.cli.common.call_reading import read_to_end
+from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.data_output import choose_palette, print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
-from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
-from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import CALL_GETTERS
 
 _path = click.Path(allow_dash=True)
 
@@ -45,36 +45,36 @@ def command(
     """
     if good == bad == "-":
         raise click.UsageError("standard input can be only one of the two")
-    readings = [Reading([path], ports) for path in (good, bad)]
+    readings = [CaptureReader([path], ports) for path in (good, bad)]
     named = list(zip((good, bad), readings, strict=True))
-    first, second = (_side(path, reading, wanted) for path, reading in named)
+    first, second = (_read_side(path, reading, wanted) for path, reading in named)
     for path, reading in named:
-        narrate(f"{printable(path)}:")
-        reading.summary()
-    code = max(reading.exit for reading in readings)
-    if code < Exit.UNREADABLE:
+        print_stderr(f"{printable(path)}:")
+        reading.print_summary()
+    code = max(reading.exit_code for reading in readings)
+    if code < ExitCode.UNREADABLE:
         found = compare(first, second)
-        output, pause = readings[1].output, readings[1].pause
+        output, pause = readings[1].output, readings[1].show_progress
         if as_json:
             output.write_lines([comparison_record(found, first, second)], pause)
         else:
-            output.write_lines(comparison_lines(found, first, second, palette(color)), pause)
+            output.write_lines(comparison_lines(found, first, second, choose_palette(color)), pause)
     sys.exit(code)
 
 
-def _side(path: str, reading: Reading, wanted: Filter | None) -> Side:
+def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
     """Read a capture to its end, once."""
-    stays: list[Stay] = []
+    stays: list[SlaveSession] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis, summary = Diagnosis(chosen, stays.append), Summary()
+    diagnosis, summary = Diagnosis(chosen, stays.append), StatisticsBuilder()
 
-    def take(settled: Settled) -> None:
-        diagnosis.take(settled)
-        if isinstance(settled, Exchange) and (chosen is None or chosen(settled)):
-            summary.take(settled)
-        del stays[MOST_STAYS:]
+    def take(settled: PairingResult) -> None:
+        diagnosis.on_pairing_result(settled)
+        if isinstance(settled, Call) and (chosen is None or chosen(settled)):
+            summary.add_call(settled)
+        del stays[MOST_SESSIONS:]
 
-    follow(reading, diagnosis.take_observation, take)
-    findings = diagnosis.finish(reading.ended)
-    first = sorted(stays, key=lambda stay: stay.number)[:MOST_STAYS]
-    return Side(path, summary.statistics(), tuple(first), findings)
+    read_to_end(reader, diagnosis.on_observation, take)
+    findings = diagnosis.finish(reader.ended_at)
+    first = sorted(stays, key=lambda stay: stay.number)[:MOST_SESSIONS]
+    return ComparedCapture(path, summary.statistics(), tuple(first), findings)

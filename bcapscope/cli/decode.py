@@ -11,27 +11,27 @@ from typing import Any, TypeVar
 
 import click
 
-from bcapscope.cli import options
-from bcapscope.cli.output import palette
-from bcapscope.cli.reading import Reading
+from bcapscope.cli.common import options
+from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.data_output import choose_palette
+from bcapscope.render.color_palette import Palette
+from bcapscope.render.csv_table import CsvTableRenderer
+from bcapscope.render.frame_line import FrameLineRenderer
+from bcapscope.render.frame_record import FrameRecordRenderer
+from bcapscope.render.frame_tree import FrameTreeRenderer
 from bcapscope.render.hexdump import hexdump
-from bcapscope.render.line import LineRenderer
-from bcapscope.render.moment import Clock
-from bcapscope.render.palette import Palette
-from bcapscope.render.record import RecordRenderer
-from bcapscope.render.table import TableRenderer
-from bcapscope.render.tree import TreeRenderer
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
-from bcapscope.traffic.getters import FRAME_GETTERS, Told
+from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.call_kind import CallKind, RecentRequests
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.question import Question, Questions
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 
-class Style(StrEnum):
+class FrameFormat(StrEnum):
     """How frames are written, if not as lines."""
 
     TREE = "tree"
@@ -39,8 +39,8 @@ class Style(StrEnum):
     JSON = "json"
 
 
-def _style(style: Style, text: str) -> Callable[[F], F]:
-    return click.option(f"--{style}", "styles", flag_value=style, type=Style, multiple=True, help=text)
+def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
+    return click.option(f"--{style}", "styles", flag_value=style, type=FrameFormat, multiple=True, help=text)
 
 
 @click.command(short_help="Read frames, one line each.")
@@ -52,13 +52,13 @@ def _style(style: Style, text: str) -> Callable[[F], F]:
     help="Read hex as people paste it from mails, documents and tools; - is standard input.",
 )
 @options.ports
-@_style(Style.TREE, "Every field, with its bytes.")
-@_style(Style.CSV, "A table with a header.")
-@_style(Style.JSON, "One JSON object a frame.")
+@_format_option(FrameFormat.TREE, "Every field, with its bytes.")
+@_format_option(FrameFormat.CSV, "A table with a header.")
+@_format_option(FrameFormat.JSON, "One JSON object a frame.")
 @click.option("--hex", "dump", is_flag=True, help="A hexdump under each frame.")
 @click.option("--full", is_flag=True, help="In trees, every byte and element of what is long.")
 @options.filter_option(RecordKind.FRAME)
-@options.clock
+@options.time_format
 @options.color
 def command(
     *,
@@ -66,7 +66,7 @@ def command(
     interface: str | None,
     text: str | None,
     ports: tuple[int, ...],
-    styles: tuple[Style, ...],
+    styles: tuple[FrameFormat, ...],
     dump: bool,
     full: bool,
     wanted: Filter | None,
@@ -84,70 +84,72 @@ def command(
     if len(set(styles)) > 1:
         raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
     style = styles[0] if styles else None
-    if full and style is not Style.TREE:
+    if full and style is not FrameFormat.TREE:
         raise click.UsageError("--full goes with --tree")
-    if dump and style in (Style.CSV, Style.JSON):
+    if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
         raise click.UsageError("--hex goes with lines and trees")
-    reading = Reading(paths, ports, interface, text)
-    if style is Style.JSON:
-        lines: Iterable[str] | Iterable[bytes] = _rendered(reading, wanted, RecordRenderer().record)
-    elif style is Style.CSV:
-        table = TableRenderer()
-        rows = _rendered(reading, wanted, lambda seen, question, _: table.row(seen, question))
+    reading = CaptureReader(paths, ports, interface, text)
+    if style is FrameFormat.JSON:
+        lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, FrameRecordRenderer().record)
+    elif style is FrameFormat.CSV:
+        table = CsvTableRenderer()
+        rows = _render_frames(reading, wanted, lambda seen, question, _: table.row(seen, question))
         lines = chain([table.header()], rows)
     else:
-        colors = palette(color)
-        line = LineRenderer(Clock(clock), colors, brief=text is not None)
-        reading.begin = line.begin
-        if style is Style.TREE:
-            lines = _detailed(_told(reading, wanted), line, TreeRenderer(colors, full, dump).lines)
+        colors = choose_palette(color)
+        line = FrameLineRenderer(TimeFormat(clock), colors, brief=text is not None)
+        reading.on_first_time = line.set_time_origin
+        if style is FrameFormat.TREE:
+            lines = _with_details(
+                _frames_with_context(reading, wanted), line, FrameTreeRenderer(colors, full, dump).lines
+            )
         elif dump:
-            dumped = partial(_dumped, colors)
-            lines = _detailed(_told(reading, wanted), line, dumped)
+            dumped = partial(_hexdump_lines, colors)
+            lines = _with_details(_frames_with_context(reading, wanted), line, dumped)
         elif text is not None:
-            lines = _remarked(_told(reading, wanted), line)
+            lines = _with_remarks(_frames_with_context(reading, wanted), line)
         else:
-            lines = _rendered(reading, wanted, line.line)
-    reading.output.write_lines(lines, reading.pause)
-    reading.summary()
-    sys.exit(reading.exit)
+            lines = _render_frames(reading, wanted, line.line)
+    reading.output.write_lines(lines, reading.show_progress)
+    reading.print_summary()
+    sys.exit(reading.exit_code)
 
 
-def _told(reading: Reading, wanted: Filter | None) -> Iterator[Told]:
+def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
     """Tell what each observation is about, and pass on those that are wanted."""
-    told = _rendered(reading, None, Told)
+    told = _render_frames(reader, None, AnnotatedFrame)
     return told if wanted is None else filter(wanted.bind(FRAME_GETTERS), told)
 
 
-def _rendered(reading: Reading, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
+def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
     """Render each observation that is wanted, with what it is about and what the capture has on it."""
     if wanted is not None:
-        return starmap(render, _told(reading, wanted))
-    about, comments = Questions().about, reading.comments
+        return starmap(render, _frames_with_context(reader, wanted))
+    about, comments = RecentRequests().kind_of, reader.comments
     return (
         render(seen, about(seen), comments.get(seen.packet, ()) if comments else ())
-        for seen in reading.observations()
+        for seen in reader.observations()
     )
 
 
-def _dumped(colors: Palette, seen: Observation, question: Question | None) -> Iterator[str]:
-    return hexdump(seen.item.raw, palette=colors)
+def _hexdump_lines(colors: Palette, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
+    return hexdump(observation.item.raw, palette=colors)
 
 
-def _detailed(
-    told: Iterable[Told],
-    line: LineRenderer,
-    details: Callable[[Observation, Question | None], Iterable[str]],
+def _with_details(
+    frames: Iterable[AnnotatedFrame],
+    line: FrameLineRenderer,
+    details: Callable[[Observation, CallKind | None], Iterable[str]],
 ) -> Iterator[str]:
-    for seen, question, comments in told:
+    for seen, question, comments in frames:
         yield line.line(seen, question, comments)
         for detail in details(seen, question):
             yield f"       {detail}"
         yield ""
 
 
-def _remarked(told: Iterable[Told], line: LineRenderer) -> Iterator[str]:
-    for seen, question, comments in told:
+def _with_remarks(frames: Iterable[AnnotatedFrame], line: FrameLineRenderer) -> Iterator[str]:
+    for seen, question, comments in frames:
         yield line.line(seen, question)
         for remark in line.remarks(seen, comments):
             yield f"       {remark}"

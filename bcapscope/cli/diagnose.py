@@ -8,15 +8,15 @@ import sys
 import click
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.cli import options
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import palette
-from bcapscope.cli.pairing import follow
-from bcapscope.cli.reading import Reading
+from bcapscope.cli.common import options
+from bcapscope.cli.common.call_reading import read_to_end
+from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.data_output import choose_palette
+from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.render.findings import FindingsRenderer, finding_record
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
-from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import CALL_GETTERS
 
 _PIPE_WIDTH = 100
 
@@ -40,23 +40,23 @@ def command(
 
     Exit codes: 0 all was read, whether or not something was found; else as of decode.
     """
-    reading = Reading(paths, ports)
+    reading = CaptureReader(paths, ports)
     diagnosis = _diagnose(reading, wanted)
-    findings = diagnosis.finish(reading.ended)
+    findings = diagnosis.finish(reading.ended_at)
     if as_json:
         records = (finding_record(number, finding) for number, finding in enumerate(findings, 1))
-        reading.output.write_lines(records, reading.pause)
-    elif diagnosis.seen.frames or reading.exit is not Exit.UNREADABLE:
+        reading.output.write_lines(records, reading.show_progress)
+    elif diagnosis.totals.frames or reading.exit_code is not ExitCode.UNREADABLE:
         width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
-        renderer = FindingsRenderer(palette(color), width)
-        reading.output.write_lines(renderer.lines(findings, diagnosis.seen), reading.pause)
-    reading.summary()
-    sys.exit(reading.exit)
+        renderer = FindingsRenderer(choose_palette(color), width)
+        reading.output.write_lines(renderer.lines(findings, diagnosis.totals), reading.show_progress)
+    reading.print_summary()
+    sys.exit(reading.exit_code)
 
 
-def _diagnose(reading: Reading, wanted: Filter | None) -> Diagnosis:
+def _diagnose(reader: CaptureReader, wanted: Filter | None) -> Diagnosis:
     """Show a reading to all rules, to its end."""
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
     diagnosis = Diagnosis(chosen)
-    follow(reading, diagnosis.take_observation, diagnosis.take)
+    read_to_end(reader, diagnosis.on_observation, diagnosis.on_pairing_result)
     return diagnosis

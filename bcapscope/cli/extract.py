@@ -10,26 +10,34 @@ from typing import NamedTuple, TypeAlias
 
 import click
 
-from bcapscope.analysis.trajectory import Piece, Step, Trajectories, Trajectory
-from bcapscope.cli import options
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.files import NewFile, check_free, force
-from bcapscope.cli.output import narrate
-from bcapscope.cli.pairing import settle
-from bcapscope.cli.reading import Reading
-from bcapscope.cli.signals import end_in_order
-from bcapscope.protocol.wording import counted
+from bcapscope.analysis.slave.captured_trajectory import (
+    CapturedTrajectory,
+    TrajectoryExtractor,
+    TrajectoryPiece,
+    TrajectoryStep,
+)
+from bcapscope.cli.common import options
+from bcapscope.cli.common.call_reading import read_calls
+from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
+from bcapscope.live.end_signals import interrupt_on_end_signals
+from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
-from bcapscope.render.trajectory import CsvTrajectory, JsonTrajectory
-from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
-from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.observation import Conversation
 
-Writer: TypeAlias = CsvTrajectory | JsonTrajectory
+TrajectoryWriter: TypeAlias = CsvTrajectoryWriter | JsonTrajectoryWriter
 
-_WRITERS: dict[str, Callable[[Trajectory], Writer]] = {".csv": CsvTrajectory, ".json": JsonTrajectory}
+_WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
+    ".csv": CsvTrajectoryWriter,
+    ".json": JsonTrajectoryWriter,
+}
 
 
 @click.command(short_help="Write the trajectories of slave mode to CSV or JSON.")
@@ -40,7 +48,7 @@ _WRITERS: dict[str, Callable[[Trajectory], Writer]] = {".csv": CsvTrajectory, ".
 @options.ports
 @click.option("--client", metavar="ADDRESS", help="Only what this client sent, by address, or address:port.")
 @options.filter_option(RecordKind.CALL)
-@force
+@force_option
 def command(
     *,
     paths: tuple[str, ...],
@@ -64,54 +72,54 @@ def command(
     """
     if output.suffix.casefold() not in _WRITERS:
         raise click.BadParameter("the name has to end in .csv or .json", param_hint="--output")
-    end_in_order()
-    files = _Files(output, force)
-    reading = Reading(paths, ports)
+    interrupt_on_end_signals()
+    files = _TrajectoryFiles(output, force)
+    reading = CaptureReader(paths, ports)
     test = None if wanted is None else wanted.bind(CALL_GETTERS)
-    trajectories = Trajectories(test, None if client is None else _chosen(client))
+    trajectories = TrajectoryExtractor(test, None if client is None else _is_by_client(client))
     with files:
-        for trajectory, steps in _pieces(reading, trajectories):
+        for trajectory, steps in _read_pieces(reading, trajectories):
             files.add(trajectory, steps)
-            reading.pause()
-        written = files.keep()
-    reading.summary()
+            reading.show_progress()
+        written = files.commit()
+    reading.print_summary()
     for line in written:
-        narrate(line)
-    if trajectories.set_points or reading.exit is not Exit.UNREADABLE:
-        _tell_left_out(trajectories, client, bool(written))
-    sys.exit(reading.exit if written or reading.exit else Exit.NOTHING)
+        print_stderr(line)
+    if trajectories.set_points or reading.exit_code is not ExitCode.UNREADABLE:
+        _print_left_out(trajectories, client, bool(written))
+    sys.exit(reading.exit_code if written or reading.exit_code else ExitCode.NO_DATA)
 
 
-def _chosen(client: str) -> Callable[[Conversation], bool]:
+def _is_by_client(client: str) -> Callable[[Conversation], bool]:
     return lambda conversation: client in (str(conversation.client), conversation.client.host)
 
 
-def _pieces(reading: Reading, trajectories: Trajectories) -> Iterator[Piece]:
-    for item in settle(reading):
-        if isinstance(item, Exchange):
-            yield from trajectories.take(item)
+def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> Iterator[TrajectoryPiece]:
+    for item in read_calls(reader):
+        if isinstance(item, Call):
+            yield from trajectories.add_call(item)
     yield from trajectories.finish()
 
 
-def _tell_left_out(trajectories: Trajectories, client: str | None, some: bool) -> None:
+def _print_left_out(trajectories: TrajectoryExtractor, client: str | None, some: bool) -> None:
     by_whom = "" if client is None else f" by {printable(client)}"
     if not trajectories.set_points:
-        narrate(f"no set points (slvMove){by_whom}, so there is no trajectory")
+        print_stderr(f"no set points (slvMove){by_whom}, so there is no trajectory")
         return
     reasons = [f"{count} {reason}" for reason, count in trajectories.left_out.items()]
     if reasons:
-        narrate(f"left out: {', '.join(reasons)}")
+        print_stderr(f"left out: {', '.join(reasons)}")
     if not some:
         count = counted(trajectories.set_points, "set point")
-        narrate(f"{count}{by_whom}, none of which is part of a trajectory")
+        print_stderr(f"{count}{by_whom}, none of which is part of a trajectory")
 
 
-class _Output(NamedTuple):
+class _TrajectoryFile(NamedTuple):
     """A file in the making."""
 
-    trajectory: Trajectory
-    file: NewFile
-    writer: Writer
+    trajectory: CapturedTrajectory
+    file: AtomicFile
+    writer: TrajectoryWriter
     tally: _Tally
 
 
@@ -122,54 +130,56 @@ class _Tally:
         self.points = self.unanswered = 0
         self.last = 0
 
-    def add(self, steps: Sequence[Step]) -> None:
+    def add(self, steps: Sequence[TrajectoryStep]) -> None:
         self.points += len(steps)
-        self.unanswered += sum(step.replied is None for step in steps)
+        self.unanswered += sum(step.reply_time is None for step in steps)
         self.last = steps[-1].time
 
 
-class _Files(ExitStack):
+class _TrajectoryFiles(ExitStack):
     """The files of all stays; the name of the only one has no number, which is known at the end."""
 
     def __init__(self, path: Path, overwrite: bool) -> None:
         super().__init__()
         self._path = path
         self._overwrite = overwrite
-        self._outputs: dict[int, _Output] = {}
-        check_free(path, overwrite)
+        self._outputs: dict[int, _TrajectoryFile] = {}
+        check_output_path(path, overwrite)
 
-    def add(self, trajectory: Trajectory, steps: Sequence[Step]) -> None:
+    def add(self, trajectory: CapturedTrajectory, steps: Sequence[TrajectoryStep]) -> None:
         """Write steps to the file of their trajectory."""
-        output = self._outputs.get(trajectory.stay) or self._open(trajectory)
+        output = self._outputs.get(trajectory.session_number) or self._open(trajectory)
         output.file.write(output.writer.rows(steps))
         output.tally.add(steps)
 
-    def keep(self) -> list[str]:
+    def commit(self) -> list[str]:
         """Give the files their names; return a sentence on each."""
         several = len(self._outputs) > 1
         for number, output in self._outputs.items():
-            check_free(self._name(number if several else None), self._overwrite)
+            check_output_path(self._name(number if several else None), self._overwrite)
             output.file.write(output.writer.tail())
         told = []
         for number, output in sorted(self._outputs.items()):
             path = self._name(number if several else None)
-            output.file.keep(path, self._overwrite)
-            told.append(f"{printable(str(path))}: {_told(output)}")
+            output.file.commit(path, self._overwrite)
+            told.append(f"{printable(str(path))}: {_file_summary(output)}")
         return told
 
-    def _open(self, trajectory: Trajectory) -> _Output:
-        path = self._name(trajectory.stay)
+    def _open(self, trajectory: CapturedTrajectory) -> _TrajectoryFile:
+        path = self._name(trajectory.session_number)
         writer = _WRITERS[path.suffix.casefold()](trajectory)
-        file = self.enter_context(NewFile(path))
+        file = self.enter_context(AtomicFile(path))
         file.write(writer.head())
-        output = self._outputs[trajectory.stay] = _Output(trajectory, file, writer, _Tally())
+        output = self._outputs[trajectory.session_number] = _TrajectoryFile(
+            trajectory, file, writer, _Tally()
+        )
         return output
 
     def _name(self, number: int | None) -> Path:
         return self._path if number is None else self._path.with_stem(f"{self._path.stem}-{number}")
 
 
-def _told(output: _Output) -> str:
+def _file_summary(output: _TrajectoryFile) -> str:
     trajectory, tally = output.trajectory, output.tally
     mode, conversation = trajectory.mode, trajectory.conversation
     ends = printable(f"{conversation.client} > {conversation.server} {conversation.transport}")

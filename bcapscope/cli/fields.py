@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import click
 
-from bcapscope.cli.output import Output
-from bcapscope.render.columns import columns
-from bcapscope.traffic import filters
-from bcapscope.traffic.fields import FIELDS, RecordKind
+from bcapscope.cli.common.data_output import DataOutput
+from bcapscope.render.columns import align_columns
+from bcapscope.traffic.filter import compiler
+from bcapscope.traffic.filter.field_table import FIELDS, RecordKind
 
-_OF: dict[tuple[RecordKind, ...], str] = {(RecordKind.FRAME,): "frames", (RecordKind.CALL,): "calls"}
+_KIND_NAMES: dict[tuple[RecordKind, ...], str] = {(RecordKind.FRAME,): "frames", (RecordKind.CALL,): "calls"}
 
 
 @click.command(short_help="List the fields and the language of --filter.")
 def command() -> None:
     """List the fields that --filter knows, and explain its language."""
-    output = Output()
+    output = DataOutput()
     rows = [
-        (field.name, _OF.get(field.applies_to, "both"), field.type.value, field.meaning) for field in FIELDS
+        (field.name, _KIND_NAMES.get(field.applies_to, "both"), field.type.value, field.meaning)
+        for field in FIELDS
     ]
-    lines = list(columns(rows, "<<<<"))
-    output.write_lines([*lines, "", *(filters.__doc__ or "").strip().splitlines()], lambda: None)
+    lines = list(align_columns(rows, "<<<<"))
+    output.write_lines([*lines, "", *(compiler.__doc__ or "").strip().splitlines()], lambda: None)

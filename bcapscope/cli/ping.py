@@ -11,24 +11,24 @@ import click
 import numpy as np
 import orjson
 
-from bcapscope.analysis.distribution import Distribution, Histogram
-from bcapscope.analysis.fitness import Fitness, fitness
-from bcapscope.cli import options
-from bcapscope.cli.connection import Target, failures_told, target
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import echo
-from bcapscope.cli.signals import run_in_order
-from bcapscope.client.reach import Reach
-from bcapscope.client.session import Session, open_target
-from bcapscope.client.target import reason_of
+from bcapscope.analysis.slave.fitness import Fitness, fitness
+from bcapscope.analysis.statistics.distribution import DistributionSummary, Histogram
+from bcapscope.cli.common import options
+from bcapscope.cli.common.data_output import echo
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
+from bcapscope.client.controller_target import os_error_text
+from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import ControllerError
-from bcapscope.protocol.functions import ObjectClass
-from bcapscope.protocol.requester import TimedOut
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.live.end_signals import run_interruptible
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.requester import CallTimedOut
+from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.escape import printable
 
 _GET_ATTRIBUTE = 19
-_ASKED = (
+_VARIABLES = (
     ("version", ObjectClass.CONTROLLER, "@VERSION"),
     ("robot type", ObjectClass.ROBOT, "@TYPE_NAME"),
     ("robot type number", ObjectClass.ROBOT, "@TYPE"),
@@ -36,34 +36,34 @@ _ASKED = (
 
 
 @dataclass(slots=True)
-class _Found:
+class _PingResult:
     """What came out.
 
     Attributes:
-        there: somebody answered.
-        simulator: it is our own.
+        is_answering: somebody answered.
+        is_simulator: it is our own.
         facts: what the controller says of itself.
-        refused: why it would not be connected to; None where it was.
-        broken: why not all calls could be made; None where they could.
+        refusal: why it would not be connected to; None where it was.
+        break_reason: why not all calls could be made; None where they could.
         round_trips: ms.
         lost: calls without an answer.
     """
 
-    there: bool = False
-    simulator: bool = False
+    is_answering: bool = False
+    is_simulator: bool = False
     facts: dict[str, object] = field(default_factory=dict)
-    refused: str | None = None
-    broken: str | None = None
+    refusal: str | None = None
+    break_reason: str | None = None
     round_trips: list[float] = field(default_factory=list)
     lost: int = 0
 
 
 @click.command(short_help="Is a controller there, what is it, how fast does it answer?")
-@target
+@target_options
 @click.option(
     "-n",
     "--count",
-    type=options.Whole(1, options.LARGEST_COUNT),
+    type=options.IntegerRange(1, options.LARGEST_COUNT),
     default=250,
     show_default=True,
     help="Calls.",
@@ -71,13 +71,13 @@ class _Found:
 @click.option(
     "--interval",
     metavar="MS",
-    type=options.Number(0),
+    type=options.NumberRange(0),
     default=8.0,
     show_default=True,
     help="From one call to the next.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
-def command(*, target: Target, count: int, interval: float, as_json: bool) -> None:
+def command(*, target: ControllerTarget, count: int, interval: float, as_json: bool) -> None:
     """Connect, ask what is there, and measure calls that only read; none is sent twice.
 
     The verdict is for set points each 8 ms (Sync) and each 1 ms (Async): nearly all answers within that
@@ -88,14 +88,14 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
     Exit codes: 0 calls were answered; 2 invalid command line; 9 no answer, or the connection
     broke; 130 it was ended.
     """
-    found = _Found()
-    code = Exit.UNANSWERED
-    with failures_told(target):
+    found = _PingResult()
+    code = ExitCode.UNANSWERED
+    with exit_on_failure(target):
         try:
-            run_in_order(_ping(target, count, interval / 1000, found))
-            code = Exit.OK if found.round_trips and found.broken is None else Exit.UNANSWERED
+            run_interruptible(_ping(target, count, interval / 1000, found))
+            code = ExitCode.OK if found.round_trips and found.break_reason is None else ExitCode.UNANSWERED
         except KeyboardInterrupt:
-            code = Exit.INTERRUPTED
+            code = ExitCode.INTERRUPTED
     if as_json:
         echo(orjson.dumps(_record(target, found)))
     else:
@@ -104,29 +104,29 @@ def command(*, target: Target, count: int, interval: float, as_json: bool) -> No
     sys.exit(code)
 
 
-async def _ping(target: Target, count: int, interval: float, found: _Found) -> None:
-    async with open_target(target) as session:
-        reach = Reach(session, target.service, target.connect, {})
-        await reach.start()
-        found.there = True
+async def _ping(target: ControllerTarget, count: int, interval: float, found: _PingResult) -> None:
+    async with open_target_session(target) as session:
+        reach = ObjectOpener(session, target.service, target.connect, {})
+        await reach.start_service()
+        found.is_answering = True
         handle = 0
         try:
-            handle = await reach.handle(ObjectClass.CONTROLLER)
-            found.simulator = await reach.meets_simulator()
-            await _ask(reach, found)
+            handle = await reach.handle_for(ObjectClass.CONTROLLER)
+            found.is_simulator = await reach.is_simulator()
+            await _read_facts(reach, found)
         except ControllerError as error:
-            found.refused = str(error)
+            found.refusal = str(error)
         try:
             await _measure(session, handle, count, interval, found)
         except ConnectionError as error:
-            found.broken = reason_of(error)
+            found.break_reason = os_error_text(error)
 
 
-async def _ask(reach: Reach, found: _Found) -> None:
+async def _read_facts(reach: ObjectOpener, found: _PingResult) -> None:
     """Read what the controller says of itself, as far as it has such variables."""
-    for name, owner, variable in _ASKED:
+    for name, owner, variable in _VARIABLES:
         try:
-            parent = await reach.handle(owner)
+            parent = await reach.handle_for(owner)
             opened = await reach.invoke(f"{owner}_GetVariable", parent, variable, "")
             value = await reach.invoke("Variable_GetValue", opened)
             if value is not None:  # EMPTY says nothing
@@ -136,37 +136,37 @@ async def _ask(reach: Reach, found: _Found) -> None:
             continue
 
 
-async def _measure(session: Session, handle: int, count: int, interval: float, found: _Found) -> None:
-    usual = session.paces
-    session.paces = usual._replace(others=usual.others._replace(retries=0))
+async def _measure(session: Session, handle: int, count: int, interval: float, found: _PingResult) -> None:
+    usual = session.retry_policies
+    session.retry_policies = usual._replace(others=usual.others._replace(retries=0))
     loop = asyncio.get_running_loop()
     due = loop.time()
     try:
         for _ in range(count):
             await asyncio.sleep(due - loop.time())
-            settled = await session.exchange(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
+            settled = await session.perform_call(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
             due = max(due + interval, loop.time())  # after a long wait the next ones do not hurry
-            if isinstance(settled, TimedOut):
+            if isinstance(settled, CallTimedOut):
                 found.lost += 1
             else:
-                found.round_trips.append(settled.took / 1e6)
+                found.round_trips.append(settled.elapsed / 1e6)
     finally:
-        session.paces = usual
+        session.retry_policies = usual
 
 
-def _lines(target: Target, found: _Found) -> Iterator[str]:
+def _lines(target: ControllerTarget, found: _PingResult) -> Iterator[str]:
     spread = _spread(found)
-    if not found.there:
+    if not found.is_answering:
         yield f"{target}: nothing was answered"
         return
-    kind = "bcapscope's simulator" if found.simulator else "a controller"
+    kind = "bcapscope's simulator" if found.is_simulator else "a controller"
     facts = "".join(f", {name} {printable(str(value))}" for name, value in found.facts.items())
     yield f"{target}: {kind}{facts}"
-    if found.refused is not None:
-        yield f"not connected to: {printable(found.refused)}"
+    if found.refusal is not None:
+        yield f"not connected to: {printable(found.refusal)}"
     yield f"{len(found.round_trips) + found.lost} calls, {found.lost} lost"
-    if found.broken is not None:
-        yield f"ended before all calls were made: {printable(found.broken)}"
+    if found.break_reason is not None:
+        yield f"ended before all calls were made: {printable(found.break_reason)}"
     if spread is not None:
         yield (
             f"round trip, ms: p50 {spread.p50:.3f}, p90 {spread.p90:.3f}, p99 {spread.p99:.3f}, "
@@ -174,32 +174,32 @@ def _lines(target: Target, found: _Found) -> Iterator[str]:
         )
     for verdict in _verdicts(found):
         word = "fit" if verdict.fit else "not fit"
-        yield f"{word} for set points each {verdict.period:g} ms: {verdict.reason}"
+        yield f"{word} for set points each {verdict.period_ms:g} ms: {verdict.reason}"
 
 
-def _record(target: Target, found: _Found) -> dict[str, object]:
+def _record(target: ControllerTarget, found: _PingResult) -> dict[str, object]:
     spread = _spread(found)
     names = ("count", "mean", "least", "p50", "p90", "p99", "p999", "most")
     return {
         "host": target.host,
         "port": target.port,
         "transport": "tcp" if target.tcp else "udp",
-        "simulator": found.simulator,
-        "refused": found.refused,
-        "broken": found.broken,
+        "simulator": found.is_simulator,
+        "refused": found.refusal,
+        "broken": found.break_reason,
         "facts": {name: str(value) for name, value in found.facts.items()},
         "calls": len(found.round_trips) + found.lost,
         "lost": found.lost,
         "round_trip_ms": None if spread is None else {name: getattr(spread, name) for name in names},
-        "fit": {f"{verdict.period:g} ms": verdict.fit for verdict in _verdicts(found)},
+        "fit": {f"{verdict.period_ms:g} ms": verdict.fit for verdict in _verdicts(found)},
     }
 
 
-def _verdicts(found: _Found) -> tuple[Fitness, ...]:
-    return fitness(_spread(found), found.lost, found.broken is not None)
+def _verdicts(found: _PingResult) -> tuple[Fitness, ...]:
+    return fitness(_spread(found), found.lost, found.break_reason is not None)
 
 
-def _spread(found: _Found) -> Distribution | None:
+def _spread(found: _PingResult) -> DistributionSummary | None:
     histogram = Histogram()
     histogram.add(np.array(found.round_trips))
     return histogram.distribution()

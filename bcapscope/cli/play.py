@@ -9,42 +9,42 @@ from pathlib import Path
 
 import click
 
-from bcapscope.cli import options
-from bcapscope.cli.connection import Target, target
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.files import check_free
-from bcapscope.cli.output import palette
-from bcapscope.cli.playing import Playing, View
-from bcapscope.cli.way import Way, way
-from bcapscope.player.limits import UNKNOWN, limited
-from bcapscope.player.messages import Pacing, Plan
-from bcapscope.player.preflight import check
-from bcapscope.protocol.numerals import read_integer
-from bcapscope.protocol.wording import shortened
+from bcapscope.cli.common import options
+from bcapscope.cli.common.data_output import choose_palette
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.output_files import check_output_path
+from bcapscope.cli.common.play_runner import PlayOutput, PlayRunner
+from bcapscope.cli.common.target_options import ControllerTarget, target_options
+from bcapscope.cli.common.trajectory_options import TrajectoryOptions, trajectory_options
+from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
+from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
+from bcapscope.player.preflight import run_preflight
+from bcapscope.protocol.number_parsing import parse_integer
+from bcapscope.protocol.text_format import shortened
 
 _HIGHEST_MODE = 0x303
 _NEW_FILE = click.Path(path_type=Path)
 
 
-def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pacing | int:
+def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) -> SlaveModePacing | int:
     """Read a kind of slave mode, or a number as slvChangeMode takes it."""
     text = value.casefold()
-    if text in list(Pacing):
-        return Pacing(text)
-    number = read_integer(text, 1, _HIGHEST_MODE)
+    if text in list(SlaveModePacing):
+        return SlaveModePacing(text)
+    number = parse_integer(text, 1, _HIGHEST_MODE)
     if number is None:
         raise click.BadParameter(f"{shortened(value, 40)!r} is neither sync, async nor a number up to 0x303")
     return number
 
 
 @click.command(short_help="Play a trajectory in slave mode.")
-@way
-@target
+@trajectory_options
+@target_options
 @click.option(
     "--mode",
-    callback=_mode,
+    callback=_parse_mode,
     metavar="MODE",
-    default=Pacing.SYNC.value,
+    default=SlaveModePacing.SYNC.value,
     show_default=True,
     help="sync: the controller sets the pace (Sync on RC7, mode 2 later); async: we do; or the number for "
     "slvChangeMode, such as 0x202.",
@@ -55,7 +55,7 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
 @click.option(
     "--approach",
     metavar="PERCENT",
-    type=options.Number(0.1, 100),
+    type=options.NumberRange(0.1, 100),
     default=10.0,
     show_default=True,
     help="Speed of that motion.",
@@ -74,9 +74,9 @@ def _mode(context: click.Context, parameter: click.Parameter, value: str) -> Pac
 @options.color
 def command(
     *,
-    way: Way,
-    target: Target,
-    mode: Pacing | int,
+    way: TrajectoryOptions,
+    target: ControllerTarget,
+    mode: SlaveModePacing | int,
     robot: str,
     task: str,
     move_to_start: bool,
@@ -109,15 +109,17 @@ def command(
         raise click.UsageError("the player's process and its signals need Linux, macOS or the like")
     for path in (log, record):
         if path is not None:
-            check_free(path)
-    trajectory = way.trajectory()
-    view = View(as_json, palette(color), shutil.get_terminal_size().columns)
-    view.source(trajectory)
-    before = check(trajectory, way.interval / 1000, limited(UNKNOWN, way.limits), loop=way.rounds != 1)
-    if not before.is_fit:
-        view.preflight(before)
-        sys.exit(Exit.UNFIT)
-    plan = Plan(
+            check_output_path(path)
+    trajectory = way.read_trajectory()
+    view = PlayOutput(as_json, choose_palette(color), shutil.get_terminal_size().columns)
+    view.show_source(trajectory)
+    before = run_preflight(
+        trajectory, way.interval / 1000, with_limits(UNKNOWN_ARM, way.limits), loop=way.rounds != 1
+    )
+    if not before.is_playable:
+        view.show_preflight(before)
+        sys.exit(ExitCode.UNFIT)
+    plan = PlayPlan(
         target=target,
         robot=robot,
         task=task,
@@ -131,12 +133,12 @@ def command(
         may_approach=move_to_start,
         armed=arm,
         look_only=dry_run,
-        log=_absolute(log),
-        record=_absolute(record),
+        log=_absolute_text(log),
+        record=_absolute_text(record),
         realtime=not no_realtime,
     )
-    sys.exit(Playing(plan, trajectory, view).run())
+    sys.exit(PlayRunner(plan, trajectory, view).run())
 
 
-def _absolute(path: Path | None) -> str | None:
+def _absolute_text(path: Path | None) -> str | None:
     return None if path is None else str(path.absolute())

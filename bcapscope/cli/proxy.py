@@ -10,44 +10,46 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bcapscope.capture.series import Bounds, parse_bounds
-from bcapscope.cli import options
-from bcapscope.cli.attended import announce, attended_option
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.files import check_free
-from bcapscope.cli.output import narrate
-from bcapscope.cli.proxyctl import command as ctl
-from bcapscope.cli.proxyrules import RuleWishes, rule_options
-from bcapscope.cli.proxyrun import Proxy
-from bcapscope.cli.proxywishes import Form, Look, Wishes
-from bcapscope.cli.serving import reach
-from bcapscope.cli.signals import awaited_ends
-from bcapscope.cli.wakefulness import cannot_stay_awake
+from bcapscope.capture.rotating_recording import RotationLimits, parse_rotation
+from bcapscope.cli.common import options
+from bcapscope.cli.common.attended import announce_ready, attended_option
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.output_files import check_output_path
+from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
+from bcapscope.cli.proxy_ctl import command as ctl
+from bcapscope.live.cpu_wakefulness import low_latency_problem
+from bcapscope.live.end_signals import end_signal_socket
+from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions
+from bcapscope.live.proxy_supervisor import ProxySupervisor
+from bcapscope.live.server_runner import reachability_text
 from bcapscope.proxy.control_socket import ControlError
-from bcapscope.proxy.scriptwire import ScriptError
-from bcapscope.proxy.sockets import ListenError, NoWay
-from bcapscope.proxy.spec import Listener, SpecError, parse_listeners
+from bcapscope.proxy.listener_spec import ListenerSpec, ListenerSpecError, parse_listener_specs
+from bcapscope.proxy.script_protocol import ScriptError
+from bcapscope.proxy.sockets import ProxyListenError, UnreachableError
 from bcapscope.render.escape import printable
-from bcapscope.render.moment import Clock
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import FilterError
+from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.filter.compiler import FilterError
+from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.observation import Endpoint
 
 if TYPE_CHECKING:
-    from bcapscope.proxy.rules import Rules
-    from bcapscope.proxy.scriptprocess import ScriptProcess
+    from bcapscope.proxy.rule_policy import RulePolicy
+    from bcapscope.proxy.script_process import ScriptProcess
 
 
-def _bounds(context: click.Context, parameter: click.Parameter, value: str | None) -> Bounds | None:
+def _parse_ring(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> RotationLimits | None:
     try:
-        return None if value is None else parse_bounds(value)
+        return None if value is None else parse_rotation(value)
     except ValueError as error:
         raise click.BadParameter(f"{error}", context, parameter) from None
 
 
-def _warn_if_useless(context: click.Context, parameter: click.Parameter, wanted: bool) -> bool:
-    if wanted and (problem := cannot_stay_awake()):
-        narrate(f"--low-latency has no effect: {problem}")
+def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wanted: bool) -> bool:
+    if wanted and (problem := low_latency_problem()):
+        print_stderr(f"--low-latency has no effect: {problem}")
     return wanted
 
 
@@ -79,13 +81,13 @@ def _warn_if_useless(context: click.Context, parameter: click.Parameter, wanted:
 @click.option(
     "--ring",
     metavar="RING",
-    callback=_bounds,
+    callback=_parse_ring,
     help="Record to a ring of files, 10x100MB, 24x1h or 24x1h,500MB; the oldest is removed.",
 )
 @click.option(
     "--forget",
     metavar="SECONDS",
-    type=options.Number(1),
+    type=options.NumberRange(1),
     default=600.0,
     show_default=True,
     help="Forget UDP clients that are silent for so long.",
@@ -93,17 +95,25 @@ def _warn_if_useless(context: click.Context, parameter: click.Parameter, wanted:
 @click.option(
     "--low-latency",
     is_flag=True,
-    callback=_warn_if_useless,
+    callback=_warn_no_low_latency,
     help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
     "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
 )
 @click.option("--calls", is_flag=True, help="Show calls, as `calls` does; else frames, as `decode` does.")
-@click.option("--tree", "form", flag_value=Form.TREE, type=Form, help="Every field, or each call's frames.")
-@click.option("--json", "form", flag_value=Form.JSON, type=Form, help="One JSON object each.")
+@click.option(
+    "--tree",
+    "form",
+    flag_value=TrafficFormat.TREE,
+    type=TrafficFormat,
+    help="Every field, or each call's frames.",
+)
+@click.option(
+    "--json", "form", flag_value=TrafficFormat.JSON, type=TrafficFormat, help="One JSON object each."
+)
 @click.option(
     "-f", "--filter", "wanted", metavar="EXPRESSION", default="", help="Show only what this is true for."
 )
-@options.clock
+@options.time_format
 @options.color
 @click.option("-q", "--quiet", is_flag=True, help="Show nothing of what passes.")
 @rule_options
@@ -117,16 +127,16 @@ def command(
     transport: str,
     allow: tuple[str, ...],
     record: Path | None,
-    ring: Bounds | None,
+    ring: RotationLimits | None,
     forget: float,
     low_latency: bool,
     calls: bool,
-    form: Form | None,
+    form: TrafficFormat | None,
     wanted: str,
     clock: str,
     color: str,
     quiet: bool,
-    rules: RuleWishes,
+    rules: RuleOptions,
     attended: bool,
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
@@ -152,82 +162,86 @@ def command(
     if ring is not None and record is None:
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
-    look = Look(shown, form or Form.LINE, wanted, Clock(clock))
+    look = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock))
     try:
-        listeners = parse_listeners(listen, to, transport, allow)
-        look.filter()
-    except SpecError as error:
+        listeners = parse_listener_specs(listen, to, transport, allow)
+        look.compiled_filter()
+    except ListenerSpecError as error:
         raise click.UsageError(str(error)) from None
     except FilterError as error:
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
-        check_free(record)
-    wishes = Wishes(record, ring, look, color)
+        check_output_path(record)
+    wishes = ProxyOptions(record, ring, look, color)
     with ExitStack() as opened:
         listening: list[str] = []
         try:
             scripts = rules.start_scripts(opened)
-            policy = rules.make(scripts)
-            ends = opened.enter_context(awaited_ends())
-            proxy = opened.enter_context(closing(Proxy(wishes, ends, policy, low_latency=low_latency)))
-            for line in rules.words():
-                narrate(line)
-            state = {"recording": _name(record, ring), "listening": listening}
-            control = None if policy is None else rules.plug_in(policy, proxy.relay, state)
+            policy = rules.build_rules(scripts)
+            ends = opened.enter_context(end_signal_socket())
+            proxy = opened.enter_context(
+                closing(ProxySupervisor(wishes, ends, policy, low_latency=low_latency))
+            )
+            for line in rules.summary_lines():
+                print_stderr(line)
+            state = {"recording": _single_recording(record, ring), "listening": listening}
+            control = None if policy is None else rules.attach_rules(policy, proxy.relay, state)
             if control is not None:
                 opened.callback(control.close)
             addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
-            _start_watching(proxy, policy, scripts)
-        except (ListenError, ControlError, ScriptError) as error:
-            narrate(printable(str(error)))
-            sys.exit(Exit.UNREADABLE)
-        except NoWay as error:
-            narrate(str(error))
-            sys.exit(Exit.UNANSWERED)
+            _start_watcher(proxy, policy, scripts)
+        except (ProxyListenError, ControlError, ScriptError) as error:
+            print_stderr(printable(str(error)))
+            sys.exit(ExitCode.UNREADABLE)
+        except UnreachableError as error:
+            print_stderr(str(error))
+            sys.exit(ExitCode.UNANSWERED)
         pairs = list(zip(listeners, addresses, strict=True))
         listening += [f"{address} > {each.to}" for each, address in pairs]
         greetings = [_greeting(*pair) for pair in pairs]
         if attended:
             proxy.run(
-                partial(_greet_starter, proxy, greetings, listening, control.address if control else "")
+                partial(_announce_to_parent, proxy, greetings, listening, control.address if control else "")
             )
         else:
-            proxy.run(partial(_greet, proxy, greetings))
-    if proxy.lacks_recording:
-        sys.exit(Exit.UNWRITABLE)
+            proxy.run(partial(_print_greetings, proxy, greetings))
+    if proxy.is_recording_incomplete:
+        sys.exit(ExitCode.UNWRITABLE)
 
 
 command.add_command(ctl)
 
 
-def _start_watching(proxy: Proxy, policy: Rules | None, scripts: ScriptProcess | None) -> None:
+def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: ScriptProcess | None) -> None:
     """Start the process that watches, while the scripts are loaded."""
     if scripts is None or policy is None:
-        proxy.start_watching()
+        proxy.start_watcher()
     else:
-        scripts.attach(policy, proxy.relay, proxy.is_asked_again)
-        proxy.start_watching(scripts.load)
+        scripts.attach(policy, proxy.relay, proxy.must_end_now)
+        proxy.start_watcher(scripts.load)
 
 
-def _name(record: Path | None, ring: Bounds | None) -> str | None:
+def _single_recording(record: Path | None, ring: RotationLimits | None) -> str | None:
     """Name the recording, if it is one file."""
     return None if record is None or ring is not None else str(record.resolve())
 
 
-def _greet(proxy: Proxy, greetings: list[str]) -> None:
+def _print_greetings(proxy: ProxySupervisor, greetings: list[str]) -> None:
     """Greet by way of the watcher, whose the bottom of the terminal is by now."""
     for greeting in greetings:
-        proxy.relay.tell(greeting)
+        proxy.relay.notify(greeting)
 
 
-def _greet_starter(proxy: Proxy, greetings: list[str], listening: list[str], control: str) -> None:
+def _announce_to_parent(
+    proxy: ProxySupervisor, greetings: list[str], listening: list[str], control: str
+) -> None:
     """Greet who has started the proxy, and attend to it."""
-    narrate("\n".join(greetings))
-    announce(listening, control)
-    proxy.attend()
+    print_stderr("\n".join(greetings))
+    announce_ready(listening, control)
+    proxy.end_with_parent()
 
 
-def _greeting(listener: Listener, address: Endpoint) -> str:
+def _greeting(listener: ListenerSpec, address: Endpoint) -> str:
     words = " and ".join(each.upper() for each in listener.transports)
     only = f", of whom only {', '.join(map(str, listener.allow))} may" if listener.allow else ""
-    return f"{address} {words} > {listener.to}; {reach(address.host)}{only}"
+    return f"{address} {words} > {listener.to}; {reachability_text(address.host)}{only}"

@@ -10,43 +10,53 @@ from contextlib import ExitStack, asynccontextmanager
 
 import click
 
-from bcapscope.cli import options
-from bcapscope.cli.arming import armed_calls, can_ask, confirmed, unarmed
-from bcapscope.cli.connection import Target, failures_told, optional_target
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import echo, narrate, palette
-from bcapscope.cli.pairing import wanted_calls
-from bcapscope.cli.reading import Reading
-from bcapscope.cli.serving import Serving, reach
-from bcapscope.cli.signals import end_in_order
+from bcapscope.cli.common import options
+from bcapscope.cli.common.arming_prompt import (
+    can_prompt,
+    confirm_robot_may_move,
+    log_armed_calls,
+    unarmed_reason,
+)
+from bcapscope.cli.common.call_reading import read_filtered_calls
+from bcapscope.cli.common.capture_reader import CaptureReader
+from bcapscope.cli.common.data_output import choose_palette, echo, print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
 from bcapscope.client.action_log import LoggedConnection
-from bcapscope.client.armed_calls import ArmedCalls
-from bcapscope.client.reach import Reach
+from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError
+from bcapscope.live.end_signals import interrupt_on_end_signals
+from bcapscope.live.server_runner import ServerRunner, reachability_text
+from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
+from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, run_blocking
 from bcapscope.player.channel import Channel, open_channel
-from bcapscope.player.exchanger import BlockingExchanger, Watcher, run
-from bcapscope.player.limits import SIMULATED, UNKNOWN, Limits, limited
-from bcapscope.player.realtime import undisturbed
-from bcapscope.protocol.convention import Convention
+from bcapscope.player.realtime import realtime_priority
 from bcapscope.protocol.guard import needs_arming
-from bcapscope.protocol.wording import counted
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
-from bcapscope.render.preflight import PreflightRenderer
-from bcapscope.render.replay import ReplayRenderer
-from bcapscope.replay.performance import Performance, Played
-from bcapscope.replay.script import Script, scripts_of
-from bcapscope.replay.setpoints import Stretch, UnreadableError, preflight, stretches
-from bcapscope.replay.standin import StandIn
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
+from bcapscope.render.preflight_text import PreflightRenderer
+from bcapscope.render.replay_text import ReplayRenderer
+from bcapscope.replay.recorded_controller import RecordedController
+from bcapscope.replay.replay_script import ReplayScript, scripts_of
+from bcapscope.replay.script_player import PlayedCall, ScriptPlayer
+from bcapscope.replay.set_point_runs import (
+    SetPointRun,
+    UnreadableSetPointError,
+    preflight_run,
+    set_point_runs,
+)
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
 
-_MOST_LISTED = 8
+_MAX_LISTED = 8
 
 
 @click.command(short_help="Play one side of a recorded session again.")
 @click.argument("capture", type=click.Path(allow_dash=True))
-@optional_target
+@optional_target_options
 @click.option(
     "--as",
     "side",
@@ -69,7 +79,7 @@ _MOST_LISTED = 8
 @click.option(
     "--longest-pause",
     metavar="SECONDS",
-    type=options.Number(0),
+    type=options.NumberRange(0),
     default=5.0,
     show_default=True,
     help="Cut longer pauses between calls.",
@@ -83,7 +93,7 @@ _MOST_LISTED = 8
 def command(
     *,
     capture: str,
-    target: Target,
+    target: ControllerTarget,
     side: str,
     client: str | None,
     wanted: Filter | None,
@@ -122,184 +132,199 @@ def command(
         raise click.UsageError("which HOST is to be called?")
     if side == "server" and target.host:
         raise click.UsageError("a server calls nobody: leave HOST out; --listen says where it answers")
-    script = _script(Reading([capture], ()), wanted, client)
+    script = _choose_script(CaptureReader([capture], ()), wanted, client)
     if side == "server":
-        serving = Serving(quiet=quiet, record=record)
-        standin = StandIn(script, serving.log.take, delays=not no_delay)
+        serving = ServerRunner(quiet=quiet, record=record)
+        standin = RecordedController(script, serving.log.on_call, delays=not no_delay)
         with serving.listen(standin, listen, target.port) as server:
             host, port = server.address
-            narrate(f"the recorded controller answers on {host} port {port}, UDP and TCP; {reach(host)}")
+            print_stderr(
+                f"the recorded controller answers on {host} port {port}, UDP and TCP; {reachability_text(host)}"
+            )
             serving.serve(server)
-        serving.end(_served(serving.log.calls, standin.unknown))
+        serving.close(_served_text(serving.log.call_count, standin.unknown_calls))
         return
-    flight = _Flight(script, limits, color, quiet)
-    flight.check(UNKNOWN)
-    stage = _Stage(script, flight, keep_going, anywhere, _Teller(as_json, quiet, color))
-    with failures_told(target):
-        end_in_order()
-        with undisturbed():
-            code = run(stage.play(target, arm, round(longest_pause * 1e9)))
+    flight = _PreflightCheck(script, limits, color, quiet)
+    flight.check(UNKNOWN_ARM)
+    stage = _ReplayRunner(script, flight, keep_going, anywhere, _ReplayPrinter(as_json, quiet, color))
+    with exit_on_failure(target):
+        interrupt_on_end_signals()
+        with realtime_priority():
+            code = run_blocking(stage.play(target, arm, round(longest_pause * 1e9)))
         sys.exit(code)
 
 
-def _script(reading: Reading, wanted: Filter | None, client: str | None) -> Script:
-    scripts = scripts_of(wanted_calls(reading, wanted))
-    reading.summary()
+def _choose_script(reader: CaptureReader, wanted: Filter | None, client: str | None) -> ReplayScript:
+    scripts = scripts_of(read_filtered_calls(reader, wanted))
+    reader.print_summary()
     if client is not None:
-        scripts = tuple(script for script in scripts if client in _ends(script))
+        scripts = tuple(script for script in scripts if client in _client_names(script))
     if not scripts:
-        narrate("no calls are there to play")
-        sys.exit(reading.exit or Exit.NOTHING)
+        print_stderr("no calls are there to play")
+        sys.exit(reader.exit_code or ExitCode.NO_DATA)
     if len(scripts) > 1:
-        listed = ", ".join(f"{_ends(script)[0]} ({len(script.lines)})" for script in scripts[:_MOST_LISTED])
-        more = f" and {len(scripts) - _MOST_LISTED} more" if len(scripts) > _MOST_LISTED else ""
+        listed = ", ".join(
+            f"{_client_names(script)[0]} ({len(script.calls)})" for script in scripts[:_MAX_LISTED]
+        )
+        more = f" and {len(scripts) - _MAX_LISTED} more" if len(scripts) > _MAX_LISTED else ""
         raise click.UsageError(f"whose calls? Choose with --client among {listed}{more}")
     return scripts[0]
 
 
-def _ends(script: Script) -> tuple[str, str]:
+def _client_names(script: ReplayScript) -> tuple[str, str]:
     end = script.conversation.client
     return printable(str(end)), printable(end.host)
 
 
-def _served(calls: int, unknown: int) -> str:
+def _served_text(calls: int, unknown: int) -> str:
     strange = f", {unknown} of them not in the recording" if unknown else ""
     return f"{counted(calls, 'call')}{strange}"
 
 
-class _Teller:
+class _ReplayPrinter:
     """Writes what came of each call."""
 
     def __init__(self, as_json: bool, quiet: bool, color: str) -> None:
         self._as_json = as_json
         self._quiet = quiet
-        self._renderer = ReplayRenderer(palette(color))
+        self._renderer = ReplayRenderer(choose_palette(color))
 
-    def __call__(self, played: Played) -> None:
+    def __call__(self, played: PlayedCall) -> None:
         if self._as_json:
             echo(self._renderer.record(played))
         elif played.differs or not self._quiet:
             echo(self._renderer.line(played))
 
 
-class _Flight:
+class _PreflightCheck:
     """The pre-flight of a script's set points."""
 
-    def __init__(self, script: Script, limits: tuple[str, ...], color: str, quiet: bool) -> None:
+    def __init__(self, script: ReplayScript, limits: tuple[str, ...], color: str, quiet: bool) -> None:
         self._limits = limits
-        self._renderer = PreflightRenderer(palette(color), shutil.get_terminal_size().columns)
+        self._renderer = PreflightRenderer(choose_palette(color), shutil.get_terminal_size().columns)
         self._quiet = quiet
-        self.stretches: tuple[Stretch, ...] = ()
+        self.stretches: tuple[SetPointRun, ...] = ()
         try:
-            limited(UNKNOWN, limits)
-            self.stretches = tuple(stretches(script))
-        except UnreadableError as error:
-            narrate(f"bcapscope: {error}: nothing was sent")
-            sys.exit(Exit.UNFIT)
+            with_limits(UNKNOWN_ARM, limits)
+            self.stretches = tuple(set_point_runs(script))
+        except UnreadableSetPointError as error:
+            print_stderr(f"bcapscope: {error}: nothing was sent")
+            sys.exit(ExitCode.UNFIT)
         except ValueError as error:
             raise click.UsageError(str(error)) from None
 
-    def check(self, limits: Limits, shown: bool = False) -> None:
+    def check(self, limits: ArmLimits, shown: bool = False) -> None:
         """Check all set points, and show how that went; what is not fit to be played ends the program."""
-        found = [preflight(stretch, limited(limits, self._limits)) for stretch in self.stretches]
-        bad = [each for each in found if not each.is_fit]
+        found = [preflight_run(stretch, with_limits(limits, self._limits)) for stretch in self.stretches]
+        bad = [each for each in found if not each.is_playable]
         for each in bad or (found if shown and not self._quiet else ()):
-            narrate(each.trajectory.source.form)
+            print_stderr(each.trajectory.source.file_format)
             for line in self._renderer.lines(each):
-                narrate(line)
+                print_stderr(line)
         if bad:
-            sys.exit(Exit.UNFIT)
+            sys.exit(ExitCode.UNFIT)
 
 
-class _Stage:
+class _ReplayRunner:
     """Plays a script to a controller and tells how it goes."""
 
     def __init__(
-        self, script: Script, flight: _Flight, keep_going: bool, anywhere: bool, tell: _Teller
+        self,
+        script: ReplayScript,
+        preflight_check: _PreflightCheck,
+        keep_going: bool,
+        anywhere: bool,
+        print_played: _ReplayPrinter,
     ) -> None:
         self._script = script
-        self._flight = flight
+        self._preflight = preflight_check
         self._keep_going = keep_going
         self._anywhere = anywhere
-        self._tell = tell
+        self._print_played = print_played
         self._calls = self._different = self._unanswered = 0
-        self._latest = 0
+        self._most_late_ns = 0
 
-    async def play(self, target: Target, armed: bool, longest_pause: int) -> Exit:
+    async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
         """Play it without an event loop, which knows no microseconds; return how it went."""
         needs_arm, simulated = self._needs_arming(), False
-        if self._flight.stretches or (needs_arm and not armed):
+        if self._preflight.stretches or (needs_arm and not armed):
             simulated = await _is_simulator(target)
-            self._flight.check(SIMULATED if simulated else UNKNOWN, shown=True)
-            if needs_arm and not (armed or simulated or _allowed(target.host)):
-                return Exit.UNARMED
+            self._preflight.check(SIMULATED_ARM if simulated else UNKNOWN_ARM, shown=True)
+            if needs_arm and not (armed or simulated or _confirm_robot(target.host)):
+                return ExitCode.UNARMED
         try:
             with ExitStack() as stack:
                 log = None
                 if needs_arm and not simulated:
-                    log = stack.enter_context(armed_calls("replay", LoggedConnection.of_target(target)))
-                await self._perform(target, log, longest_pause)
+                    log = stack.enter_context(log_armed_calls("replay", LoggedConnection.of_target(target)))
+                await self._play_script(target, log, longest_pause)
         except ValueError as error:
             raise BcapError(str(error)) from None
         finally:
-            self._sum()
+            self._print_summary()
         if self._unanswered:
-            return Exit.UNANSWERED
-        return Exit.REFUSED if self._different else Exit.OK
+            return ExitCode.UNANSWERED
+        return ExitCode.REFUSED if self._different else ExitCode.OK
 
-    async def _perform(self, target: Target, log: ArmedCalls | None, longest_pause: int) -> None:
+    async def _play_script(
+        self, target: ControllerTarget, log: ArmedCallLogger | None, longest_pause: int
+    ) -> None:
         async with _session(target, log) as (session, channel):
-            reach = Reach(session, target.service, target.connect, {})
-            play = Performance(self._script, reach, channel, longest_pause, self._anywhere)
-            await play.play(self._told)
+            reach = ObjectOpener(session, target.service, target.connect, {})
+            play = ScriptPlayer(self._script, reach, channel, longest_pause, self._anywhere)
+            await play.play(self._on_played)
 
     def _needs_arming(self) -> bool:
-        return any(needs_arming(line.question.function_id, line.arguments) for line in self._script.lines)
+        return any(needs_arming(line.kind.function_id, line.arguments) for line in self._script.calls)
 
-    def _told(self, played: Played) -> bool:
+    def _on_played(self, played: PlayedCall) -> bool:
         self._calls += 1
         self._different += played.differs
         self._unanswered += played.unanswered
-        self._latest = max(self._latest, played.late)
-        self._tell(played)
+        self._most_late_ns = max(self._most_late_ns, played.delay)
+        self._print_played(played)
         return self._keep_going or not played.failed
 
-    def _sum(self) -> None:
-        of = len(self._script.lines)
+    def _print_summary(self) -> None:
+        of = len(self._script.calls)
         calls = counted(of, "call") if self._calls == of else f"{self._calls} of {counted(of, 'call')}"
         result = "all as recorded" if not self._different else f"{self._different} with another result"
-        narrate(f"{calls} made, {result}; at most {self._latest / 1e6:.1f} ms later than recorded")
+        print_stderr(f"{calls} made, {result}; at most {self._most_late_ns / 1e6:.1f} ms later than recorded")
 
 
-async def _is_simulator(target: Target) -> bool:
+async def _is_simulator(target: ControllerTarget) -> bool:
     async with _session(target) as (session, _):
-        return await Reach(session, target.service, target.connect, {}).meets_simulator()
+        return await ObjectOpener(session, target.service, target.connect, {}).is_simulator()
 
 
-def _allowed(host: str) -> bool:
+def _confirm_robot(host: str) -> bool:
     """Ask whether a robot may be energised and moved."""
-    if can_ask():
-        narrate("This is not bcapscope's simulator: the recording may energise or move a robot.")
-        if confirmed(host):
+    if can_prompt():
+        print_stderr("This is not bcapscope's simulator: the recording may energise or move a robot.")
+        if confirm_robot_may_move(host):
             return True
-    narrate(printable(f"bcapscope: the recording was not sent. {unarmed(host)}"))
+    print_stderr(printable(f"bcapscope: the recording was not sent. {unarmed_reason(host)}"))
     return False
 
 
 @asynccontextmanager
-async def _session(target: Target, log: ArmedCalls | None = None) -> AsyncIterator[tuple[Session, Channel]]:
+async def _session(
+    target: ControllerTarget, log: ArmedCallLogger | None = None
+) -> AsyncIterator[tuple[Session, Channel]]:
     channel = open_channel(target.host, target.port, target.tcp)
-    convention = target.convention or (Convention.SEED if channel.datagrams else Convention.TCP0)
-    exchanger = BlockingExchanger(channel, convention)
+    convention = target.convention or (
+        ReservedConvention.SEED if channel.datagrams else ReservedConvention.TCP0
+    )
+    exchanger = BlockingCaller(channel, convention)
     if log is not None:
-        exchanger = BlockingExchanger(channel, convention, _watcher(log))
-    session = Session(exchanger, target.paces)
+        exchanger = BlockingCaller(channel, convention, _log_watcher(log))
+    session = Session(exchanger, target.retry_policies)
     try:
         yield session, channel
     finally:
         await session.close()
 
 
-def _watcher(log: ArmedCalls) -> Watcher:
+def _log_watcher(log: ArmedCallLogger) -> FrameCallback:
     epoch = time.time_ns() - time.monotonic_ns()
     return lambda sent, raw, at: log.add_frame(sent, raw, at + epoch)

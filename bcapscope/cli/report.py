@@ -9,17 +9,17 @@ from pathlib import Path
 import click
 
 from bcapscope import __version__
-from bcapscope.analysis.account import Account, Accountant
-from bcapscope.cli import options
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.files import NewFile, check_free, force
-from bcapscope.cli.output import narrate
-from bcapscope.cli.pairing import follow
-from bcapscope.cli.reading import STDIN, Reading
-from bcapscope.cli.signals import end_in_order
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import Filter
-from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.analysis.report_data import ReportData, ReportDataBuilder
+from bcapscope.cli.common import options
+from bcapscope.cli.common.call_reading import read_to_end
+from bcapscope.cli.common.capture_reader import STDIN, CaptureReader
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
+from bcapscope.live.end_signals import interrupt_on_end_signals
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import CALL_GETTERS
 
 _INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscope[report]'"
 
@@ -29,7 +29,7 @@ _INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscop
 @options.output_option("Where to, such as report.html; - is standard output.", allow_dash=True)
 @options.ports
 @options.filter_option(RecordKind.CALL)
-@force
+@force_option
 def command(
     *, paths: tuple[str, ...], output: Path, ports: tuple[int, ...], wanted: Filter | None, force: bool
 ) -> None:
@@ -48,44 +48,44 @@ def command(
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != "plotly":
             raise
-        narrate(_INSTALL)
-        sys.exit(Exit.NOT_INSTALLED)
-    end_in_order()
+        print_stderr(_INSTALL)
+        sys.exit(ExitCode.NOT_INSTALLED)
+    interrupt_on_end_signals()
     to_stdout = str(output) == STDIN
     if not to_stdout:
-        check_free(output, force)
-    reading = Reading(paths, ports)
-    account = _account(reading, wanted)
-    reading.summary()
+        check_output_path(output, force)
+    reading = CaptureReader(paths, ports)
+    account = _read_report_data(reading, wanted)
+    reading.print_summary()
     if account is None:
-        narrate("no b-CAP was seen, so there is no report")
-        sys.exit(reading.exit or Exit.NOTHING)
-    page = report_page(account, _names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
+        print_stderr("no b-CAP was seen, so there is no report")
+        sys.exit(reading.exit_code or ExitCode.NO_DATA)
+    page = report_page(account, _capture_names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
     if to_stdout:
-        reading.output.write_lines([page.removesuffix(b"\n")], reading.pause)
+        reading.output.write_lines([page.removesuffix(b"\n")], reading.show_progress)
     else:
-        with NewFile(output) as file:
+        with AtomicFile(output) as file:
             file.write(page)
-            file.keep(overwrite=force)
-    sys.exit(reading.exit)
+            file.commit(overwrite=force)
+    sys.exit(reading.exit_code)
 
 
-def _account(reading: Reading, wanted: Filter | None) -> Account | None:
-    accountant = Accountant(None if wanted is None else wanted.bind(CALL_GETTERS))
-    follow(reading, accountant.take_observation, accountant.take)
-    return accountant.finish(reading.ended)
+def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
+    accountant = ReportDataBuilder(None if wanted is None else wanted.bind(CALL_GETTERS))
+    read_to_end(reader, accountant.on_observation, accountant.on_pairing_result)
+    return accountant.finish(reader.ended_at)
 
 
-def _names(paths: Sequence[str]) -> list[str]:
+def _capture_names(paths: Sequence[str]) -> list[str]:
     """Name the captures without their folders, which are nobody's business but the user's."""
     return ["standard input" if path == STDIN else Path(path).name for path in paths]
 
 
-def _remarks(reading: Reading, wanted: Filter | None) -> list[str]:
+def _remarks(reader: CaptureReader, wanted: Filter | None) -> list[str]:
     remarks = []
     if wanted is not None:
         remarks.append(f"Only calls that fit this filter are told: {wanted.expression}")
-    if reading.exit is not Exit.OK:
+    if reader.exit_code is not ExitCode.OK:
         told = "this page tells what stands before the damage"
         remarks.append(f"Not all captures could be read to their end; {told}.")
     return remarks

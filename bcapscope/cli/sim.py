@@ -10,17 +10,17 @@ from collections.abc import Callable
 import click
 import msgspec
 
-from bcapscope.cli import options
-from bcapscope.cli.attended import announce, attended_option
-from bcapscope.cli.behaviours import list_behaviours
-from bcapscope.cli.output import narrate
-from bcapscope.cli.scenarios import choose_scenario, introduction, list_scenarios
-from bcapscope.cli.serving import Serving, reach
+from bcapscope.cli.common import options
+from bcapscope.cli.common.attended import announce_ready, attended_option
+from bcapscope.cli.common.behaviour_list import list_behaviours
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.scenario_options import choose_scenario, list_scenarios, scenario_introduction
+from bcapscope.live.server_runner import ServerRunner, reachability_text
 from bcapscope.simulator.profile import PROFILES, NoArgument
-from bcapscope.simulator.scenario import Defective, Kind, Scenario
-from bcapscope.simulator.server import Server
+from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
+from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
-from bcapscope.simulator.stage import Stage
+from bcapscope.simulator.simulator_server import SimulatorServer
 
 _HELP = (
     "reset (forget all clients), stop (emergency stop), go (let it go), detector (RC7, late set points), "
@@ -58,14 +58,14 @@ _HELP = (
 )
 @click.option(
     "--seed",
-    type=options.Whole(0, options.LARGEST_SEED),
+    type=options.IntegerRange(0, options.LARGEST_SEED),
     help="Random seed of the scenario; replaces its own.",
 )
 @click.option(
     "--defect",
     "defects",
     multiple=True,
-    type=click.Choice([each.value for each in Defective]),
+    type=click.Choice([each.value for each in ServerDefect]),
     help="Have this defect of DENSO's C server; cserver has all of them unless told.",
 )
 @click.option(
@@ -80,7 +80,7 @@ _HELP = (
 @click.option(
     "-p",
     "--port",
-    type=options.Whole(0, 65535),
+    type=options.IntegerRange(0, 65535),
     default=5007,
     show_default=True,
     help="For UDP and TCP; 0 takes one that is free.",
@@ -118,41 +118,49 @@ def command(
     Exit codes: 0 it was ended; 2 there is no such scenario, or it makes no sense; 4 the address cannot be
     listened on; 6 the capture cannot be written, or lacks what could not be written in time.
     """
-    played = _chosen(scenario, profile, defects, no_argument)
-    serving = Serving(quiet=quiet, record=record)
+    played = _played_scenario(scenario, profile, defects, no_argument)
+    serving = ServerRunner(quiet=quiet, record=record)
     now = time.monotonic_ns()
-    start = played.beginning(epoch=time.time_ns() - now)
-    simulator = Simulator(played.controller, start, now, serving.log.take)
-    stage = None if scenario is None else Stage(played, simulator, now, seed=seed, news=serving.log.note)
+    start = played.initial_state(epoch=time.time_ns() - now)
+    simulator = Simulator(played.controller_profile, start, now, serving.log.on_call)
+    stage = (
+        None
+        if scenario is None
+        else ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
+    )
     with serving.listen(stage or simulator, listen, port) as server:
-        narrate(_greeting(simulator, server))
+        print_stderr(_greeting(simulator, server))
         if scenario is not None:
-            narrate(introduction(scenario))
+            print_stderr(scenario_introduction(scenario))
         if attended:
-            announce(["%s:%d" % server.address])
-        keys = _Keys(_actions(simulator, server, serving.tell), serving.tell, attended)
-        serving.serve(server, keys.take, keys.watched)
+            announce_ready(["%s:%d" % server.address])
+        keys = _TypedCommands(
+            _actions(simulator, server, serving.print_message), serving.print_message, attended
+        )
+        serving.serve(server, keys.read_commands, keys.watched)
     dropped = f"{simulator.dropped} datagrams dropped (no sound requests, or no place for their client)"
-    unheard = f"; {server.turns.unheard} more came too fast" if server.turns.unheard else ""
-    serving.end(f"{serving.log.calls} calls; {dropped}{unheard}")
+    unheard = f"; {server.datagram_queue.dropped} more came too fast" if server.datagram_queue.dropped else ""
+    serving.close(f"{serving.log.call_count} calls; {dropped}{unheard}")
 
 
-def _chosen(
+def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
     """Return what is to be played: a scenario in which nothing happens where none was asked for."""
     if scenario is not None and profile not in (None, scenario.profile):
         raise click.UsageError(f"the scenario has the profile {scenario.profile}; leave --profile out")
-    chosen = scenario or Scenario(title="", profile=Kind(profile or Kind.RC8))
-    own = tuple(map(Defective, defects)) or chosen.defects
+    chosen = scenario or Scenario(title="", profile=ProfileName(profile or ProfileName.RC8))
+    own = tuple(map(ServerDefect, defects)) or chosen.defects
     bare = chosen.no_argument if no_argument is None else NoArgument(no_argument)
     return msgspec.structs.replace(chosen, defects=own, no_argument=bare)
 
 
-def _greeting(simulator: Simulator, server: Server) -> str:
+def _greeting(simulator: Simulator, server: SimulatorServer) -> str:
     host, port = server.address
     profile = simulator.machine.profile
-    return f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reach(host)}\n{_HELP}"
+    return (
+        f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reachability_text(host)}\n{_HELP}"
+    )
 
 
 def _quit() -> None:
@@ -160,26 +168,26 @@ def _quit() -> None:
 
 
 def _actions(
-    simulator: Simulator, server: Server, tell: Callable[[str], None]
+    simulator: Simulator, server: SimulatorServer, print_message: Callable[[str], None]
 ) -> dict[str, Callable[[], None]]:
     machine = simulator.machine
 
     def reset() -> None:
         server.reset()
-        tell("all clients are forgotten")
+        print_message("all clients are forgotten")
 
     def press() -> None:
         machine.press_emergency_stop(server.now())
-        tell("the emergency stop is pressed")
+        print_message("the emergency stop is pressed")
 
     def let_go() -> None:
         machine.emergency = False
-        tell("the emergency stop is let go")
+        print_message("the emergency stop is let go")
 
     def switch_detector() -> None:
         machine.slave.async_detector = not machine.slave.async_detector
         word = "an error" if machine.slave.async_detector else "no error"
-        tell(f"a late set point is {word} in the Async modes of RC7")
+        print_message(f"a late set point is {word} in the Async modes of RC7")
 
     return {
         "reset": reset,
@@ -190,19 +198,19 @@ def _actions(
     }
 
 
-class _Keys:
+class _TypedCommands:
     """Commands typed, or piped, while it runs."""
 
     def __init__(
-        self, actions: dict[str, Callable[[], None]], tell: Callable[[str], None], attended: bool
+        self, actions: dict[str, Callable[[], None]], print_message: Callable[[str], None], attended: bool
     ) -> None:
         self._actions = actions
-        self._tell = tell
+        self._print_message = print_message
         self._attended = attended
         self._rest = b""
         self.watched = [0] if _can_be_read() else []
 
-    def take(self, descriptor: int) -> None:
+    def read_commands(self, descriptor: int) -> None:
         """Read what was typed and do it."""
         data = os.read(descriptor, 1024)
         if not data:
@@ -211,14 +219,14 @@ class _Keys:
                 _quit()
         *lines, self._rest = (self._rest + data)[-1024:].split(b"\n")
         for line in lines:
-            self._do(line.decode(errors="replace").strip().casefold())
+            self._run_command(line.decode(errors="replace").strip().casefold())
 
-    def _do(self, word: str) -> None:
+    def _run_command(self, word: str) -> None:
         found = [action for name, action in self._actions.items() if word and name.startswith(word)]
         if len(found) == 1:
             found[0]()
         elif word:
-            self._tell(_HELP)
+            self._print_message(_HELP)
 
 
 def _can_be_read() -> bool:

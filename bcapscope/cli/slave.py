@@ -7,21 +7,21 @@ from collections.abc import Iterable, Iterator
 
 import click
 
-from bcapscope.analysis.slave import ChosenStays
-from bcapscope.analysis.stay import Stay
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.figures import Asked, figures
-from bcapscope.cli.output import narrate
-from bcapscope.cli.pairing import settle
-from bcapscope.render.slave import stay_lines
-from bcapscope.render.slave_record import stay_record
-from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.getters import CALL_GETTERS
+from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.cli.common.call_reading import read_calls
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.figure_command import FigureArguments, figure_command
+from bcapscope.render.slave_session_record import slave_session_record
+from bcapscope.render.slave_session_text import slave_session_lines
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.filter.getters import CALL_GETTERS
 
 
 @click.command(short_help="Slave mode: cycle times, retries, the controller's buffer, clock and motion.")
-@figures("One JSON object a stay.")
-def command(asked: Asked) -> None:
+@figure_command("One JSON object a stay.")
+def command(arguments: FigureArguments) -> None:
     """Tell about each stay in slave mode: who entered and how it ended, when set points were sent and
     answered, and what they command.
 
@@ -33,33 +33,39 @@ def command(asked: Asked) -> None:
 
     Exit codes: as of decode.
     """
-    reading = asked.reading
-    stays = _told(_stays(asked), asked)
-    if asked.as_json:
-        reading.output.write_lines(map(stay_record, stays), reading.pause)
+    reading = arguments.reader
+    stays = _warn_if_none(_read_slave_sessions(arguments), arguments)
+    if arguments.as_json:
+        reading.output.write_lines(map(slave_session_record, stays), reading.show_progress)
     else:
-        lines = (line for stay in stays for line in (*stay_lines(stay, asked.palette), ""))
-        reading.output.write_lines(lines, reading.pause)
-    reading.summary()
-    sys.exit(reading.exit)
+        lines = (line for stay in stays for line in (*slave_session_lines(stay, arguments.palette), ""))
+        reading.output.write_lines(lines, reading.show_progress)
+    reading.print_summary()
+    sys.exit(reading.exit_code)
 
 
-def _stays(asked: Asked) -> Iterator[Stay]:
-    watcher = ChosenStays(None if asked.wanted is None else asked.wanted.bind(CALL_GETTERS), asked.window)
-    take = watcher.take
-    for item in settle(asked.reading):
-        if isinstance(item, Exchange):
+def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
+    watcher = SelectedSlaveSessions(
+        None if arguments.call_filter is None else arguments.call_filter.bind(CALL_GETTERS), arguments.window
+    )
+    take = watcher.add_call
+    for item in read_calls(arguments.reader):
+        if isinstance(item, Call):
             ended = take(item)
             if ended:
                 yield from ended
-    yield from watcher.finish(asked.reading.ended)
+    yield from watcher.finish(arguments.reader.ended_at)
 
 
-def _told(stays: Iterable[Stay], asked: Asked) -> Iterator[Stay]:
+def _warn_if_none(
+    slave_sessions: Iterable[SlaveSession], arguments: FigureArguments
+) -> Iterator[SlaveSession]:
     """Pass stays on; tell if there is none in what was read."""
     none = True
-    for stay in stays:
+    for stay in slave_sessions:
         none = False
         yield stay
-    if none and asked.reading.exit is not Exit.UNREADABLE:
-        narrate("no slave mode here" if asked.wanted is None else "no set point fits the filter")
+    if none and arguments.reader.exit_code is not ExitCode.UNREADABLE:
+        print_stderr(
+            "no slave mode here" if arguments.call_filter is None else "no set point fits the filter"
+        )

@@ -7,16 +7,16 @@ from collections.abc import Iterable, Iterator
 
 import click
 
-from bcapscope.analysis.statistics import Slices, Statistics, Summary
-from bcapscope.cli.figures import Asked, figures
-from bcapscope.cli.pairing import wanted_calls
-from bcapscope.render.statistics import statistics_lines, statistics_record
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.analysis.statistics.call_statistics import SlicedStatistics, Statistics, StatisticsBuilder
+from bcapscope.cli.common.call_reading import read_filtered_calls
+from bcapscope.cli.common.figure_command import FigureArguments, figure_command
+from bcapscope.render.statistics_text import statistics_lines, statistics_record
+from bcapscope.traffic.call import Call
 
 
 @click.command(short_help="Figures by client and command: rates, latencies, retries, refusals.")
-@figures("One JSON object; with --window one a slice.")
-def command(asked: Asked) -> None:
+@figure_command("One JSON object; with --window one a slice.")
+def command(arguments: FigureArguments) -> None:
     """Sum up the calls of captures.
 
     Line time is the share of the whole time that the client spent waiting for replies of that kind. Latencies
@@ -24,29 +24,31 @@ def command(asked: Asked) -> None:
 
     Exit codes: as of decode.
     """
-    reading = asked.reading
-    calls = wanted_calls(reading, asked.wanted)
-    found = _slices(calls, asked.window) if asked.window else _whole(calls)
-    if asked.as_json:
-        reading.output.write_lines(map(statistics_record, found), reading.pause)
+    reading = arguments.reader
+    calls = read_filtered_calls(reading, arguments.call_filter)
+    found = _by_window(calls, arguments.window) if arguments.window else _whole_time(calls)
+    if arguments.as_json:
+        reading.output.write_lines(map(statistics_record, found), reading.show_progress)
     else:
-        lines = (line for statistics in found for line in (*statistics_lines(statistics, asked.palette), ""))
-        reading.output.write_lines(lines, reading.pause)
-    reading.summary()
-    sys.exit(reading.exit)
+        lines = (
+            line for statistics in found for line in (*statistics_lines(statistics, arguments.palette), "")
+        )
+        reading.output.write_lines(lines, reading.show_progress)
+    reading.print_summary()
+    sys.exit(reading.exit_code)
 
 
-def _whole(calls: Iterable[Exchange]) -> Iterator[Statistics]:
-    summary = Summary()
+def _whole_time(calls: Iterable[Call]) -> Iterator[Statistics]:
+    summary = StatisticsBuilder()
     for call in calls:
-        summary.take(call)
+        summary.add_call(call)
     statistics = summary.statistics()
     if statistics is not None:
         yield statistics
 
 
-def _slices(calls: Iterable[Exchange], window: int) -> Iterator[Statistics]:
-    slices = Slices(window)
+def _by_window(calls: Iterable[Call], window: int) -> Iterator[Statistics]:
+    slices = SlicedStatistics(window)
     for call in calls:
-        yield from slices.take(call)
+        yield from slices.add_call(call)
     yield from slices.close()

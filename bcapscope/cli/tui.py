@@ -12,19 +12,19 @@ from typing import NamedTuple
 import click
 from click.core import ParameterSource
 
-from bcapscope.cli import options
-from bcapscope.cli.exits import Exit
-from bcapscope.cli.output import narrate, require_terminal
-from bcapscope.cli.proxyrules import RuleWishes, rule_options
-from bcapscope.cli.tuilive import ProxyWishes, show_proxy, show_simulator
-from bcapscope.cli.tuiserve import ServeOptions, serve_options, serve_screen
+from bcapscope.cli.common import options
+from bcapscope.cli.common.data_output import print_stderr, require_terminal
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
+from bcapscope.cli.common.serve_options import ServeOptions, serve_options, serve_screen
+from bcapscope.cli.common.tui_sources import ProxyScreenOptions, show_proxy, show_simulator
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 """Endings that no host has; a name that has one is meant to be a file."""
 
 
-class Wanted(NamedTuple):
+class TesterTarget(NamedTuple):
     """The controller that is to be tested, as `tui.screens.tester.Start` has it."""
 
     host: str
@@ -89,7 +89,7 @@ def command(
     record: Path | None,
     sim: bool,
     scenario: str | None,
-    rules: RuleWishes,
+    rules: RuleOptions,
     serve: ServeOptions,
 ) -> None:
     """Test a controller, or show a capture, or what passes on an interface, a proxy, a simulator.
@@ -108,95 +108,104 @@ def command(
     """
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("name a host or a capture, or one of -i, --proxy and --sim")
-    if proxy is None and (listen or to or record or rules.typed or rules.control):
+    if proxy is None and (listen or to or record or rules.command_line or rules.control):
         raise click.UsageError("--listen, --to, --record and rules are those of a proxy: add --proxy")
     if scenario is not None and not sim:
         raise click.UsageError("--scenario is that of a simulator: add --sim")
-    if serve.wanted:
+    if serve.is_wanted:
         serve_screen(serve)
     if proxy is not None:
-        with _folders():
-            show_proxy(ProxyWishes(proxy, listen, to, record, rules))
+        with _exit_without_folder():
+            show_proxy(ProxyScreenOptions(proxy, listen, to, record, rules))
         return
     if sim:
         typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
         words = ["--profile", profile] if typed else []
         words += ["--scenario", scenario] if scenario else []
-        with _folders():
-            show_simulator(_port(ports), words)
+        with _exit_without_folder():
+            show_simulator(_server_port(ports), words)
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
-        narrate(f"{printable(path)}: no such file")
-        sys.exit(Exit.UNREADABLE)
-    with _folders():
+        print_stderr(f"{printable(path)}: no such file")
+        sys.exit(ExitCode.UNREADABLE)
+    with _exit_without_folder():
         if is_file or interface:
-            _show(path or "", interface or "", ports)
+            _show_traffic(path or "", interface or "", ports)
         else:
-            _test(Wanted(path or "", _port(ports), tcp, option, profile), requests)
+            _show_tester(TesterTarget(path or "", _server_port(ports), tcp, option, profile), requests)
 
 
-def _port(ports: tuple[int, ...]) -> int:
+def _server_port(ports: tuple[int, ...]) -> int:
     """Return the port that was given, or else that of b-CAP."""
-    from bcapscope.client.paces import PORT  # with all of the client, which a capture is shown without
+    from bcapscope.client.retry_policies import (
+        DEFAULT_PORT,  # with all of the client, which a capture is shown without
+    )
 
-    return ports[0] if ports else PORT
+    return ports[0] if ports else DEFAULT_PORT
 
 
 @contextmanager
-def _folders() -> Iterator[None]:
+def _exit_without_folder() -> Iterator[None]:
     """End the program where there is no room for what the screen keeps as long as it is there."""
-    from bcapscope.tui.traffic.folder import FolderError
+    from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 
     try:
         yield
-    except FolderError as error:
-        narrate(printable(str(error)))
-        sys.exit(Exit.UNWRITABLE)
+    except TemporaryFolderError as error:
+        print_stderr(printable(str(error)))
+        sys.exit(ExitCode.UNWRITABLE)
 
 
-def _test(wanted: Wanted, requests: Path | None) -> None:
+def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
     from bcapscope.client.action_log import default_folder
-    from bcapscope.tui.app import Scope, Spot
-    from bcapscope.tui.desk import saved
-    from bcapscope.tui.screens.tester import Start, Tester
-    from bcapscope.tui.screens.traffic import TrafficScreen
-    from bcapscope.tui.traffic.feed import Feed
-    from bcapscope.tui.traffic.folder import Folder
-    from bcapscope.tui.traffic.tap import Tap
+    from bcapscope.tui.app import BcapApp, ScreenEntry
+    from bcapscope.tui.controller_access import saved_requests
+    from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
+    from bcapscope.tui.screens.traffic_screen import TrafficScreen
+    from bcapscope.tui.traffic_processes.client_recording import ClientRecording
+    from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
+    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
-    with Folder() as folder:
+    with TemporaryFolder() as folder:
         own = folder.path / "own.pcapng"
-        tap = Tap(own)
-        start = Start(requests or saved.default_folder(), default_folder(), *wanted, tap.take)
-        tester = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
-        traffic = Spot(
+        tap = ClientRecording(own)
+        start = TesterOptions(
+            requests or saved_requests.default_requests_folder(),
+            default_folder(),
+            *wanted,
+            tap.write_observation,
+        )
+        tester = ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start))
+        traffic = ScreenEntry(
             "traffic",
             "f3",
             "traffic",
-            lambda: TrafficScreen(Feed(path=str(own), follow=True, own=True), wanted.host),
+            lambda: TrafficScreen(TrafficFeed(path=str(own), follow=True, own_clients=True), wanted.host),
         )
         try:
             require_terminal()
             try:
-                Scope([tester, traffic]).show()
+                BcapApp([tester, traffic]).run_until_closed()
             finally:
-                narrate(f"The action log is in {start.log}.")
+                print_stderr(f"The action log is in {start.log_folder}.")
         finally:
             tap.close()
 
 
-def _show(path: str, interface: str, ports: tuple[int, ...]) -> None:
+def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
     # Reading begins before the screen is even loaded, in a process of its own.
-    from bcapscope.tui.traffic.feed import Feed
+    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
-    feed = Feed(path=path, interface=interface, ports=ports)
+    feed = TrafficFeed(path=path, interface=interface, ports=ports)
     try:
-        from bcapscope.tui.app import Scope, Spot
-        from bcapscope.tui.screens.traffic import TrafficScreen
+        from bcapscope.tui.app import BcapApp, ScreenEntry
+        from bcapscope.tui.screens.traffic_screen import TrafficScreen
 
         require_terminal()
         title = Path(path).name or interface
-        Scope([Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]).show()
+        BcapApp(
+            [ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, title))]
+        ).run_until_closed()
     finally:
         feed.close()

@@ -9,20 +9,29 @@ What was opened is let go at the end of the block, newest first, however it ends
 """
 
 from bcapscope.client.blocking import Blocking
-from bcapscope.client.objects import Command, Controller, Extension, File, Message, Robot, Task, Variable
-from bcapscope.client.paces import PACES, Paces
+from bcapscope.client.remote_objects import (
+    Command,
+    Controller,
+    Extension,
+    File,
+    Message,
+    Robot,
+    Task,
+    Variable,
+)
+from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.client.service import Service, connect
 from bcapscope.client.session import Session, open_session, over_link, over_tcp, over_udp
 
 __all__ = [
-    "PACES",
+    "DEFAULT_RETRY_POLICIES",
     "Blocking",
     "Command",
     "Controller",
     "Extension",
     "File",
     "Message",
-    "Paces",
+    "RetryPolicies",
     "Robot",
     "Service",
     "Session",

@@ -9,10 +9,10 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
-LARGEST = 16 << 20
+MAX_FILE_SIZE = 16 << 20
 """Bytes of a file after which the next one of that day begins."""
 
-MOST = 128 << 20
+MAX_TOTAL_SIZE = 128 << 20
 """Bytes of all files together; the oldest are deleted when a new one begins."""
 
 
@@ -23,13 +23,19 @@ class LogFiles:
         path: of the file that was used last; the folder before the first line.
     """
 
-    def __init__(self, folder: Path, name: str, largest: int = LARGEST, most: int = MOST) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        max_file_size: int = MAX_FILE_SIZE,
+        max_total_size: int = MAX_TOTAL_SIZE,
+    ) -> None:
         """Prepare; the folder is created with the first line."""
         self.path = folder
         self._folder = folder
         self._name = name
-        self._largest = largest
-        self._most = most
+        self._max_file_size = max_file_size
+        self._max_total_size = max_total_size
         self._is_torn = False
 
     def append(self, line: bytes) -> None:
@@ -55,36 +61,36 @@ class LogFiles:
         path = self.path
         if path.parent != self._folder or not path.name.startswith(f"{self._name}-{day}"):
             self._folder.mkdir(parents=True, exist_ok=True)
-            path = self._numbered(
-                day, max(map(_number, self._folder.glob(f"{self._name}-{day}*")), default=1)
+            path = self._numbered_path(
+                day, max(map(_number_of, self._folder.glob(f"{self._name}-{day}*")), default=1)
             )
         try:
             size = path.stat().st_size
         except FileNotFoundError:
             self._folder.mkdir(parents=True, exist_ok=True)  # deleted while we ran
-            self._make_room()
+            self._delete_oldest()
             return path
-        return path if size < self._largest else self._current_after(path, day)
+        return path if size < self._max_file_size else self._current_after(path, day)
 
     def _current_after(self, full: Path, day: str) -> Path:
-        self.path = self._numbered(day, _number(full) + 1)
+        self.path = self._numbered_path(day, _number_of(full) + 1)
         return self._current(day)
 
-    def _numbered(self, day: str, number: int) -> Path:
+    def _numbered_path(self, day: str, number: int) -> Path:
         return self._folder / f"{self._name}-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
-    def _make_room(self) -> None:
+    def _delete_oldest(self) -> None:
         """Delete the oldest files until there is room for one more; what cannot be deleted stays."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob(f"{self._name}-*.jsonl")]
-            left = sum(stat.st_size for stat, _ in found) + self._largest
+            left = sum(stat.st_size for stat, _ in found) + self._max_file_size
             for stat, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
-                if left <= self._most:
+                if left <= self._max_total_size:
                     return
                 path.unlink()
                 left -= stat.st_size
 
 
-def _number(path: Path) -> int:
+def _number_of(path: Path) -> int:
     found = re.search(r"\.(\d{1,6})\.jsonl$", path.name)
     return int(found[1]) if found else 1

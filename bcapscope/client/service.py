@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from bcapscope.client.caller import Listener, Observer
-from bcapscope.client.objects import Controller, handle_of
-from bcapscope.client.paces import PACES, Paces
-from bcapscope.client.session import Opener, Session, open_session
-from bcapscope.protocol.convention import Convention
+from bcapscope.client.caller import EventListener, Observer
+from bcapscope.client.remote_objects import Controller, handle_of
+from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES, RetryPolicies
+from bcapscope.client.session import LinkOpener, Session, open_session
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 
 
 class Service:
@@ -43,17 +43,17 @@ class Service:
 
 @asynccontextmanager
 async def connect(
-    open_link: Opener,
+    open_link: LinkOpener,
     option: str = "",
     *,
-    convention: Convention | None = None,
-    paces: Paces = PACES,
+    convention: ReservedConvention | None = None,
+    retry_policies: RetryPolicies = DEFAULT_RETRY_POLICIES,
     observer: Observer | None = None,
-    listener: Listener | None = None,
+    listener: EventListener | None = None,
 ) -> AsyncIterator[Service]:
     """Open a session, as `open_session`, and start the service in it with `option`."""
     async with open_session(
-        open_link, convention=convention, paces=paces, observer=observer, listener=listener
+        open_link, convention=convention, retry_policies=retry_policies, observer=observer, listener=listener
     ) as session:
         service = Service(session)
         await service.start(option)

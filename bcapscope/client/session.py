@@ -6,60 +6,67 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from typing import Protocol, TypeAlias
 
-from bcapscope.client.caller import Caller, Listener, Observer
-from bcapscope.client.paces import OTHERS_IN_ASYNC, PACES, PORT, Paces
-from bcapscope.client.target import Target
-from bcapscope.client.values import arguments_of
-from bcapscope.errors import BcapError, ControllerError, ExchangeTimeout
-from bcapscope.protocol.commands import call_name, command_name
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import FUNCTIONS, Function, ObjectClass, function_by_name
-from bcapscope.protocol.hresult import describe, hresult_name
-from bcapscope.protocol.requester import Answered, Pace, Refused, Settled
-from bcapscope.protocol.slavemode import mode_value
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.transport.link import Carrier, Link, Receiver
-from bcapscope.transport.memory import MemoryLink
-from bcapscope.transport.tcp import open_tcp
-from bcapscope.transport.udp import open_udp
+from bcapscope.client.caller import Caller, EventListener, Observer
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.retry_policies import (
+    DEFAULT_PORT,
+    DEFAULT_RETRY_POLICIES,
+    OTHERS_IN_ASYNC_MODE,
+    RetryPolicies,
+)
+from bcapscope.client.variant_values import arguments_of
+from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, RequesterOutcome, RetryPolicy
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.tables.command_catalogue import call_name, command_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.transport.memory_link import MemoryLink
+from bcapscope.transport.peer_link import BaseLink, Link, LinkReceiver
+from bcapscope.transport.tcp_link import open_tcp
+from bcapscope.transport.udp_link import open_udp
 
-Opener: TypeAlias = Callable[[Receiver], Awaitable[Link]]
+LinkOpener: TypeAlias = Callable[[LinkReceiver], Awaitable[Link]]
 
 _MS = 1_000_000
 _SERVICE_START, _ROBOT_EXECUTE = 1, 64
 _ASYNC = 0x100
-_ONCE = Pace(_MS, 0)
+_TRY_ONCE = RetryPolicy(_MS, 0)
 
 
-def over_udp(host: str, port: int = PORT) -> Opener:
+def over_udp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
     """Reach a controller over UDP."""
     return lambda receiver: open_udp(host, port, receiver)
 
 
-def over_tcp(host: str, port: int = PORT) -> Opener:
+def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
     """Reach a controller over TCP."""
     return lambda receiver: open_tcp(host, port, receiver)
 
 
-def over_link(link: MemoryLink) -> Opener:
+def over_link(link: MemoryLink) -> LinkOpener:
     """Reach a controller in this process."""
 
-    async def open_it(receiver: Receiver) -> Link:
+    async def open_it(receiver: LinkReceiver) -> Link:
         link.receiver = receiver
         return link
 
     return open_it
 
 
-class Exchanger(Protocol):
+class BaseCaller(Protocol):
     """What a session makes its calls with, such as a `Caller`."""
 
     @property
-    def link(self) -> Carrier: ...
+    def link(self) -> BaseLink: ...
 
-    async def exchange(self, function_id: int, arguments: Sequence[Variant], pace: Pace) -> Settled:
-        """Make a call and return how it ended; raises as `Caller.exchange`."""
+    async def perform_call(
+        self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
+    ) -> RequesterOutcome:
+        """Make a call and return how it ended; raises as `Caller.perform_call`."""
 
     def close(self) -> None:
         """Close the link."""
@@ -72,42 +79,42 @@ class Session:
     since TCP itself takes longer than a set point to send again what was lost.
 
     Attributes:
-        paces: of the calls to come.
+        retry_policies: of the calls to come.
     """
 
-    def __init__(self, caller: Exchanger, paces: Paces) -> None:
-        self.paces = paces
+    def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
+        self.retry_policies = retry_policies
         self._caller = caller
-        self._open: list[tuple[Function, int | None]] = []
-        self._modes: dict[int, int] = {}
-        self._starting = False
+        self._open_handles: list[tuple[Function, int | None]] = []
+        self._slave_modes: dict[int, int] = {}
+        self._is_starting = False
 
     @property
-    def exchanger(self) -> Exchanger:
+    def caller(self) -> BaseCaller:
         """What the calls are made with."""
         return self._caller
 
-    async def exchange(self, function_id: int, arguments: Sequence[Variant]) -> Settled:
+    async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
         """Make a call and return how it ended.
 
         Raises:
             LocalProtocolError: it cannot be sent, see `Requester.call`.
             ConnectionError: the link is gone.
         """
-        pace = self.pace(function_id, arguments)
+        pace = self.retry_policy_for(function_id, arguments)
         mode = _slave_mode(function_id, arguments)
-        robot = _handle(arguments)
-        before = self._modes.get(robot, 0)
+        robot = _first_handle(arguments)
+        before = self._slave_modes.get(robot, 0)
         # What is given up on the way may still be done.
-        self._starting = function_id == _SERVICE_START
+        self._is_starting = function_id == _SERVICE_START
         if mode:
-            self._modes[robot] = mode
-        settled = await self._caller.exchange(function_id, arguments, pace)
-        self._starting = False
-        if isinstance(settled, Answered):
-            self._note(function_id, arguments, settled.reply)
-        elif mode and isinstance(settled, Refused):
-            self._modes[robot] = before
+            self._slave_modes[robot] = mode
+        settled = await self._caller.perform_call(function_id, arguments, pace)
+        self._is_starting = False
+        if isinstance(settled, CallAnswered):
+            self._record_call(function_id, arguments, settled.reply)
+        elif mode and isinstance(settled, CallRefused):
+            self._slave_modes[robot] = before
         return settled
 
     async def call(self, function_id: int, arguments: Sequence[Variant]) -> Frame:
@@ -119,14 +126,14 @@ class Session:
             LocalProtocolError: it cannot be sent, see `Requester.call`.
             ConnectionError: the link is gone.
         """
-        settled = await self.exchange(function_id, arguments)
-        if isinstance(settled, Answered):
+        settled = await self.perform_call(function_id, arguments)
+        if isinstance(settled, CallAnswered):
             return settled.reply
         name = call_name(function_id, arguments)
-        if isinstance(settled, Refused):
+        if isinstance(settled, CallRefused):
             code = settled.reply.code
-            raise ControllerError(name, code, hresult_name(code), describe(code).text)
-        raise ExchangeTimeout(name, settled.attempts)
+            raise ControllerError(name, code, hresult_name(code), describe_hresult(code).text)
+        raise CallTimeout(name, settled.attempts)
 
     async def invoke(self, name: str, *values: object) -> Frame:
         """Call a function by its name; as `call`, with Python values for arguments."""
@@ -141,47 +148,53 @@ class Session:
         a motion that nobody waits for any more, finds that when it is done. The rest is left to it.
         """
         try:
-            if self._starting:
-                patience = min(self.paces.others.timeout, PACES.others.timeout)
-                self.paces = self.paces._replace(others=Pace(patience, 0))  # who is silent may not be there
-                await self._leave("Service_Stop")
-            for handle, mode in self._modes.items():
+            if self._is_starting:
+                patience = min(self.retry_policies.others.timeout, DEFAULT_RETRY_POLICIES.others.timeout)
+                self.retry_policies = self.retry_policies._replace(
+                    others=RetryPolicy(patience, 0)
+                )  # who is silent may not be there
+                await self._invoke_cleanup("Service_Stop")
+            for handle, mode in self._slave_modes.items():
                 if mode:
-                    await self._leave("Robot_Execute", handle, "slvChangeMode", Variant(VT.I4, 0))
-            for function, opened in reversed(self._open.copy()):
-                await self._leave(function.name, *(() if opened is None else (opened,)))
-        except ExchangeTimeout:
-            await self._stop_unanswered()
+                    await self._invoke_cleanup("Robot_Execute", handle, "slvChangeMode", Variant(VT.I4, 0))
+            for function, opened in reversed(self._open_handles.copy()):
+                await self._invoke_cleanup(function.name, *(() if opened is None else (opened,)))
+        except CallTimeout:
+            await self._stop_service_once()
         except OSError:
             pass
         finally:
             self._caller.close()
 
-    async def _stop_unanswered(self) -> None:
-        if any(function.releases is ObjectClass.SERVICE for function, _ in self._open):
-            self.paces = self.paces._replace(others=_ONCE)
-            with suppress(ExchangeTimeout, OSError):
-                await self._leave("Service_Stop")
+    async def _stop_service_once(self) -> None:
+        if any(function.releases is ObjectClass.SERVICE for function, _ in self._open_handles):
+            self.retry_policies = self.retry_policies._replace(others=_TRY_ONCE)
+            with suppress(CallTimeout, OSError):
+                await self._invoke_cleanup("Service_Stop")
 
-    async def _leave(self, name: str, *values: object) -> None:
+    async def _invoke_cleanup(self, name: str, *values: object) -> None:
         try:
             await self.invoke(name, *values)
-        except ExchangeTimeout:
+        except CallTimeout:
             raise
         except BcapError:
             pass  # what is refused here was let go before, by the controller or together with its owner
 
-    def pace(self, function_id: int, arguments: Sequence[Variant]) -> Pace:
+    def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
         """Return how long this call may take, in the slave mode that the robot is in."""
-        paces = self.paces
+        paces = self.retry_policies
         if not self._caller.link.datagrams:
-            return Pace(paces.others.timeout * (paces.others.retries + 1), 0)
+            return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
         if command_of(function_id, arguments) != "slvmove":
-            in_async = paces.others == PACES.others and any(mode & _ASYNC for mode in self._modes.values())
-            return OTHERS_IN_ASYNC if in_async else paces.others
-        return paces.asynchronous if self._modes.get(_handle(arguments), 0) & _ASYNC else paces.sync
+            in_async = paces.others == DEFAULT_RETRY_POLICIES.others and any(
+                mode & _ASYNC for mode in self._slave_modes.values()
+            )
+            return OTHERS_IN_ASYNC_MODE if in_async else paces.others
+        return (
+            paces.asynchronous if self._slave_modes.get(_first_handle(arguments), 0) & _ASYNC else paces.sync
+        )
 
-    def _note(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
+    def _record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
         """Remember what a successful call opened, closed or changed."""
         function = FUNCTIONS.get(function_id)
         if function is None:
@@ -189,14 +202,14 @@ class Session:
         if function.creates is not None:
             handle = None if function_id == _SERVICE_START else _result_handle(reply)
             release = next(one for one in FUNCTIONS.values() if one.releases is function.creates)
-            self._open.append((release, handle))
+            self._open_handles.append((release, handle))
         if function.releases is not None:
-            gone = (function, _handle(arguments) if arguments else None)
-            if gone in self._open:
-                self._open.remove(gone)
+            gone = (function, _first_handle(arguments) if arguments else None)
+            if gone in self._open_handles:
+                self._open_handles.remove(gone)
         mode = _slave_mode(function_id, arguments)
         if mode is not None:
-            self._modes[_handle(arguments)] = mode
+            self._slave_modes[_first_handle(arguments)] = mode
 
 
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
@@ -208,33 +221,33 @@ def _slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
     """Return the slave mode that a call asks for; None if it asks for none."""
     if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
         return None
-    return mode_value(arguments[2]) or 0
+    return integer_value(arguments[2]) or 0
 
 
-def _handle(arguments: Sequence[Variant]) -> int:
+def _first_handle(arguments: Sequence[Variant]) -> int:
     value = arguments[0].value if arguments else None
     return value if isinstance(value, int) else 0
 
 
 def _result_handle(reply: Frame) -> int:
-    return _handle(reply.variants[:1])
+    return _first_handle(reply.variants[:1])
 
 
 @asynccontextmanager
 async def open_session(
-    open_link: Opener,
+    open_link: LinkOpener,
     *,
-    convention: Convention | None = None,
-    paces: Paces = PACES,
+    convention: ReservedConvention | None = None,
+    retry_policies: RetryPolicies = DEFAULT_RETRY_POLICIES,
     observer: Observer | None = None,
-    listener: Listener | None = None,
+    listener: EventListener | None = None,
 ) -> AsyncIterator[Session]:
     """Open a link, and at the end of the block let go of all that calls have opened, however it ends.
 
     Args:
         open_link: `over_udp`, `over_tcp` or `over_link`.
         convention: of reserved; that of DENSO's slides on UDP and 0 on TCP unless given.
-        paces: how long to wait and how often to ask again.
+        retry_policies: how long to wait and how often to ask again.
         observer: sees every frame.
         listener: hears all that happens.
 
@@ -243,19 +256,25 @@ async def open_session(
     """
     caller = Caller(observer, listener)
     link = await open_link(caller)
-    caller.attach(link, convention or (Convention.SEED if link.datagrams else Convention.TCP0))
-    session = Session(caller, paces)
+    caller.attach(
+        link, convention or (ReservedConvention.SEED if link.datagrams else ReservedConvention.TCP0)
+    )
+    session = Session(caller, retry_policies)
     try:
         yield session
     finally:
         await session.close()
 
 
-def open_target(
-    target: Target, observer: Observer | None = None, listener: Listener | None = None
+def open_target_session(
+    target: ControllerTarget, observer: Observer | None = None, listener: EventListener | None = None
 ) -> AbstractAsyncContextManager[Session]:
     """Open a session with a controller, as `open_session`."""
     opener = (over_tcp if target.tcp else over_udp)(target.host, target.port)
     return open_session(
-        opener, convention=target.convention, paces=target.paces, observer=observer, listener=listener
+        opener,
+        convention=target.convention,
+        retry_policies=target.retry_policies,
+        observer=observer,
+        listener=listener,
     )

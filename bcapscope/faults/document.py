@@ -19,10 +19,10 @@ from yaml.resolver import Resolver
 
 from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
-from bcapscope.faults.yamlevents import YamlError, events
-from bcapscope.protocol.numerals import LONGEST_NUMBER
-from bcapscope.protocol.wording import shortened
-from bcapscope.traffic.filter_tokens import nearest
+from bcapscope.faults.yaml_events import YamlError, yaml_events
+from bcapscope.protocol.number_parsing import LONGEST_NUMBER
+from bcapscope.protocol.text_format import shortened
+from bcapscope.traffic.filter.tokens import nearest
 
 LONGEST_DOCUMENT = 1 << 20
 """Characters; the longest that people write have some ten thousand."""
@@ -30,7 +30,7 @@ LONGEST_DOCUMENT = 1 << 20
 T = TypeVar("T")
 
 _AT = re.compile(r" - at `([^`]*)`$")
-_STEP = re.compile(r"\.([^.\[]+)|\[([0-9]+)\]")
+_PATH_STEP = re.compile(r"\.([^.\[]+)|\[([0-9]+)\]")
 _FIELD = re.compile(r"field `([^`]*)`")
 
 
@@ -91,42 +91,42 @@ def read_document(text: str, kind: type[T]) -> T:
     """
     root, data = _parse(text)
     try:
-        found: T = convert(data, kind)
+        found: T = convert_data(data, kind)
     except DocumentError as error:
         raise DocumentError(error.path, _line(root, error), error.reason) from error.__cause__
     return found
 
 
-def convert(data: object, kind: Any) -> Any:
+def convert_data(data: object, kind: Any) -> Any:
     """Make plain data, as JSON or YAML give it, into a struct, checking everything.
 
     Raises:
         DocumentError: it does not fit; there is no line to tell.
     """
     try:
-        return msgspec.convert(data, kind, dec_hook=_decode)
+        return msgspec.convert(data, kind, dec_hook=_read_quantity)
     except msgspec.ValidationError as error:
-        raise _explained(error, data, kind) from error
+        raise _document_error(error, data, kind) from error
     except RecursionError:
         raise DocumentError((), 0, "lists inside lists without end") from None
 
 
-def fault_of(data: object) -> AnyFault:
+def fault_from(data: object) -> AnyFault:
     """Make plain data into a fault.
 
     Raises:
         DocumentError: it does not fit.
     """
-    found: AnyFault = convert(data, AnyFault)
+    found: AnyFault = convert_data(data, AnyFault)
     return found
 
 
-def plain(value: object) -> Any:
+def to_plain_data(value: object) -> Any:
     """Make a struct into plain data again, as it stands in a document, what is as usual left out."""
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
 
-def _decode(kind: type, written: object) -> object:
+def _read_quantity(kind: type, written: object) -> object:
     if kind in QUANTITIES:
         return kind.read(written)
     raise NotImplementedError(f"{kind} is no quantity")  # so a hook of msgspec tells what it does not know
@@ -139,7 +139,7 @@ class _Loader(Composer, SafeConstructor, Resolver):
         Composer.__init__(self)
         SafeConstructor.__init__(self)
         Resolver.__init__(self)
-        self._events = events(text)
+        self._events = yaml_events(text)
         self._next: yaml.Event | None = None
 
     def peek_event(self) -> yaml.Event | None:
@@ -208,7 +208,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         raise DocumentError((), 0, f"this is no YAML: {error}") from error
 
 
-class _Place(NamedTuple):
+class _ErrorPlace(NamedTuple):
     """Where in the data an error is.
 
     Attributes:
@@ -220,19 +220,19 @@ class _Place(NamedTuple):
     kinds: tuple[type[msgspec.Struct], ...]
 
 
-def _explained(error: msgspec.ValidationError, data: object, kind: Any) -> DocumentError:
+def _document_error(error: msgspec.ValidationError, data: object, kind: Any) -> DocumentError:
     text = str(error)
     match = _AT.search(text)
     reason = text[: match.start()] if match else text
-    steps = _STEP.findall(match[1].partition("[...]")[0]) if match else []  # keys are not told
+    steps = _PATH_STEP.findall(match[1].partition("[...]")[0]) if match else []  # keys are not told
     path: tuple[str | int, ...] = tuple(int(index) if index else name for name, index in steps)
     if isinstance(error.__cause__, FieldError):
         return DocumentError((*path, *error.__cause__.path), 0, error.__cause__.reason)
-    place = _Place(path, _kinds_at(path, data, kind))
-    return DocumentError(path, 0, _in_words(reason, place, data))
+    place = _ErrorPlace(path, _kinds_at(path, data, kind))
+    return DocumentError(path, 0, _readable_reason(reason, place, data))
 
 
-def _in_words(reason: str, place: _Place, data: object) -> str:
+def _readable_reason(reason: str, place: _ErrorPlace, data: object) -> str:
     field = _FIELD.search(reason)
     if field and "missing" in reason:
         hint = f", such as {' or '.join(sorted(_actions(place.kinds)))}" if field[1] == "action" else ""
@@ -248,7 +248,7 @@ def _in_words(reason: str, place: _Place, data: object) -> str:
     if reason.startswith("Invalid enum value"):
         wrong = _value_at(place.path, data)
         name = next((step for step in reversed(place.path) if isinstance(step, str)), "")
-        return f"{shortened(str(wrong), 40)!r} is none of {', '.join(_choices(place.kinds, name))}"
+        return f"{shortened(str(wrong), 40)!r} is none of {', '.join(_enum_values(place.kinds, name))}"
     if reason.startswith("Expected `str` matching regex"):
         return "a name has at most 60 letters, digits and _ . + -"
     return reason.replace("`", "")
@@ -260,14 +260,14 @@ def _actions(kinds: Iterable[type[msgspec.Struct]]) -> list[str]:
 
 def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[msgspec.Struct], ...]:
     """List what the struct may be that a path leads into."""
-    found = _fitting(_structs(kind), data)
+    found = _matching_structs(_structs(kind), data)
     inside = found
     for step in path:
         data = _child(data, step)
         if isinstance(step, str):
-            inside = tuple(one for each in found for one in _structs(_hint(each, step)))
+            inside = tuple(one for each in found for one in _structs(_field_type(each, step)))
         if isinstance(data, dict) and inside:
-            found = _fitting(inside, data)
+            found = _matching_structs(inside, data)
     return found
 
 
@@ -283,14 +283,16 @@ def _types(hint: Any, base: type[T]) -> Iterator[type[T]]:
         yield from _types(part, base)
 
 
-def _fitting(structs: tuple[type[msgspec.Struct], ...], data: object) -> tuple[type[msgspec.Struct], ...]:
+def _matching_structs(
+    structs: tuple[type[msgspec.Struct], ...], data: object
+) -> tuple[type[msgspec.Struct], ...]:
     """Choose the struct that the data say they are; all where they do not say."""
     action = data.get("action") if isinstance(data, dict) else None
     named = tuple(each for each in structs if each.__struct_config__.tag == action)
     return named or structs
 
 
-def _hint(kind: type[msgspec.Struct], written: str) -> Any:
+def _field_type(kind: type[msgspec.Struct], written: str) -> Any:
     """Return the type of a field by its name in documents; None if there is no such field."""
     names = dict(zip(kind.__struct_encode_fields__, kind.__struct_fields__, strict=True))
     return get_type_hints(kind).get(names.get(written, ""))
@@ -310,9 +312,12 @@ def _child(data: object, step: str | int) -> object:
     return None
 
 
-def _choices(kinds: Iterable[type[msgspec.Struct]], name: str) -> list[str]:
+def _enum_values(kinds: Iterable[type[msgspec.Struct]], name: str) -> list[str]:
     return [
-        str(member.value) for kind in kinds for each in _types(_hint(kind, name), Enum) for member in each
+        str(member.value)
+        for kind in kinds
+        for each in _types(_field_type(kind, name), Enum)
+        for member in each
     ]
 
 

@@ -17,28 +17,28 @@ from msgspec import Meta
 
 from bcapscope.faults.quantities import (
     LARGEST_END,
-    Condition,
     Duration,
+    FrameCondition,
+    HresultQuantity,
     Rate,
-    ResultCode,
     Share,
     Span,
     read_path,
 )
-from bcapscope.protocol.frame import LARGEST_FRAME
+from bcapscope.protocol.codec.frame import LARGEST_FRAME
 from bcapscope.traffic.observation import Direction
 
 MS = 1_000_000
-MOST_NOTICES = 10_000
+MAX_NOTICES = 10_000
 
 Count: TypeAlias = Annotated[int, Meta(ge=1, le=1_000_000)]
-Word: TypeAlias = Annotated[int, Meta(ge=0, le=0xFFFF)]
-Setting: TypeAlias = int | float | bool | str
+UInt16: TypeAlias = Annotated[int, Meta(ge=0, le=0xFFFF)]
+RewriteValue: TypeAlias = int | float | bool | str
 
 ALWAYS, NEVER = Share(1), Share(0)
 
 
-class Distribution(StrEnum):
+class JitterDistribution(StrEnum):
     """How a jitter is spread around the delay."""
 
     UNIFORM = "uniform"
@@ -49,7 +49,7 @@ class Distribution(StrEnum):
     """Mostly a little, now and then a lot: the jitter is the scale of a tail with exponent 3."""
 
 
-class Ending(StrEnum):
+class CloseMode(StrEnum):
     """How a TCP connection is closed."""
 
     RESET = "reset"
@@ -82,7 +82,7 @@ class Fault(
     """
 
     name: Annotated[str, Meta(pattern=r"^[\w.+-]{0,60}$")] = ""
-    when: Condition | None = None
+    when: FrameCondition | None = None
     direction: Direction | None = None
     probability: Share = ALWAYS
     times: Count | None = None
@@ -90,7 +90,7 @@ class Fault(
     lasts: Duration | None = None
     attempt: Count | None = None
 
-    reads: ClassVar[bool] = False
+    needs_whole_frame: ClassVar[bool] = False
     """Whether the action itself must see a whole frame, whatever the conditions say."""
 
     @property
@@ -101,20 +101,25 @@ class Fault(
     @property
     def needs_frames(self) -> bool:
         """Whether a stream must be cut into frames for it."""
-        return self.reads or self.when is not None or self.attempt is not None or self.probability < 1
+        return (
+            self.needs_whole_frame
+            or self.when is not None
+            or self.attempt is not None
+            or self.probability < 1
+        )
 
 
-class Pass(Fault, frozen=True, kw_only=True, tag="pass"):
+class PassFault(Fault, frozen=True, kw_only=True, tag="pass"):
     """Nothing becomes of the message, whatever the faults after this one would do."""
 
 
-class Drop(Fault, frozen=True, kw_only=True, tag="drop"):
+class DropFault(Fault, frozen=True, kw_only=True, tag="drop"):
     """The message is lost."""
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Burst(Fault, frozen=True, kw_only=True, tag="burst"):
+class BurstFault(Fault, frozen=True, kw_only=True, tag="burst"):
     """Messages are lost in bursts: the model of Gilbert and Elliott, each direction on its own.
 
     Attributes:
@@ -129,10 +134,10 @@ class Burst(Fault, frozen=True, kw_only=True, tag="burst"):
     bad: Share = ALWAYS
     good: Share = NEVER
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Delay(Fault, frozen=True, kw_only=True, tag="delay"):
+class DelayFault(Fault, frozen=True, kw_only=True, tag="delay"):
     """The message goes on later. Datagrams may overtake it, bytes of a stream never do.
 
     Attributes:
@@ -143,10 +148,10 @@ class Delay(Fault, frozen=True, kw_only=True, tag="delay"):
 
     time: Duration
     jitter: Duration = Duration(0)
-    distribution: Distribution = Distribution.UNIFORM
+    distribution: JitterDistribution = JitterDistribution.UNIFORM
 
 
-class Duplicate(Fault, frozen=True, kw_only=True, tag="duplicate"):
+class DuplicateFault(Fault, frozen=True, kw_only=True, tag="duplicate"):
     """The message arrives several times.
 
     Attributes:
@@ -157,10 +162,10 @@ class Duplicate(Fault, frozen=True, kw_only=True, tag="duplicate"):
     copies: Annotated[int, Meta(ge=1, le=1000)] = 1
     time: Duration = Duration(0)
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Reorder(Fault, frozen=True, kw_only=True, tag="reorder"):
+class ReorderFault(Fault, frozen=True, kw_only=True, tag="reorder"):
     """The message is overtaken by those that come after it, on TCP too: there a server answers out of order.
 
     Attributes:
@@ -171,10 +176,10 @@ class Reorder(Fault, frozen=True, kw_only=True, tag="reorder"):
     by: Annotated[int, Meta(ge=1, le=1000)] = 1
     time: Duration = Duration(100 * MS)
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Corrupt(Fault, frozen=True, kw_only=True, tag="corrupt"):
+class CorruptFault(Fault, frozen=True, kw_only=True, tag="corrupt"):
     """Bits are turned over.
 
     Attributes:
@@ -185,10 +190,10 @@ class Corrupt(Fault, frozen=True, kw_only=True, tag="corrupt"):
     bits: Annotated[int, Meta(ge=1, le=10_000)] = 1
     offset: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Truncate(Fault, frozen=True, kw_only=True, tag="truncate"):
+class TruncateFault(Fault, frozen=True, kw_only=True, tag="truncate"):
     """The end is cut off.
 
     Attributes:
@@ -197,10 +202,10 @@ class Truncate(Fault, frozen=True, kw_only=True, tag="truncate"):
 
     keep: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Garbage(Fault, frozen=True, kw_only=True, tag="garbage"):
+class GarbageFault(Fault, frozen=True, kw_only=True, tag="garbage"):
     """Random bytes arrive in place of the message; of responses, unless told otherwise.
 
     Attributes:
@@ -210,10 +215,10 @@ class Garbage(Fault, frozen=True, kw_only=True, tag="garbage"):
     direction: Direction | None = Direction.RESPONSE
     size: Annotated[int, Meta(ge=1, le=65507)] | None = None
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Rewrite(Fault, frozen=True, kw_only=True, tag="rewrite"):
+class RewriteFault(Fault, frozen=True, kw_only=True, tag="rewrite"):
     """Numbers in the frame are changed. Where nothing changes, the bytes stay those that came.
 
     Attributes:
@@ -226,14 +231,14 @@ class Rewrite(Fault, frozen=True, kw_only=True, tag="rewrite"):
         step: a number changes by so much at most from one such message of a conversation to the next.
     """
 
-    serial: Word | None = None
-    reserved: Word | None = None
-    code: ResultCode | None = None
-    set: dict[str, Setting] = {}
+    serial: UInt16 | None = None
+    reserved: UInt16 | None = None
+    code: HresultQuantity | None = None
+    set: dict[str, RewriteValue] = {}
     limit: dict[str, Span] = {}
     step: dict[str, Annotated[float, Meta(gt=0, le=LARGEST_END)]] = {}
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.serial is self.reserved is self.code is None and not (self.set or self.limit or self.step):
@@ -242,7 +247,7 @@ class Rewrite(Fault, frozen=True, kw_only=True, tag="rewrite"):
             read_path(path)
 
 
-class Serial(Fault, frozen=True, kw_only=True, tag="serial"):
+class SerialFault(Fault, frozen=True, kw_only=True, tag="serial"):
     """The frame has a wrong serial; of responses, unless told otherwise.
 
     Attributes:
@@ -252,10 +257,10 @@ class Serial(Fault, frozen=True, kw_only=True, tag="serial"):
     direction: Direction | None = Direction.RESPONSE
     by: Annotated[int, Meta(ge=-65535, le=65535)] = 1
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Answer(Fault, frozen=True, kw_only=True, tag="answer"):
+class AnswerFault(Fault, frozen=True, kw_only=True, tag="answer"):
     """The client is answered with a result and no value; its request does not go on.
 
     With the direction `response` the request goes on, and the result stands in place of what came back.
@@ -265,12 +270,12 @@ class Answer(Fault, frozen=True, kw_only=True, tag="answer"):
     """
 
     direction: Direction | None = Direction.REQUEST
-    hresult: ResultCode
+    hresult: HresultQuantity
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Executing(Fault, frozen=True, kw_only=True, tag="executing"):
+class ExecutingFault(Fault, frozen=True, kw_only=True, tag="executing"):
     """The client hears S_EXECUTING for a while, then the message goes on: a response, unless told otherwise.
 
     Attributes:
@@ -282,28 +287,28 @@ class Executing(Fault, frozen=True, kw_only=True, tag="executing"):
     time: Duration
     every: Duration = Duration(100 * MS)
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.every < MS:
             raise ValueError("every is 1ms at least")
-        if self.time > self.every * MOST_NOTICES:
-            raise ValueError(f"more than {MOST_NOTICES} notices")
+        if self.time > self.every * MAX_NOTICES:
+            raise ValueError(f"more than {MAX_NOTICES} notices")
 
 
-class Close(Fault, frozen=True, kw_only=True, tag="close"):
+class CloseFault(Fault, frozen=True, kw_only=True, tag="close"):
     """The client's TCP connection ends, on both sides, and the message is lost. UDP is left alone.
 
     Attributes:
         how: by reset, or in order, after what other faults hold of it.
     """
 
-    how: Ending = Ending.RESET
+    how: CloseMode = CloseMode.RESET
 
-    reads: ClassVar[bool] = True
+    needs_whole_frame: ClassVar[bool] = True
 
 
-class Bandwidth(Fault, frozen=True, kw_only=True, tag="bandwidth"):
+class BandwidthFault(Fault, frozen=True, kw_only=True, tag="bandwidth"):
     """Messages go through a line of that rate, one line for each direction.
 
     Attributes:
@@ -315,32 +320,32 @@ class Bandwidth(Fault, frozen=True, kw_only=True, tag="bandwidth"):
     queue: Annotated[int, Meta(ge=1, le=1 << 30)] = 256 * 1024
 
 
-class Partition(Fault, frozen=True, kw_only=True, tag="partition"):
+class PartitionFault(Fault, frozen=True, kw_only=True, tag="partition"):
     """Nothing gets through. Datagrams are lost; bytes of a stream come when it ends, as if sent again."""
 
 
-class HalfOpen(Fault, frozen=True, kw_only=True, tag="half-open"):
+class HalfOpenFault(Fault, frozen=True, kw_only=True, tag="half-open"):
     """From now on nothing of this conversation gets through either way, for good, and no end of it either."""
 
 
 AnyFault: TypeAlias = (
-    Pass
-    | Drop
-    | Burst
-    | Delay
-    | Duplicate
-    | Reorder
-    | Corrupt
-    | Truncate
-    | Garbage
-    | Rewrite
-    | Serial
-    | Answer
-    | Executing
-    | Close
-    | Bandwidth
-    | Partition
-    | HalfOpen
+    PassFault
+    | DropFault
+    | BurstFault
+    | DelayFault
+    | DuplicateFault
+    | ReorderFault
+    | CorruptFault
+    | TruncateFault
+    | GarbageFault
+    | RewriteFault
+    | SerialFault
+    | AnswerFault
+    | ExecutingFault
+    | CloseFault
+    | BandwidthFault
+    | PartitionFault
+    | HalfOpenFault
 )
 """Every fault; `action` tells them apart in a document."""
 

@@ -10,12 +10,12 @@ import re
 from fractions import Fraction
 from typing import Self
 
-from bcapscope.protocol.hresult import hresult_name
-from bcapscope.protocol.hresult_table import SYMBOLS
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filter_operands import UNITS
-from bcapscope.traffic.filter_tokens import nearest
-from bcapscope.traffic.filters import Filter, compile_filter
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.protocol.tables.hresult_table import NAMED_CODES
+from bcapscope.traffic.filter.compiler import Filter, compile_filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.operands import UNITS
+from bcapscope.traffic.filter.tokens import nearest
 
 LONGEST_DURATION = 10**9 * 86_400 * 365
 """A year, in ns: far beyond any test, and its sums stay exact."""
@@ -23,7 +23,7 @@ LONGEST_DURATION = 10**9 * 86_400 * 365
 LARGEST_END = 1e19
 """Ends of a span, either side of 0: no integer type of b-CAP goes further."""
 
-MOST_INDEXES = 8
+MAX_INDEXES = 8
 """Indexes of an argument; controllers nest two deep."""
 
 _LONGEST_SHOWN = 150  # bits; Python refuses to write out integers of some 14,000
@@ -35,7 +35,7 @@ _CODE = re.compile(r"0[xX][0-9A-Fa-f]{1,8}|-?[0-9]{1,10}")
 _PATH = re.compile(r"arg((?:\[[0-9]{1,5}\])+)")
 _SPAN = re.compile(r"([-+0-9.eE]*?)\.\.([-+0-9.eE]*)")
 _MULTIPLES = {"": 1, "k": 1000, "M": 1_000_000}
-_CODES = {entry.name: entry.code for entry in SYMBOLS if entry.name}
+_CODES = {entry.name: entry.code for entry in NAMED_CODES if entry.name}
 _FOLDED_CODES = {name.casefold(): code for name, code in _CODES.items()}
 
 
@@ -121,7 +121,7 @@ class Rate(float):
         return f"{self * 8:.15g}bit/s"
 
 
-class ResultCode(int):
+class HresultQuantity(int):
     """An HRESULT, unsigned; written by name or as a number, signed or unsigned."""
 
     @classmethod
@@ -149,7 +149,7 @@ class ResultCode(int):
         return name if _CODES.get(name) == self else f"0x{self:08X}"
 
 
-class Condition:
+class FrameCondition:
     """A filter of frames, both directions; a response has the function and the command of its request.
 
     Attributes:
@@ -181,7 +181,7 @@ class Condition:
         return self.filter.expression
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Condition) and self.text == other.text
+        return isinstance(other, FrameCondition) and self.text == other.text
 
     def __hash__(self) -> int:
         return hash(self.text)
@@ -249,7 +249,7 @@ class Span:
         return f"Span({self.low}, {self.high})"
 
 
-QUANTITIES = (Duration, Share, Rate, ResultCode, Condition, Span)
+QUANTITIES = (Duration, Share, Rate, HresultQuantity, FrameCondition, Span)
 """All of these; each has `read` and `text`."""
 
 
@@ -261,7 +261,7 @@ def read_path(written: str) -> tuple[int, ...]:
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()
-    if not 1 <= len(indexes) <= MOST_INDEXES:
+    if not 1 <= len(indexes) <= MAX_INDEXES:
         raise ValueError(f"{_shown(written)} is no argument, such as arg[2][0]")
     return indexes
 

@@ -14,99 +14,101 @@ from typing import BinaryIO
 
 from msgspec import structs
 
-from bcapscope.client.target import reason_of
+from bcapscope.client.controller_target import os_error_text
 from bcapscope.errors import BcapError
+from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.channel import Channel, open_channel
-from bcapscope.player.controllog import read_log, write_log
-from bcapscope.player.desk import Desk
-from bcapscope.player.exchanger import run
-from bcapscope.player.journal import Journal
-from bcapscope.player.messages import Ended, Outcome, Plan, Readiness
-from bcapscope.player.newfile import new_file
-from bcapscope.player.realtime import undisturbed
-from bcapscope.player.visit import Visit
-from bcapscope.protocol.variant import Value
+from bcapscope.player.control_log import read_control_log, write_control_log
+from bcapscope.player.frame_recorder import FrameRecorder
+from bcapscope.player.new_file import open_new_file
+from bcapscope.player.play_session import PlaySession
+from bcapscope.player.player_messages import PlayEnded, PlayOutcome, PlayPlan, RealtimeReport
+from bcapscope.player.player_pipe import PlayerPipe
+from bcapscope.player.realtime import realtime_priority
+from bcapscope.protocol.codec.variant import Value
 
 
 def main() -> None:
     """Play one plan."""
     messages = os.dup(1)
     os.dup2(2, 1)  # whatever prints does not get between the messages
-    desk = Desk(0, messages)
-    plan = desk.plan()
-    desk.listen_to_signals()
+    desk = PlayerPipe(0, messages)
+    plan = desk.read_plan()
+    desk.install_signal_handlers()
     with ExitStack() as stack:
         try:
-            record, log = (stack.enter_context(new_file(path)) for path in (plan.record, plan.log))
+            record, log = (stack.enter_context(open_new_file(path)) for path in (plan.record, plan.log))
         except OSError as error:
-            desk.deliver(Ended(Outcome.UNWRITABLE, f"{error.filename}: {reason_of(error)}"))
-            desk.finish()
+            desk.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_error_text(error)}"))
+            desk.wait_until_sent()
             return
-        desk.deliver(play(plan, desk, record, log))
-    desk.finish()
+        desk.send(play(plan, desk, record, log))
+    desk.wait_until_sent()
 
 
-def play(plan: Plan, desk: Desk, record: BinaryIO | None, log: BinaryIO | None) -> Ended:
+def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryIO | None) -> PlayEnded:
     """Play a plan; return how that ended.
 
     Args:
         plan: what is to be done.
-        desk: is told what happens.
+        pipe: is told what happens.
         record: file for all that was said.
         log: file for the controller's own log.
     """
     target = plan.target
-    with undisturbed(plan.realtime and not plan.look_only) as grade:
+    with realtime_priority(plan.realtime and not plan.look_only) as grade:
         if plan.aftermath is None:
-            desk.deliver(Readiness(grade.realtime, grade.locked, grade.text))
+            pipe.send(RealtimeReport(grade.realtime, grade.locked, grade.text))
         try:
             port = plan.aftermath.port if plan.aftermath else 0
             channel = open_channel(target.host, target.port, target.tcp, local_port=port)
         except OSError as error:
-            reason = f"{target}: {reason_of(error)}"
-            return Ended(Outcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime)
-        journal = Journal(desk.deliver, record)
-        visit = Visit(plan, channel, desk, journal)
-        ended = structs.replace(run(visit.perform()), realtime=grade.realtime)
+            reason = f"{target}: {os_error_text(error)}"
+            return PlayEnded(
+                PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime
+            )
+        journal = FrameRecorder(pipe.send, record)
+        visit = PlaySession(plan, channel, pipe, journal)
+        ended = structs.replace(run_blocking(visit.run()), realtime=grade.realtime)
     # Nothing is urgent any more: files are written as anybody writes files.
-    read = partial(read_log, target, plan.robot, until_ordered(desk))
-    return written(ended, journal, channel, log if visit.logged else None, read)
+    read = partial(read_control_log, target, plan.robot, abort_on_order(pipe))
+    return write_files(ended, journal, channel, log if visit.has_log else None, read)
 
 
-def written(
-    ended: Ended,
-    journal: Journal,
+def write_files(
+    ended: PlayEnded,
+    recorder: FrameRecorder,
     channel: Channel,
     log: BinaryIO | None,
-    read: Callable[[], Sequence[Value]],
-) -> Ended:
-    """Write the capture and the log, which `read` gives; return how all ended."""
+    read_records: Callable[[], Sequence[Value]],
+) -> PlayEnded:
+    """Write the capture and the log, which `read_records` gives; return how all ended."""
     reasons: list[str] = []
     try:
-        journal.save(channel)
+        recorder.save_capture(channel)
     except OSError as error:
-        reasons.append(f"the capture could not be written: {reason_of(error)}")
+        reasons.append(f"the capture could not be written: {os_error_text(error)}")
     try:
         if log is not None:
-            records = read()
-            write_log(log, records)
+            records = read_records()
+            write_control_log(log, records)
             ended = structs.replace(ended, logged=len(records))
     except (OSError, BcapError) as error:
-        reason = reason_of(error) if isinstance(error, OSError) else str(error)
+        reason = os_error_text(error) if isinstance(error, OSError) else str(error)
         reasons.append(f"the log could not be written: {reason}")
     if not reasons:
         return ended
     told = "; ".join((*reasons, *filter(None, (ended.reason,))))
-    return structs.replace(ended, outcome=Outcome.UNWRITABLE, reason=told)
+    return structs.replace(ended, outcome=PlayOutcome.UNWRITABLE, reason=told)
 
 
-def until_ordered(desk: Desk) -> Callable[[], None]:
+def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:
     """Return what looks for orders that come from now on, and raises BcapError when there is one."""
-    before = desk.orders
+    before = pipe.order_count
 
     def look() -> None:
-        desk.poll()
-        if desk.orders > before:
+        pipe.poll_order()
+        if pipe.order_count > before:
             raise BcapError("nobody waited for it")
 
     return look

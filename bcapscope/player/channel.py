@@ -11,38 +11,44 @@ import time
 from contextlib import suppress
 from typing import Protocol
 
-from bcapscope.transport.arrival import CONTROL, Control, ask_for_times, kernel_time, receiver
-from bcapscope.transport.link import Address, Carrier
-from bcapscope.transport.udp import to_try
+from bcapscope.transport.peer_link import Address, BaseLink
+from bcapscope.transport.receive_timestamps import (
+    ANCILLARY_SIZE,
+    AncillaryData,
+    enable_receive_timestamps,
+    kernel_timestamp,
+    receive_function,
+)
+from bcapscope.transport.udp_link import preferred_address
 
-SPIN = 200_000
+SPIN_TIME = 200_000
 """ns before a deadline from which on the clock is watched instead of slept on: no sleep overruns as much."""
 
-_DATAGRAM = 4096
+_DATAGRAM_SIZE = 4096
 """Bytes that a datagram may have; controllers send 503 at most."""
 
-_PORTION = 512
+_STREAM_READ_SIZE = 512
 """Bytes of a stream that are taken at once, a few replies: a controller that was held up sends a hundred
 together, and to read all of them takes longer than there is between two set points."""
 
-_SET = 100_000
+_CLOCK_TOLERANCE = 100_000
 """ns by which two clocks may drift apart while nobody sets one: none, but looking at both takes a moment."""
 
 
-class Channel(Carrier, Protocol):
+class Channel(BaseLink, Protocol):
     """What the player sends through and waits with. All times are ns of `now`."""
 
     @property
-    def arrived(self) -> int:
+    def arrival_time(self) -> int:
         """When what was received last came; where the system does not say, when it was read."""
 
     def now(self) -> int:
         """Return ns of a clock that does not go back."""
 
-    def wait(self, until: int) -> None:
+    def wait_until(self, until: int) -> None:
         """Return at `until`, as exactly as it can be done; at once if that is over."""
 
-    def rest(self, until: int) -> None:
+    def sleep_until(self, until: int) -> None:
         """Sleep until about then, whatever comes; at once back where nobody would tell when that came."""
 
     def receive(self, until: int) -> bytes | None:
@@ -61,7 +67,7 @@ class SocketChannel:
         datagrams: UDP, else TCP.
         local: our end.
         peer: the other end.
-        arrived: when what was received last came.
+        arrival_time: when what was received last came.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -70,31 +76,31 @@ class SocketChannel:
         self.peer: Address = sock.getpeername()[:2]
         self._socket = sock
         self._readable = [sock]
-        self._portion = _DATAGRAM if self.datagrams else _PORTION
-        self.arrived = self.now()
-        self._epoch = _epoch()
-        self._is_told = False
-        self._receive = receiver(sock)
-        ask_for_times(sock)
+        self._read_size = _DATAGRAM_SIZE if self.datagrams else _STREAM_READ_SIZE
+        self.arrival_time = self.now()
+        self._epoch_offset = _measure_epoch_offset()
+        self._has_kernel_times = False
+        self._recvmsg = receive_function(sock)
+        enable_receive_timestamps(sock)
         sock.setblocking(False)
         if not self.datagrams:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     now = staticmethod(time.monotonic_ns)
 
-    def wait(self, until: int) -> None:
+    def wait_until(self, until: int) -> None:
         """Sleep, and spin for the last of it."""
         clock = time.monotonic_ns
-        rest = until - SPIN - clock()
+        rest = until - SPIN_TIME - clock()
         if rest > 0:
             time.sleep(rest / 1e9)  # until the set point is due there is nothing to do
         while clock() < until:
             pass
 
-    def rest(self, until: int) -> None:
+    def sleep_until(self, until: int) -> None:
         """Sleep, where the system tells when what comes meanwhile came."""
         length = until - time.monotonic_ns()
-        if self._is_told and length > 0:
+        if self._has_kernel_times and length > 0:
             time.sleep(length / 1e9)  # nothing that comes is needed before
 
     def send(self, data: bytes) -> None:
@@ -110,11 +116,11 @@ class SocketChannel:
         """Look first, then wait."""
         while True:
             try:
-                data, control, _, _ = self._receive(self._portion, CONTROL)
+                data, control, _, _ = self._recvmsg(self._read_size, ANCILLARY_SIZE)
             except BlockingIOError:
                 pass
             else:
-                self._note_arrival(control)
+                self._set_arrival_time(control)
                 if data or self.datagrams:
                     return data
                 raise ConnectionResetError("the peer closed the connection")
@@ -127,16 +133,18 @@ class SocketChannel:
         """Close the socket."""
         self._socket.close()
 
-    def _note_arrival(self, control: Control) -> None:
-        now = self.arrived = time.monotonic_ns()
-        self._is_told = bool(control)
-        if abs(time.time_ns() - now - self._epoch) > _SET:
-            self._epoch = _epoch()  # the clock by which the system tells was set, or we were held up just now
+    def _set_arrival_time(self, control: AncillaryData) -> None:
+        now = self.arrival_time = time.monotonic_ns()
+        self._has_kernel_times = bool(control)
+        if abs(time.time_ns() - now - self._epoch_offset) > _CLOCK_TOLERANCE:
+            self._epoch_offset = (
+                _measure_epoch_offset()
+            )  # the clock by which the system tells was set, or we were held up just now
         elif control:
-            self.arrived = min(now, kernel_time(control, 0) - self._epoch)
+            self.arrival_time = min(now, kernel_timestamp(control, 0) - self._epoch_offset)
 
 
-def _epoch() -> int:
+def _measure_epoch_offset() -> int:
     """Tell when the clock of `now` was 0, ns since 1970, by the look of several that took least."""
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
@@ -157,7 +165,7 @@ def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_po
     if tcp:
         return SocketChannel(socket.create_connection((host, port), timeout))
     found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-    family, kind, protocol, _, address = to_try(found)
+    family, kind, protocol, _, address = preferred_address(found)
     sock = socket.socket(family, kind, protocol)
     try:
         if local_port:

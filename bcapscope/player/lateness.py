@@ -8,13 +8,13 @@ from array import array
 import msgspec
 import numpy as np
 
-_FINE = 16
+_BINS_PER_OCTAVE = 16
 """Bins between a power of two and the next: percentiles while it runs are within 7%."""
 
-_BINS = 64 * _FINE
-_SHARES = (0.5, 0.99, 0.999)
+_BINS = 64 * _BINS_PER_OCTAVE
+_PERCENTILES = (0.5, 0.99, 0.999)
 
-MOST_TOLD = 40
+MAX_REPORTED_BINS = 40
 """Bins that `Lateness.bins` tells of: a message has to fit into a pipe as a whole."""
 
 
@@ -38,48 +38,48 @@ class Lateness:
         self._bins = array("q", bytes(8 * _BINS))
         self._counts = np.frombuffer(self._bins, dtype=np.int64)
         self._count = 0
-        self._most = 0
+        self._maximum = 0
 
     def add(self, late: int) -> None:
         """Take one, ns, not negative."""
         if self._count < self._capacity:
             self._values[self._count] = late
         self._count += 1
-        self._bins[_bin(late)] += 1
-        self._most = max(self._most, late)
+        self._bins[_bin_of(late)] += 1
+        self._maximum = max(self._maximum, late)
 
-    def so_far(self) -> Spread:
+    def estimated_spread(self) -> Spread:
         """Tell percentiles by bins, quickly: the upper edge of the bin that they are in."""
         if not self._count:
             return Spread()
-        wanted = [_rank(share, self._count) for share in _SHARES]
+        wanted = [_rank(share, self._count) for share in _PERCENTILES]
         places = np.searchsorted(np.cumsum(self._counts), wanted).tolist()
-        p50, p99, p999 = (min(_upper_edge(number), self._most) for number in places)
-        return Spread(self._count, p50, p99, p999, self._most)
+        p50, p99, p999 = (min(_upper_edge(number), self._maximum) for number in places)
+        return Spread(self._count, p50, p99, p999, self._maximum)
 
     def bins(self) -> tuple[tuple[int, int, int], ...]:
-        """Tell least and greatest value and count of each bin; of the `MOST_TOLD` that hold most."""
+        """Tell least and greatest value and count of each bin; of the `MAX_REPORTED_BINS` that hold most."""
         filled = [(self._bins[number], number) for number in np.flatnonzero(self._counts).tolist()]
-        if len(filled) > MOST_TOLD:
-            filled = sorted(filled, reverse=True)[:MOST_TOLD]
+        if len(filled) > MAX_REPORTED_BINS:
+            filled = sorted(filled, reverse=True)[:MAX_REPORTED_BINS]
         return tuple(sorted((_lower_edge(number), _upper_edge(number), count) for count, number in filled))
 
-    def exact(self) -> Spread:
+    def exact_spread(self) -> Spread:
         """Tell exact percentiles where all values are still there; takes its time."""
         if not 0 < self._count <= self._capacity:
-            return self.so_far()
+            return self.estimated_spread()
         values = sorted(self._values[: self._count])
-        p50, p99, p999 = (values[_rank(share, self._count) - 1] for share in _SHARES)
-        return Spread(self._count, p50, p99, p999, self._most)
+        p50, p99, p999 = (values[_rank(share, self._count) - 1] for share in _PERCENTILES)
+        return Spread(self._count, p50, p99, p999, self._maximum)
 
 
 def _rank(share: float, count: int) -> int:
     return max(1, math.ceil(share * count))
 
 
-def _bin(value: int) -> int:
+def _bin_of(value: int) -> int:
     """Number the bin of a value: below 16 each its own, then 16 to a power of two."""
-    if value < _FINE:
+    if value < _BINS_PER_OCTAVE:
         return max(value, 0)
     shift = value.bit_length() - 5
     return min((shift << 4) + (value >> shift), _BINS - 1)
@@ -90,7 +90,7 @@ def _lower_edge(number: int) -> int:
 
 
 def _upper_edge(number: int) -> int:
-    if number < _FINE:
+    if number < _BINS_PER_OCTAVE:
         return number
     shift = (number >> 4) - 1
     return (((number & 15) + 17) << shift) - 1

@@ -9,59 +9,64 @@ from typing import TypeAlias
 import numpy as np
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.player import checks, checks_motion
-from bcapscope.player.checks_motion import Figures
-from bcapscope.player.finding import Case, Finding
-from bcapscope.player.limits import UNKNOWN, Limits
+from bcapscope.player import checks, motion_checks
+from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits
+from bcapscope.player.motion_checks import AxisFigures
+from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem
 from bcapscope.player.trajectory import Trajectory
-from bcapscope.protocol.slavemode import SlaveMode
+from bcapscope.protocol.slave_mode.modes import SlaveMode
 
-Check: TypeAlias = Callable[[Case], Iterator[Finding]]
+Check: TypeAlias = Callable[[PreflightContext], Iterator[PreflightProblem]]
 
-_OF_FORM: tuple[Check, ...] = (checks.mode, checks.axes, checks.cycle, checks.interval)
-_OF_NUMBERS: tuple[Check, ...] = (
-    checks_motion.bounds,
-    checks_motion.rest,
-    checks_motion.join,
-    checks_motion.first_point,
-    checks.fig,
-    checks.directions,
-    checks.units,
-    checks_motion.still,
+_FORM_CHECKS: tuple[Check, ...] = (
+    checks.check_mode,
+    checks.check_axes,
+    checks.check_cycle,
+    checks.check_interval,
+)
+_NUMBER_CHECKS: tuple[Check, ...] = (
+    motion_checks.check_limits,
+    motion_checks.check_rest,
+    motion_checks.check_join,
+    motion_checks.check_first_point,
+    checks.check_fig,
+    checks.check_directions,
+    checks.check_units,
+    motion_checks.check_movement,
 )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Preflight:
+class PreflightResult:
     """What the pre-flight found.
 
     Attributes:
         trajectory: that was looked at.
         period: seconds between two slvMove.
-        whose: limits these are.
-        findings: the gravest first.
-        figures: what each axis does with the times that the file has; () where they are not even, or the
+        arm_name: limits these are.
+        problems: the gravest first.
+        axis_figures: what each axis does with the times that the file has; () where they are not even, or the
             numbers do not allow to tell.
-        distance: how far the first point is from where the robot is, an element an axis of the trajectory;
+        first_point_offsets: how far the first point is from where the robot is, an element an axis of the trajectory;
             None where that is not known.
     """
 
     trajectory: Trajectory
     period: float
-    whose: str
-    findings: tuple[Finding, ...]
-    figures: tuple[Figures, ...]
-    distance: tuple[float, ...] | None
+    arm_name: str
+    problems: tuple[PreflightProblem, ...]
+    axis_figures: tuple[AxisFigures, ...]
+    first_point_offsets: tuple[float, ...] | None
 
     @property
-    def is_fit(self) -> bool:
+    def is_playable(self) -> bool:
         """Whether nothing speaks against playing it."""
-        return all(finding.severity is not Severity.ERROR for finding in self.findings)
+        return all(finding.severity is not Severity.ERROR for finding in self.problems)
 
     @property
-    def needs_move(self) -> bool:
+    def needs_approach(self) -> bool:
         """Whether the robot has to be brought to the first point by an ordinary motion."""
-        return any(finding.check == "first-point" for finding in self.findings)
+        return any(finding.check == "first-point" for finding in self.problems)
 
     @property
     def seconds(self) -> float:
@@ -72,38 +77,38 @@ class Preflight:
         return (len(trajectory) - 1) * (trajectory.period or self.period)
 
 
-def check(
+def run_preflight(
     trajectory: Trajectory,
     period: float,
-    limits: Limits = UNKNOWN,
+    limits: ArmLimits = UNKNOWN_ARM,
     *,
-    present: Sequence[float] | None = None,
+    current_pose: Sequence[float] | None = None,
     mode: SlaveMode | None = None,
     loop: bool = False,
-) -> Preflight:
+) -> PreflightResult:
     """Look at a trajectory without moving anything.
 
     Args:
         trajectory: as it was read or resampled.
         period: seconds between two slvMove.
         limits: of the arm.
-        present: pose of the robot now, of the trajectory's kind; None where it is not known.
+        current_pose: pose of the robot now, of the trajectory's kind; None where it is not known.
         mode: slave mode that it will be played in; None where it is not known.
         loop: it starts again when it has ended.
     """
-    case = Case(trajectory, period, limits, present, mode, loop)
-    findings = list(checks.finite(case))
+    case = PreflightContext(trajectory, period, limits, current_pose, mode, loop)
+    findings = list(checks.check_finite(case))
     sound = not findings
     with np.errstate(all="ignore"):  # absurd times give absurd intervals, which is what is looked for
-        for each in (*_OF_FORM, *(_OF_NUMBERS if sound else ())):
+        for each in (*_FORM_CHECKS, *(_NUMBER_CHECKS if sound else ())):
             findings += each(case)
-        figures = checks_motion.figures(case) if sound else ()
+        figures = motion_checks.axis_figures(case) if sound else ()
     rank = list(Severity)
-    return Preflight(
+    return PreflightResult(
         trajectory=trajectory,
         period=period,
-        whose=limits.whose,
-        findings=tuple(sorted(findings, key=lambda finding: rank.index(finding.severity))),
-        figures=figures,
-        distance=checks_motion.distance(case) if sound else None,
+        arm_name=limits.arm_name,
+        problems=tuple(sorted(findings, key=lambda finding: rank.index(finding.severity))),
+        axis_figures=figures,
+        first_point_offsets=motion_checks.first_point_offsets(case) if sound else None,
     )

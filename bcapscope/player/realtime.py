@@ -19,14 +19,14 @@ from pathlib import Path
 
 import msgspec
 
-PRIORITY = 40
+FIFO_PRIORITY = 40
 """Above all ordinary programs, below the kernel's interrupt threads, which have 50 and bring the replies."""
 
-_THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
+_THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
 _MCL_CURRENT = 1
 
-_SLICE = 100_000
+_TIME_SLICE = 100_000
 """ns at a time, the least that there is."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
@@ -36,7 +36,7 @@ _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 """Size, policy, flags, niceness, priority, runtime, deadline, period: sched_setattr(2)."""
 
 
-class Grade(msgspec.Struct, frozen=True):
+class RealtimeGrant(msgspec.Struct, frozen=True):
     """What the system allows.
 
     Attributes:
@@ -51,61 +51,63 @@ class Grade(msgspec.Struct, frozen=True):
 
 
 @contextmanager
-def undisturbed(wanted: bool = True, *, collecting: bool = False) -> Iterator[Grade]:
+def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeGrant]:
     """Take all that the system gives, for the length of a block.
 
     What was loaded before stays: looking through it for garbage again and again costs milliseconds.
 
     Args:
-        wanted: also what disturbs others, priority and memory.
-        collecting: of what comes anew, garbage is collected; else that rests until the end.
+        is_wanted: also what disturbs others, priority and memory.
+        collect_garbage: of what comes anew, garbage is collected; else that rests until the end.
     """
     gc.collect()
     gc.freeze()
-    if not collecting:
+    if not collect_garbage:
         gc.disable()
-    grade = _take() if wanted else Grade(False, False, "real-time priority was not asked for")
+    grade = _acquire() if is_wanted else RealtimeGrant(False, False, "real-time priority was not asked for")
     if not grade.realtime:
-        _slice(_SLICE)
+        _set_time_slice(_TIME_SLICE)
     try:
         yield grade
     finally:
         if grade.realtime:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         else:
-            _slice(0)
+            _set_time_slice(0)
         if grade.locked:
             _libc().munlockall()
         gc.enable()
         gc.unfreeze()
 
 
-def _take() -> Grade:
-    refused = _take_priority()
+def _acquire() -> RealtimeGrant:
+    refused = _set_fifo_priority()
     locked = sys.platform == "linux" and _libc().mlockall(_MCL_CURRENT) == 0
     if refused:
-        return Grade(False, locked, refused)
+        return RealtimeGrant(False, locked, refused)
     memory = "" if locked else "; memory is not locked, which `ulimit -l` can allow"
-    return Grade(True, locked, f"real-time priority (SCHED_FIFO {PRIORITY}){_throttled()}{memory}")
+    return RealtimeGrant(
+        True, locked, f"real-time priority (SCHED_FIFO {FIFO_PRIORITY}){_throttling_note()}{memory}"
+    )
 
 
-def _take_priority() -> str:
+def _set_fifo_priority() -> str:
     """Take real-time priority; return what stands against it, nothing if it was given."""
     if sys.platform != "linux":
         return "no real-time priority: bcapscope can take it on Linux only"
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except OSError as error:
         return (
             f"no real-time priority ({(error.strerror or str(error)).lower()}), so that busy programs can "
-            f"hold up set points; to give it, put the line `{_user()} - rtprio {PRIORITY}` into "
+            f"hold up set points; to give it, put the line `{_user()} - rtprio {FIFO_PRIORITY}` into "
             "/etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
             f"`sudo setcap cap_sys_nice+ep {os.path.realpath(sys.executable)}`"
         )
     return ""
 
 
-def _slice(length: int) -> None:
+def _set_time_slice(length: int) -> None:
     """Ask for so many ns of the processor at a time, 0 for what is usual; other systems do not know that."""
     number = _SCHED_SETATTR.get(platform.machine()) if sys.maxsize > 1 << 32 else None
     if sys.platform == "linux" and number and os.sched_getscheduler(0) == os.SCHED_OTHER:
@@ -114,15 +116,15 @@ def _slice(length: int) -> None:
         _libc().syscall(number, 0, attr, 0)
 
 
-def _throttled() -> str:
+def _throttling_note() -> str:
     """Tell if the kernel takes the processor from real-time programs for much of the time."""
     try:
-        runtime, period = (int(path.read_text()) for path in _THROTTLE)
+        runtime, period = (int(path.read_text()) for path in _THROTTLE_FILES)
     except (OSError, ValueError):
         return ""
     if runtime < 0 or runtime >= _NEEDED_SHARE * period:
         return ""
-    return f"; {_THROTTLE[0]} allows it only {runtime} of {period} µs, which may hold up set points"
+    return f"; {_THROTTLE_FILES[0]} allows it only {runtime} of {period} µs, which may hold up set points"
 
 
 def _user() -> str:

@@ -1,6 +1,6 @@
 """Other times for the same way: another period, another speed, rest at both ends, a stop anywhere.
 
-The way is the `Curve` through the set points. What changes is how fast it is run through: the rate grows from
+The way is the `SmoothCurve` through the set points. What changes is how fast it is run through: the rate grows from
 0 and shrinks to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivative vanish at both ends.
 So position, speed and acceleration stay continuous, and both ends are at rest.
 """
@@ -13,23 +13,29 @@ from math import ceil, inf, isfinite
 
 import numpy as np
 
-from bcapscope.player.curve import Array, Curve
-from bcapscope.player.limits import UNKNOWN, Limits
-from bcapscope.player.motion import excess
-from bcapscope.player.timing import gaps
-from bcapscope.player.trajectory import MOST_POINTS, Trajectory, TrajectoryError
-from bcapscope.protocol.poses import Axis
-from bcapscope.protocol.wording import counted
+from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits
+from bcapscope.player.set_point_timing import find_gaps
+from bcapscope.player.smooth_curve import Array, SmoothCurve
+from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
+from bcapscope.player.trajectory_motion import limit_excess
+from bcapscope.protocol.slave_mode.poses import Axis
+from bcapscope.protocol.text_format import counted
 
-RAMP = 0.25
+DEFAULT_RAMP = 0.25
 """Seconds that a start or a stop takes unless told otherwise."""
 
-_QUICKEST, _SLOWEST, _LONGER = 0.1, 2.0, 1.5  # seconds of a stop at least and at most, and from try to try
-_UNKNOWN = 0.5  # seconds of a stop at least, where no acceleration is known
-_WHOLE = 1e-9  # share of a cycle that rounding may add to a count of cycles
+_SHORTEST_STOP, _LONGEST_STOP, _STOP_GROWTH = (
+    0.1,
+    2.0,
+    1.5,
+)  # seconds of a stop at least and at most, and from try to try
+_DEFAULT_STOP = 0.5  # seconds of a stop at least, where no acceleration is known
+_ROUNDING = 1e-9  # share of a cycle that rounding may add to a count of cycles
 
 
-def resample(trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = RAMP) -> Trajectory:
+def resample(
+    trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = DEFAULT_RAMP
+) -> Trajectory:
     """Run through a trajectory with other times.
 
     Args:
@@ -54,24 +60,25 @@ def resample(trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp:
     if len(bad):
         raise TrajectoryError(f"set point {bad[0] + 1} is not finite")
     knots = _knots(trajectory, period)
-    way = _Way(float(knots[-1]), period, speed, ramp)
+    way = _TimeScale(float(knots[-1]), period, speed, ramp)
     if len(trajectory) == 1:
         return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
     with np.errstate(all="ignore"):
-        points = Curve(trajectory.kind, knots, trajectory.points).at(way.places())
+        points = SmoothCurve(trajectory.kind, knots, trajectory.points).sample(way.parameters())
     points[0], points[-1] = trajectory.points[0], trajectory.points[-1]
     source = replace(
-        trajectory.source, notes=(*trajectory.source.notes, *_told(trajectory, period, speed, ramp))
+        trajectory.source,
+        notes=(*trajectory.source.notes, *_resampling_notes(trajectory, period, speed, ramp)),
     )
     return Trajectory(trajectory.kind, points, source, period)
 
 
-def _told(trajectory: Trajectory, period: float, speed: float, ramp: float) -> Iterator[str]:
+def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp: float) -> Iterator[str]:
     if trajectory.period is None and trajectory.times is None:
         yield f"the file does not tell the interval, {period * 1000:.6g} ms is assumed"
     yield f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {ramp:.3g} s to start and stop"
     if trajectory.period is None and trajectory.times is not None:
-        count = int(gaps(trajectory.times).sum())
+        count = int(find_gaps(trajectory.times).sum())
         if count:
             longest = float(np.diff(trajectory.times).max()) * 1000
             told = f"{counted(count, 'gap')} in the times, the longest of {longest:.6g} ms"
@@ -79,7 +86,7 @@ def _told(trajectory: Trajectory, period: float, speed: float, ramp: float) -> I
 
 
 def stop_after(
-    trajectory: Trajectory, row: int, period: float, limits: Limits = UNKNOWN, *, loop: bool = False
+    trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
     """Come to rest on the way.
 
@@ -98,54 +105,56 @@ def stop_after(
         trajectory ends sooner than a stop takes, these are the rest of its points; () rows after the last.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
-    longest = min(ceil(_SLOWEST / period), 2 * ahead)
+    longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
     window = np.arange(row - 2, row + 2 + (longest + 1) // 2)
     places = window % len(trajectory) if loop else np.clip(window, 0, len(trajectory) - 1)
     near = trajectory.points[places]
-    turning = _turning(trajectory.axes, near)
-    bounded = all(limits.of(axis.name, axis.unit).acceleration < inf for axis in turning)
-    cycles = max(ceil((_QUICKEST if bounded else _UNKNOWN) / period), 2)
+    turning = _moving_axes(trajectory.axes, near)
+    bounded = all(limits.limit_for(axis.name, axis.unit).acceleration < inf for axis in turning)
+    cycles = max(ceil((_SHORTEST_STOP if bounded else _DEFAULT_STOP) / period), 2)
     if longest < cycles:
         return trajectory.points[row + 1 :]
-    curve = Curve(trajectory.kind, np.arange(len(near), dtype=np.float64), near)
-    allowed = max(1.0, excess(trajectory.kind, near, period, limits))
+    curve = SmoothCurve(trajectory.kind, np.arange(len(near), dtype=np.float64), near)
+    allowed = max(1.0, limit_excess(trajectory.kind, near, period, limits))
     while True:
         part = np.linspace(1 / cycles, 1, cycles)
-        points = curve.at(2 + cycles * (part - _gained(part)))
+        points = curve.sample(2 + cycles * (part - _ramp_integral(part)))
         whole = np.vstack((near[:3], points, points[-1:]))
-        if cycles == longest or excess(trajectory.kind, whole, period, limits) <= allowed:
+        if cycles == longest or limit_excess(trajectory.kind, whole, period, limits) <= allowed:
             return points
-        cycles = min(ceil(cycles * _LONGER), longest)
+        cycles = min(ceil(cycles * _STOP_GROWTH), longest)
 
 
-def _turning(axes: Sequence[Axis], points: Array) -> list[Axis]:
+def _moving_axes(axes: Sequence[Axis], points: Array) -> list[Axis]:
     """List the axes that move at all."""
     span = np.ptp(points, axis=0)
     return [axis for axis, width in zip(axes, span, strict=True) if width > 0 and axis.unit]
 
 
-class _Way:
+class _TimeScale:
     """How far along its curve a trajectory is at each cycle."""
 
     def __init__(self, end: float, period: float, speed: float, ramp: float) -> None:
         time = end / speed
-        if not time / period < MOST_POINTS - ramp / period - 2:
+        if not time / period < MAX_POINTS - ramp / period - 2:
             raise TrajectoryError(f"{time:.3g} s in steps of {period:.3g} s are too many set points")
         self._ramp = ramp
-        self._cycles = ceil((max(time, ramp) + ramp) / period - _WHOLE) if end else 0
+        self._cycles = ceil((max(time, ramp) + ramp) / period - _ROUNDING) if end else 0
         self._period = period
         self._end = end
 
-    def places(self) -> Array:
+    def parameters(self) -> Array:
         """Return the parameter of the curve at each cycle, 0 first."""
         times = np.arange(self._cycles + 1, dtype=np.float64) * self._period
         total = float(times[-1])
         rate = self._end / (total - self._ramp) if self._end else 0.0
         if not self._ramp:
             return np.asarray(rate * times)
-        begun = _gained(np.minimum(times / self._ramp, 1.0)) + np.maximum(times / self._ramp - 1.0, 0.0)
+        begun = _ramp_integral(np.minimum(times / self._ramp, 1.0)) + np.maximum(
+            times / self._ramp - 1.0, 0.0
+        )
         ending = np.minimum((total - times) / self._ramp, 1.0)
-        lost = 0.5 - ending + _gained(ending)
+        lost = 0.5 - ending + _ramp_integral(ending)
         return np.asarray(rate * self._ramp * (begun - lost))
 
 
@@ -160,7 +169,7 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
     return knots
 
 
-def _gained(part: Array) -> Array:
+def _ramp_integral(part: Array) -> Array:
     """Return the integral of the rate from rest to full, 0 at 0, 0.5 at 1."""
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.errors import BcapError
-from bcapscope.protocol.poses import AXES, SHORTEST, Axis
-from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES, SHORTEST_POSE, Axis
 
-MOST_POINTS = 5_000_000
+MAX_POINTS = 5_000_000
 """Set points that a trajectory may have: eleven hours at 8 ms, and 320 MB."""
 
 
@@ -39,33 +39,33 @@ class Column:
 
     Attributes:
         axis: name as in a pose, such as `J1`, or `time`.
-        place: of the column or element in the file, counted from 1.
+        position: of the column or element in the file, counted from 1.
         name: what the file calls it; empty where it has no names.
         unit: what the file counts in: `deg`, `rad`, `mm`, `m`, `s`, `ms`, or empty.
         factor: what numbers in the file are multiplied with.
     """
 
     axis: str
-    place: int
+    position: int
     name: str = ""
     unit: str = ""
     factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TrajectorySource:
     """Where a trajectory is from and how it was read.
 
     Attributes:
         path: of the file, as it was given.
-        form: what kind of file it is, in words.
+        file_format: what kind of file it is, in words.
         part: which of several trajectories in the file; empty where there is one.
         columns: an element an axis in the order of `Trajectory.axes`, then those of times and counter if any.
         notes: what was assumed, left out or converted, a clause each.
     """
 
     path: str
-    form: str
+    file_format: str
     part: str = ""
     columns: tuple[Column, ...] = ()
     notes: tuple[str, ...] = ()
@@ -90,14 +90,16 @@ class Trajectory:
 
     kind: PoseType
     points: NDArray[np.float64]
-    source: Source
+    source: TrajectorySource
     period: float | None = None
     times: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        if self.points.ndim != 2 or not FEWEST[self.kind] <= self.points.shape[1] <= len(AXES[self.kind]):
+        if self.points.ndim != 2 or not MIN_COLUMNS[self.kind] <= self.points.shape[1] <= len(
+            AXES[self.kind]
+        ):
             raise ValueError(f"points of shape {self.points.shape} are no poses of type {self.kind}")
-        if not 0 < len(self.points) <= MOST_POINTS:
+        if not 0 < len(self.points) <= MAX_POINTS:
             raise ValueError(f"{len(self.points)} set points are no trajectory")
         if self.times is not None and self.times.shape != (len(self.points),):
             raise ValueError(f"times of shape {self.times.shape} for {len(self.points)} set points")
@@ -113,25 +115,25 @@ class Trajectory:
         """Axes of the columns, in order."""
         return AXES[self.kind][: self.points.shape[1]]
 
-    def vector(self, row: int, present: Sequence[float] = ()) -> tuple[float, ...]:
+    def set_point(self, row: int, current_pose: Sequence[float] = ()) -> tuple[float, ...]:
         """Return one set point with all numbers that slvMove takes, see `completed`."""
-        return tuple(_complete(self.kind, self.points[row : row + 1], present)[0].tolist())
+        return tuple(_complete(self.kind, self.points[row : row + 1], current_pose)[0].tolist())
 
-    def completed(self, present: Sequence[float] = ()) -> Trajectory:
+    def completed(self, current_pose: Sequence[float] = ()) -> Trajectory:
         """Fill in the axes that the file does not have, so that they stay where they are.
 
         Args:
-            present: the pose that the robot has now, of the same kind, for the axes that are missing; where
+            current_pose: the pose that the robot has now, of the same kind, for the axes that are missing; where
                 it is shorter, joints get 0, which is what axes that a robot does not have count, and so does
                 Fig.
 
         Returns:
             A trajectory with 7 columns of P type, 8 of J type, 10 of T type.
         """
-        return replace(self, points=_complete(self.kind, self.points, present))
+        return replace(self, points=_complete(self.kind, self.points, current_pose))
 
 
-FEWEST = {**SHORTEST, PoseType.J: 1, PoseType.T: 9}
+MIN_COLUMNS = {**SHORTEST_POSE, PoseType.J: 1, PoseType.T: 9}
 """Columns that a trajectory has at least, by its kind: a file may name fewer joints than slvMove takes."""
 
 

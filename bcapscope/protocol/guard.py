@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bcapscope.protocol.commands import command
-from bcapscope.protocol.effects import Effect, function_effect
-from bcapscope.protocol.functions import FUNCTIONS, ID
-from bcapscope.protocol.slavemode import mode_value
-from bcapscope.protocol.variables import write_effect
-from bcapscope.protocol.variant import Variant
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
+from bcapscope.protocol.tables.command_catalogue import find_command
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
+from bcapscope.protocol.tables.variables import write_effect
 
 _EXECUTES = frozenset(function.id for function in FUNCTIONS.values() if function.name.endswith("_Execute"))
 _COMMAND_EXECUTE, _ROBOT_EXECUTE = ID["Command_Execute"], ID["Robot_Execute"]
@@ -25,14 +25,14 @@ _STOPPING_FUNCTIONS = frozenset(
     (ID["Robot_Halt"], ID["Robot_Hold"], ID["Task_Stop"], ID["Command_Cancel"]),
 )
 _STOPPING_COMMANDS = frozenset(("handstop", "twofgstop"))
-_SWITCHES = frozenset(("motor", "slvchangemode"))
+_SWITCH_COMMANDS = frozenset(("motor", "slvchangemode"))
 """Commands whose parameter 0 switches off."""
 
-_WITH_PARAMETER = 3
+_ARGUMENTS_WITH_PARAMETER = 3
 """Arguments of an ..._Execute function: handle, command, parameter."""
 
 
-def request_effect(function_id: int, arguments: Sequence[Variant], variable: str = "") -> Effect:
+def request_effect(function_id: int, arguments: Sequence[Variant], variable: str = "") -> CallEffect:
     """Return the most that a request can do.
 
     Args:
@@ -41,13 +41,13 @@ def request_effect(function_id: int, arguments: Sequence[Variant], variable: str
         variable: name of the variable that the handle stands for; "" where that is not known.
     """
     if function_id == _PUT_VALUE:
-        return write_effect(variable, arguments[1]) if len(arguments) == 2 else Effect.MOVES
+        return write_effect(variable, arguments[1]) if len(arguments) == 2 else CallEffect.MOVES
     if function_id in _EXECUTES and function_id != _COMMAND_EXECUTE:
         return _command_effect(function_id, arguments)
     if function_id in _GETS_FILE:
-        option = _text(arguments, 2)
+        option = _text_argument(arguments, 2)
         creates_file = option is None or "@create" in option.casefold()
-        return Effect.CHANGES if creates_file else Effect.SESSION
+        return CallEffect.CHANGES if creates_file else CallEffect.SESSION
     return function_effect(function_id)
 
 
@@ -63,11 +63,11 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
         return False
     if function.releases is not None or function_id in _STOPPING_FUNCTIONS:
         return True
-    if function_id not in _EXECUTES or len(arguments) > _WITH_PARAMETER:
+    if function_id not in _EXECUTES or len(arguments) > _ARGUMENTS_WITH_PARAMETER:
         return False
-    name = (_text(arguments, 1) or "").casefold()
+    name = (_text_argument(arguments, 1) or "").casefold()
     if name in _STOPPING_COMMANDS:
-        return command(function_id, name) is not None
+        return find_command(function_id, name) is not None
     return function_id == _ROBOT_EXECUTE and name == "slvchangemode" and _switches_off(arguments)
 
 
@@ -77,7 +77,9 @@ def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
     Requests that open a session pass too, Controller_Connect included: nothing can be read without the
     handles that they return, and the controller only gains a client.
     """
-    return always_passes(function_id, arguments) or request_effect(function_id, arguments) <= Effect.SESSION
+    return (
+        always_passes(function_id, arguments) or request_effect(function_id, arguments) <= CallEffect.SESSION
+    )
 
 
 def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str = "") -> bool:
@@ -92,30 +94,30 @@ def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str =
     """
     if always_passes(function_id, arguments):
         return False
-    return request_effect(function_id, arguments, variable) >= Effect.ENERGISES
+    return request_effect(function_id, arguments, variable) >= CallEffect.ENERGISES
 
 
-def _command_effect(function_id: int, arguments: Sequence[Variant]) -> Effect:
-    known = command(function_id, _text(arguments, 1) or "")
+def _command_effect(function_id: int, arguments: Sequence[Variant]) -> CallEffect:
+    known = find_command(function_id, _text_argument(arguments, 1) or "")
     if known is None:
-        return Effect.MOVES
-    switches_off = known.name.casefold() in _SWITCHES and _switches_off(arguments)
-    return Effect.CHANGES if switches_off else known.effect
+        return CallEffect.MOVES
+    switches_off = known.name.casefold() in _SWITCH_COMMANDS and _switches_off(arguments)
+    return CallEffect.CHANGES if switches_off else known.effect
 
 
 def _switches_off(arguments: Sequence[Variant]) -> bool:
     """Return whether a switch's parameter is certainly 0; Motor also takes an array that begins with 0."""
-    if len(arguments) != _WITH_PARAMETER:
+    if len(arguments) != _ARGUMENTS_WITH_PARAMETER:
         return False
     parameter = arguments[2]
     if isinstance(parameter.value, tuple):
-        if (_text(arguments, 1) or "").casefold() != "motor" or not parameter.value:
+        if (_text_argument(arguments, 1) or "").casefold() != "motor" or not parameter.value:
             return False
         first = parameter.value[0]
         parameter = first if isinstance(first, Variant) else Variant(parameter.vt, first)
-    return mode_value(parameter) == 0
+    return integer_value(parameter) == 0
 
 
-def _text(arguments: Sequence[Variant], index: int) -> str | None:
+def _text_argument(arguments: Sequence[Variant], index: int) -> str | None:
     value = arguments[index].value if index < len(arguments) else None
     return value if isinstance(value, str) else None

@@ -25,24 +25,24 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from bcapscope.faults.message import Message
-from bcapscope.faults.quantities import ResultCode
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import function_name
-from bcapscope.proxy.scriptwire import ScriptError
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.faults.quantities import HresultQuantity
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.proxy.script_protocol import ScriptError
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
-from bcapscope.traffic.question import Question
 from bcapscope.traffic.tracker import Tracker
 
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
-SLOW = 2_000_000
+SLOW_HOOK_NS = 2_000_000
 """ns; a hook that takes longer is told. A set point's whole time-out is not more (DENSO Wave 2009, How to use
 the Slave mode)."""
 
 
-class Client(NamedTuple):
+class AddonClient(NamedTuple):
     """A client, as addons are told of it.
 
     Attributes:
@@ -65,15 +65,17 @@ class PassingMessage:
         client: whose it is.
         data: the bytes; other bytes put here go on in their place.
         dropped: it does not go on.
-        question: what it asks or answers, where that is known.
+        call_kind: what it asks or answers, where that is known.
     """
 
-    def __init__(self, client: Client, message: Message) -> None:
+    def __init__(self, client: AddonClient, message: WireMessage) -> None:
         self.client = client
         self.data = message.data
         self.dropped = False
         self._answers: list[int] = []
-        self.question: Question | None = next((told.question for told in message.told if told.question), None)
+        self.call_kind: CallKind | None = next(
+            (told.call_kind for told in message.annotated_frames if told.call_kind), None
+        )
         self._frames = message.frames
 
     @property
@@ -84,12 +86,12 @@ class PassingMessage:
     @property
     def function(self) -> str | None:
         """Name of the function that it asks for or answers."""
-        return None if self.question is None else function_name(self.question.function_id)
+        return None if self.call_kind is None else function_name(self.call_kind.function_id)
 
     @property
     def command(self) -> str | None:
         """Command of an ..._Execute function."""
-        return None if self.question is None else self.question.command
+        return None if self.call_kind is None else self.call_kind.command
 
     @property
     def values(self) -> list[Any]:
@@ -111,15 +113,15 @@ class PassingMessage:
         Raises:
             ValueError: there is no such result.
         """
-        self._answers.append(ResultCode.read(hresult))
+        self._answers.append(HresultQuantity.read(hresult))
         self.dropped = True
 
 
-class Addons:
+class AddonRunner:
     """Calls the hooks of all addons; what goes wrong in one is told once and hurts nobody.
 
     Attributes:
-        tell: is given a line for the user.
+        notify: is given a line for the user.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
@@ -129,10 +131,10 @@ class Addons:
             addons: objects with methods named as `HOOKS`.
             clock: ns, to find the slow ones.
         """
-        self.tell: Callable[[str], None] = lambda text: None
+        self.notify: Callable[[str], None] = lambda text: None
         self.errors = 0
         self._clock = clock
-        self._told: set[tuple[int, str, str]] = set()
+        self._reported: set[tuple[int, str, str]] = set()
         self._hooks: dict[str, list[tuple[object, Callable[..., object]]]] = {
             name: [(addon, getattr(addon, name)) for addon in addons if callable(getattr(addon, name, None))]
             for name in HOOKS
@@ -144,7 +146,7 @@ class Addons:
         """Names of the hooks that at least one addon has."""
         return frozenset(name for name, found in self._hooks.items() if found)
 
-    def see(self, client: Client, message: Message) -> PassingMessage:
+    def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
         """Show a message to all, each to the next as the one before has left it."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
@@ -154,42 +156,42 @@ class Addons:
                 break
         if not isinstance(passing.data, bytes):
             if self._is_new(self, name, "data"):
-                self.tell(f"{name}: data is to be bytes; the message goes on as it came (told once)")
+                self.notify(f"{name}: data is to be bytes; the message goes on as it came (told once)")
             passing.data = message.data
         if self._tracker is not None:
-            for told in message.told:
-                self._settle(self._tracker.observe(told.seen))
+            for told in message.annotated_frames:
+                self._run_settled_hooks(self._tracker.observe(told.observation))
         return passing
 
-    def connected(self, client: Client) -> None:
+    def client_connected(self, client: AddonClient) -> None:
         """Tell of a new client."""
         self._call_all("connected", client)
 
-    def gone(self, client: Client, conversation: Conversation) -> None:
+    def client_gone(self, client: AddonClient, conversation: Conversation) -> None:
         """Tell of the open calls of a client that has gone, then of that, and forget it."""
         if self._tracker is not None:
-            self._settle(self._tracker.forget(conversation))
+            self._run_settled_hooks(self._tracker.close_conversation(conversation))
         self._call_all("gone", client)
 
-    def expire(self, since_1970: int) -> None:
+    def expire_calls(self, since_1970: int) -> None:
         """Tell of calls that have settled though nothing came."""
         if self._tracker is not None:
-            self._settle(self._tracker.expire(since_1970))
+            self._run_settled_hooks(self._tracker.expire(since_1970))
 
     @property
-    def waits(self) -> bool:
-        """Whether `expire` is to be called from time to time."""
-        return self._tracker is not None and bool(self._tracker.open)
+    def has_open_calls(self) -> bool:
+        """Whether `expire_calls` is to be called from time to time."""
+        return self._tracker is not None and bool(self._tracker.open_calls)
 
-    def done(self) -> None:
+    def proxy_ended(self) -> None:
         """Tell of the calls that are open, and of the end."""
         if self._tracker is not None:
-            self._settle(self._tracker.close())
+            self._run_settled_hooks(self._tracker.close())
         self._call_all("done")
 
-    def _settle(self, settled: Sequence[object]) -> None:
+    def _run_settled_hooks(self, settled: Sequence[object]) -> None:
         for each in settled:
-            if isinstance(each, Exchange):
+            if isinstance(each, Call):
                 self._call_all("settled", each)
 
     def _call_all(self, name: str, *arguments: object) -> None:
@@ -202,18 +204,18 @@ class Addons:
             hook(*arguments)
         except BaseException as error:  # the process has nothing else to end for
             if self._is_new(addon, name, "error"):  # else looking for the place costs more than all the rest
-                self.tell(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
+                self.notify(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
         took = self._clock() - began
-        if took > SLOW and self._is_new(addon, name, "slow"):
+        if took > SLOW_HOOK_NS and self._is_new(addon, name, "slow"):
             text = f"{type(addon).__name__}.{name} delayed messages by {took / 1e6:.1f} ms"
-            self.tell(f"{text} (told once)")
+            self.notify(f"{text} (told once)")
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
         """Count what went wrong; tell whether the user does not know it yet."""
         self.errors += kind != "slow"
         key = (id(addon), name, kind)
-        is_new = key not in self._told
-        self._told.add(key)
+        is_new = key not in self._reported
+        self._reported.add(key)
         return is_new
 
 
@@ -223,7 +225,7 @@ def load_addons(path: str) -> list[object]:
     Raises:
         ScriptError: it cannot be read, goes wrong, or has no addon in it.
     """
-    module = _run(path)
+    module = _load_module(path)
     kinds = [
         kind
         for name, kind in vars(module).items()
@@ -242,7 +244,7 @@ def load_addons(path: str) -> list[object]:
         raise ScriptError(f"{path}: {_where(error)}") from error
 
 
-def _run(path: str) -> ModuleType:
+def _load_module(path: str) -> ModuleType:
     name = f"bcapscope_script_{Path(path).stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:

@@ -11,25 +11,25 @@ from enum import Enum
 from operator import itemgetter
 from typing import Protocol
 
-from bcapscope.transport.lobby import source_of
+from bcapscope.transport.first_frame_queue import source_network
 
-MOST_CLIENTS = 256
+MAX_CLIENTS = 256
 """Clients of each transport, of all listeners; DENSO's C server takes 20 (orin_bcap C/src/bcap_server.c)."""
 
-MOST_OF_ONE = 192
+MOST_PER_SOURCE = 192
 """Clients of one address, behind which a whole plant may be; the rest is enough for three controllers."""
 
-KEPT = 4
+RESERVED_SLOTS = 4
 """Further places of each transport, for clients whose first frame is a stop. The newest of them stay."""
 
-RENEWED_EACH = 5_000_000
+REPLACE_INTERVAL_NS = 5_000_000
 """ns between two changes of places that are all taken: a flood from ever new UDP ports may not cost the relay
 more than that."""
 
-RENEWED_AT_ONCE = 64
+REPLACE_BURST = 64
 """Places that may change hands without that delay, after a quiet time."""
 
-CROWDED = "silent, and there are too many clients"
+TOO_MANY_CLIENTS = "silent, and there are too many clients"
 """Why a client ends that gives its place to another."""
 
 
@@ -42,40 +42,40 @@ class Occupant(Protocol):
 
     @property
     def source(self) -> str:
-        """Where it comes from; see `source_of`."""
+        """Where it comes from; see `source_network`."""
 
-    def quiet(self, now: int) -> int | None:
+    def evictable_idle_ns(self, now: int) -> int | None:
         """Return the ns for which it has done nothing, if it may give its place to another; else None."""
 
     def close(self, reset: bool, why: str) -> None:
         """End it."""
 
 
-class Place(Enum):
+class ClientSlot(Enum):
     """A place that a new client gets."""
 
     NONE = 0
-    USUAL = 1
-    KEPT = 2
+    REGULAR = 1
+    RESERVED = 2
     """One of those for stops."""
 
 
-class Places:
+class ClientSlots:
     """The places of one transport."""
 
     def __init__(self) -> None:
-        self._usual: dict[int, Occupant] = {}
-        self._kept: dict[int, Occupant] = {}
+        self._regular: dict[int, Occupant] = {}
+        self._reserved: dict[int, Occupant] = {}
         self._fresh: dict[int, Occupant] = {}
         self._sources: Counter[str] = Counter()
-        self._renewals, self._renewed_at = RENEWED_AT_ONCE, 0
-        self._futile: set[str | None] = set()
-        self._futile_at = 0
+        self._replacements_left, self._replaced_at = REPLACE_BURST, 0
+        self._exhausted_sources: set[str | None] = set()
+        self._exhausted_at = 0
 
     def __len__(self) -> int:
-        return len(self._usual) + len(self._kept)
+        return len(self._regular) + len(self._reserved)
 
-    def find(self, host: str, now: int, is_stop: bool) -> Place:
+    def find_slot(self, host: str, now: int, is_stop: bool) -> ClientSlot:
         """Find a place for a new client; others may be ended for it.
 
         Args:
@@ -83,45 +83,45 @@ class Places:
             now: ns of a clock that does not go back.
             is_stop: its first frame is a stop.
         """
-        source = source_of(host)
-        if self._sources[source] >= MOST_OF_ONE:
-            found = self._clears(source, now)
+        source = source_network(host)
+        if self._sources[source] >= MOST_PER_SOURCE:
+            found = self._evict_one(source, now)
         else:
-            found = len(self._usual) < MOST_CLIENTS or self._clears(None, now)
+            found = len(self._regular) < MAX_CLIENTS or self._evict_one(None, now)
         if found:
-            return Place.USUAL
+            return ClientSlot.REGULAR
         if not is_stop:
-            return Place.NONE
-        if len(self._kept) >= KEPT:
+            return ClientSlot.NONE
+        if len(self._reserved) >= RESERVED_SLOTS:
             self.end_oldest_stop()
-        return Place.KEPT
+        return ClientSlot.RESERVED
 
-    def take(self, occupant: Occupant, place: Place, is_fresh: bool) -> None:
+    def occupy(self, occupant: Occupant, slot: ClientSlot, is_fresh: bool) -> None:
         """Give a client its place.
 
         Args:
             occupant: the client.
-            place: that `find` returned, or `KEPT` for a client that must not stay for long.
+            slot: that `find_slot` returned, or `RESERVED_SLOTS` for a client that must not stay for long.
             is_fresh: it has only just appeared, and may never speak again.
         """
         number = occupant.number
-        if place is Place.KEPT:
-            self._kept[number] = occupant
+        if slot is ClientSlot.RESERVED:
+            self._reserved[number] = occupant
             return
-        self._usual[number] = occupant
+        self._regular[number] = occupant
         self._sources[occupant.source] += 1
         if is_fresh:
             self._fresh[number] = occupant
 
-    def settle(self, number: int) -> None:
+    def mark_established(self, number: int) -> None:
         """Note that a fresh client has spoken again."""
         self._fresh.pop(number, None)
 
-    def leave(self, number: int) -> None:
+    def release(self, number: int) -> None:
         """Note that a client has ended."""
         self._fresh.pop(number, None)
-        self._kept.pop(number, None)
-        occupant = self._usual.pop(number, None)
+        self._reserved.pop(number, None)
+        occupant = self._regular.pop(number, None)
         if occupant is not None:
             source = occupant.source
             self._sources[source] -= 1
@@ -130,47 +130,47 @@ class Places:
 
     def end_oldest_stop(self) -> bool:
         """End the client that has been in a kept place for longest; return whether there was one."""
-        oldest = next(iter(self._kept.values()), None)
+        oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
-        oldest.close(False, CROWDED)
-        self._kept.pop(oldest.number, None)
+        oldest.close(False, TOO_MANY_CLIENTS)
+        self._reserved.pop(oldest.number, None)
         return True
 
-    def _clears(self, source: str | None, now: int) -> bool:
+    def _evict_one(self, source: str | None, now: int) -> bool:
         """End a client, of one source or of any, that may give its place up; return whether there was one."""
-        victim = self._renewable(source, now) or self._quietest(source, now)
+        victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False
-        victim.close(False, CROWDED)
-        self.leave(victim.number)
+        victim.close(False, TOO_MANY_CLIENTS)
+        self.release(victim.number)
         return True
 
-    def _quietest(self, source: str | None, now: int) -> Occupant | None:
+    def _longest_idle(self, source: str | None, now: int) -> Occupant | None:
         """Return the client that has been quiet for longest; a search that found none is not repeated at
         once."""
-        if now != self._futile_at:
-            self._futile_at = now
-            self._futile.clear()
-        if source in self._futile:
+        if now != self._exhausted_at:
+            self._exhausted_at = now
+            self._exhausted_sources.clear()
+        if source in self._exhausted_sources:
             return None
-        candidates = (each for each in self._usual.values() if source in (None, each.source))
-        quiet = ((each.quiet(now), each) for each in candidates)
+        candidates = (each for each in self._regular.values() if source in (None, each.source))
+        quiet = ((each.evictable_idle_ns(now), each) for each in candidates)
         found = [(length, each) for length, each in quiet if length is not None]
         if found:
             return max(found, key=itemgetter(0))[1]
-        self._futile.add(source)
+        self._exhausted_sources.add(source)
         return None
 
-    def _renewable(self, source: str | None, now: int) -> Occupant | None:
+    def _oldest_replaceable(self, source: str | None, now: int) -> Occupant | None:
         """Return the oldest fresh client, of one source or of any, if its place may change hands now."""
-        earned = (now - self._renewed_at) // RENEWED_EACH
+        earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
-            self._renewals = min(self._renewals + earned, RENEWED_AT_ONCE)
-            self._renewed_at = now
-        if not self._renewals:
+            self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)
+            self._replaced_at = now
+        if not self._replacements_left:
             return None
         fresh = (each for each in self._fresh.values() if source in (None, each.source))
         victim = next(fresh, None)
-        self._renewals -= victim is not None
+        self._replacements_left -= victim is not None
         return victim

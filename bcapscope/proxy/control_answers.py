@@ -8,57 +8,57 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 import msgspec
 from msgspec import Meta
 
+from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
-from bcapscope.traffic.question import Question
 
 T = TypeVar("T")
 
-Answer: TypeAlias = Mapping[str, Any]
-Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-Code: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
+ControlAnswer: TypeAlias = Mapping[str, Any]
+JsonCount: TypeAlias = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+JsonCode: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
 Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 
-class Client(msgspec.Struct, frozen=True):
-    """A client, as `proxy.control` reports it."""
+class ClientStatus(msgspec.Struct, frozen=True):
+    """A client, as `proxy.control_api` reports it."""
 
-    number: Count
+    number: JsonCount
     client: str
     server: str
     transport: str
     upstream: str
     since_s: Seconds
-    up: Count
+    up: JsonCount
     heard_s: Seconds | None
-    down: Count
+    down: JsonCount
     answered_s: Seconds | None
 
 
-class Rule(msgspec.Struct, frozen=True):
-    """A fault, as `proxy.control` reports it."""
+class FaultStatus(msgspec.Struct, frozen=True):
+    """A fault, as `proxy.control_api` reports it."""
 
     name: str
     on: bool
-    struck: Count
+    struck: JsonCount
     rule: str
 
 
-class Held(msgspec.Struct, frozen=True):
-    """A message that waits, as `proxy.control` reports it."""
+class HeldStatus(msgspec.Struct, frozen=True):
+    """A message that waits, as `proxy.control_api` reports it."""
 
-    number: Count
+    number: JsonCount
     client: str
     server: str
     transport: Transport
     direction: Direction
-    function_id: Code | None
+    function_id: JsonCode | None
     function: str | None
     command: str | None
     waited_s: Seconds
     left_s: Seconds
     hex: str
     given_up: str = ""
-    more: Count = 0
+    more: JsonCount = 0
 
     def __post_init__(self) -> None:
         """Refuse what the properties could not read."""
@@ -78,51 +78,51 @@ class Held(msgspec.Struct, frozen=True):
         return Flow(Conversation(*ends, self.transport, "the proxy"), self.direction)
 
     @property
-    def question(self) -> Question | None:
+    def call_kind(self) -> CallKind | None:
         """The function that it calls or answers, if known."""
-        return None if self.function_id is None else Question(self.function_id, self.command)
+        return None if self.function_id is None else CallKind(self.function_id, self.command)
 
 
-class Delays(msgspec.Struct, frozen=True):
+class RelayDelays(msgspec.Struct, frozen=True):
     """How long the relay holds what it passes on as it came: ns; `slow` counts what took too long."""
 
-    p50_up: Count = 0
-    p99_up: Count = 0
-    p999_up: Count = 0
-    most_up: Count = 0
-    p50_down: Count = 0
-    p99_down: Count = 0
-    p999_down: Count = 0
-    most_down: Count = 0
-    slow: Count = 0
+    p50_up: JsonCount = 0
+    p99_up: JsonCount = 0
+    p999_up: JsonCount = 0
+    most_up: JsonCount = 0
+    p50_down: JsonCount = 0
+    p99_down: JsonCount = 0
+    p999_down: JsonCount = 0
+    most_down: JsonCount = 0
+    slow: JsonCount = 0
 
 
-class Figures(msgspec.Struct, frozen=True):
-    """The figures that `proxy.control` reports."""
+class ProxyStats(msgspec.Struct, frozen=True):
+    """The figures that `proxy.control_api` reports."""
 
-    struck: dict[str, Count]
-    refused: Count
+    struck: dict[str, JsonCount]
+    refused: JsonCount
     guard: bool
     intercept: str | None
-    held_so_far: Count
-    came_up: Count = 0
-    left_up: Count = 0
-    came_down: Count = 0
-    left_down: Count = 0
-    bytes_up: Count = 0
-    bytes_down: Count = 0
-    full: Count = 0
-    lost: Count = 0
-    denied: Count = 0
-    unwatched: Count = 0
-    ruled: Count = 0
-    held_up_ns: Delays = Delays()
+    held_so_far: JsonCount
+    came_up: JsonCount = 0
+    left_up: JsonCount = 0
+    came_down: JsonCount = 0
+    left_down: JsonCount = 0
+    bytes_up: JsonCount = 0
+    bytes_down: JsonCount = 0
+    full: JsonCount = 0
+    lost: JsonCount = 0
+    denied: JsonCount = 0
+    unwatched: JsonCount = 0
+    ruled: JsonCount = 0
+    held_up_ns: RelayDelays = RelayDelays()
     recording: str | None = None
     listening: tuple[str, ...] = ()
     scripts: str | None = None
 
     @property
-    def is_script_off(self) -> bool:
+    def are_scripts_off(self) -> bool:
         """Whether a script was switched off."""
         return self.scripts not in (None, "on")
 
@@ -132,16 +132,16 @@ class Figures(msgspec.Struct, frozen=True):
         return tuple(int(way.partition(" > ")[0].rpartition(":")[2]) for way in self.listening)
 
 
-def figures_of(answer: Answer) -> Figures:
+def parse_stats(answer: ControlAnswer) -> ProxyStats:
     """Read an answer to ``stats``.
 
     Raises:
         msgspec.ValidationError: what answered is no proxy of this version.
     """
-    return msgspec.convert(answer, Figures)
+    return msgspec.convert(answer, ProxyStats)
 
 
-def list_of(answer: Answer, name: str, kind: type[T]) -> list[T]:
+def parse_list(answer: ControlAnswer, name: str, kind: type[T]) -> list[T]:
     """Read an answer that is a list.
 
     Raises:

@@ -14,9 +14,9 @@ import msgspec
 import orjson
 
 from bcapscope.errors import BcapError
-from bcapscope.proxy.control import LONGEST_LINE
-from bcapscope.proxy.control_answers import Answer, Held
-from bcapscope.proxy.control_socket import ControlError, reach_control
+from bcapscope.proxy.control_answers import ControlAnswer, HeldStatus
+from bcapscope.proxy.control_api import LONGEST_LINE
+from bcapscope.proxy.control_socket import ControlError, connect_control
 
 ANSWERS_WITHIN = 10.0
 """Seconds that a whole answer may take."""
@@ -35,7 +35,7 @@ class _Envelope(msgspec.Struct, frozen=True):
 
 
 class _HeldList(msgspec.Struct, frozen=True):
-    held: list[Held]
+    held: list[HeldStatus]
 
 
 class ControlRefused(BcapError):
@@ -59,28 +59,28 @@ class ControlClient:
         self._address = address
         self._socket: socket.socket | None = None
 
-    def ask(self, question: Mapping[str, object]) -> Answer:
+    def request(self, command: Mapping[str, object]) -> ControlAnswer:
         """Ask, and return the answer; takes `ANSWERS_WITHIN` at most.
 
         Raises:
             ControlError: nothing listens there, or it does not answer as a proxy does.
             ControlRefused: the proxy did not do it.
         """
-        line = self.ask_raw(question)
+        line = self.request_raw(command)
         try:
-            answer: Answer = orjson.loads(line)
+            answer: ControlAnswer = orjson.loads(line)
         except orjson.JSONDecodeError as error:
             self.close()
             raise ControlError(f"the program on {self._address} is not a bcapscope proxy") from error
         return answer
 
-    def held(self) -> list[Held]:
+    def list_held(self) -> list[HeldStatus]:
         """Ask which messages wait.
 
         Raises:
-            ControlError, ControlRefused: as `ask`.
+            ControlError, ControlRefused: as `request`.
         """
-        line = self.ask_raw({"do": "held"})
+        line = self.request_raw({"do": "held"})
         try:
             return msgspec.json.decode(line, type=_HeldList).held
         except msgspec.DecodeError as error:
@@ -89,15 +89,15 @@ class ControlClient:
                 f"the program on {self._address} is not a bcapscope proxy of this version"
             ) from error
 
-    def ask_raw(self, question: Mapping[str, object]) -> bytes:
+    def request_raw(self, command: Mapping[str, object]) -> bytes:
         """Ask, and return the answer as it came, one line of JSON.
 
         Raises:
-            ControlError, ControlRefused: as `ask`.
+            ControlError, ControlRefused: as `request`.
         """
-        limit = LARGEST_LIST if question.get("do") == "held" else LONGEST_LINE
+        limit = LARGEST_LIST if command.get("do") == "held" else LONGEST_LINE
         try:
-            line = self._exchange(orjson.dumps(question) + b"\n", limit)
+            line = self._exchange(orjson.dumps(command) + b"\n", limit)
             envelope = msgspec.json.decode(line, type=_Envelope)
         except ConnectionError as error:  # while it was asked; one that cannot be made is a ControlError
             self.close()
@@ -120,7 +120,7 @@ class ControlClient:
 
     def _exchange(self, line: bytes, limit: int) -> bytes:
         if self._socket is None:
-            self._socket = reach_control(self._address)
+            self._socket = connect_control(self._address)
         until = time.monotonic() + ANSWERS_WITHIN
         self._socket.settimeout(ANSWERS_WITHIN)
         self._socket.sendall(line)

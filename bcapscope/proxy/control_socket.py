@@ -1,4 +1,4 @@
-"""The socket behind which the `Desk` stands: in the file system with the rights 0600, or on loopback."""
+"""The socket behind which the `ControlApi` stands: in the file system with the rights 0600, or on loopback."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from contextlib import suppress
 from typing import Protocol
 
 from bcapscope.errors import BcapError
-from bcapscope.proxy.control import LONGEST_LINE, Desk
+from bcapscope.proxy.control_api import LONGEST_LINE, ControlApi
 from bcapscope.proxy.poller import READ, WRITE
 
-MOST_CONNECTIONS = 16
+MAX_CONNECTIONS = 16
 
 _BACKLOG = 128
 
@@ -28,7 +28,7 @@ class ControlError(BcapError):
     """There can be no control socket at that address, or nobody is behind it."""
 
 
-class Watcher(Protocol):
+class DescriptorWatcher(Protocol):
     """Waits for file descriptors."""
 
     def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
@@ -51,28 +51,28 @@ class ControlServer:
         address: where: a path, or host and port.
     """
 
-    def __init__(self, address: str, desk: Desk, watcher: Watcher) -> None:
+    def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
         """Listen.
 
         Args:
             address: ``HOST:PORT`` on loopback, anything else is a path.
-            desk: answers.
+            api: answers.
             watcher: waits for the sockets.
 
         Raises:
             ControlError: that cannot be done.
         """
-        self._desk = desk
+        self._api = api
         self._watcher = watcher
         self._connections: dict[int, _Connection] = {}
-        self._path = "" if is_port(address) else address
+        self._path = "" if is_tcp_address(address) else address
         try:
             self._socket = _listen_at_path(address) if self._path else _listen_at_port(address)
         except (OSError, OverflowError) as error:
             why = getattr(error, "strerror", None) or str(error)
             raise ControlError(f"cannot listen for control on {address}: {why}") from error
         self.address = self._path or "%s:%d" % self._socket.getsockname()[:2]
-        watcher.watch(self._socket.fileno(), self._acceptable)
+        watcher.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
         """Close all, and take the file away."""
@@ -84,7 +84,7 @@ class ControlServer:
             with suppress(OSError):
                 os.unlink(self._path)
 
-    def _acceptable(self, _: int) -> None:
+    def _on_acceptable(self, _: int) -> None:
         try:
             sock, _address = self._socket.accept()
         except (BlockingIOError, ConnectionError):
@@ -92,16 +92,16 @@ class ControlServer:
         except OSError:  # no more file descriptors, say: who asks has to wait
             self._watcher.pause(self._socket.fileno())
             return
-        if len(self._connections) >= MOST_CONNECTIONS and not self._makes_room():
+        if len(self._connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
             sock.close()
             return
         sock.setblocking(False)
-        self._connections[sock.fileno()] = _Connection(sock, self._desk, self._watcher, self._connections)
+        self._connections[sock.fileno()] = _Connection(sock, self._api, self._watcher, self._connections)
 
-    def _makes_room(self) -> bool:
+    def _close_idle_connection(self) -> bool:
         """Close the connection that has been idle for longest, one without a command first, if any."""
-        idle = min(self._connections.values(), key=lambda each: each.asked_at)
-        if time.monotonic() - idle.asked_at < IDLE_AFTER:
+        idle = min(self._connections.values(), key=lambda each: each.last_command_at)
+        if time.monotonic() - idle.last_command_at < IDLE_AFTER:
             return False
         idle.close()
         return True
@@ -111,33 +111,37 @@ class _Connection:
     """A connected control client.
 
     Attributes:
-        asked_at: s of `time.monotonic` when the last command came; minus infinity for never.
+        last_command_at: s of `time.monotonic` when the last command came; minus infinity for never.
     """
 
     def __init__(
-        self, sock: socket.socket, desk: Desk, watcher: Watcher, connections: dict[int, _Connection]
+        self,
+        sock: socket.socket,
+        api: ControlApi,
+        watcher: DescriptorWatcher,
+        connections: dict[int, _Connection],
     ) -> None:
         self._socket = sock
         self._descriptor = sock.fileno()
-        self._desk = desk
+        self._api = api
         self._watcher = watcher
         self._connections = connections
-        self._asked = bytearray()
+        self._received = bytearray()
         self._backlog = bytearray()
-        self._ends = False
-        self.asked_at = -math.inf
-        watcher.watch(self._descriptor, self._happened)
+        self._closes_after_send = False
+        self.last_command_at = -math.inf
+        watcher.watch(self._descriptor, self._on_ready)
 
     def close(self) -> None:
         if self._connections.pop(self._descriptor, None) is not None:
             self._watcher.unwatch(self._descriptor)
             self._socket.close()
 
-    def _happened(self, _: int) -> None:
+    def _on_ready(self, _: int) -> None:
         """Go on by one answer at most: what passes the relay waits for no more, nor is more kept of it."""
         try:
-            if not self._backlog and (b"\n" in self._asked or self._read()):
-                self._answer()
+            if not self._backlog and (b"\n" in self._received or self._read()):
+                self._answer_next_line()
             self._send()
         except BlockingIOError:
             return
@@ -147,57 +151,57 @@ class _Connection:
     def _read(self) -> bool:
         """Read on; tell whether there is a whole line now."""
         data = self._socket.recv(1 << 16)
-        self._asked += data
-        if not data or (b"\n" not in data and len(self._asked) > LONGEST_LINE):
-            self._ends = True
+        self._received += data
+        if not data or (b"\n" not in data and len(self._received) > LONGEST_LINE):
+            self._closes_after_send = True
         return b"\n" in data
 
-    def _answer(self) -> None:
+    def _answer_next_line(self) -> None:
         """Answer the next line."""
-        end = self._asked.index(b"\n")
-        line = bytes(self._asked[:end])
-        del self._asked[: end + 1]
+        end = self._received.index(b"\n")
+        line = bytes(self._received[:end])
+        del self._received[: end + 1]
         if line.strip():
-            self.asked_at = time.monotonic()
-            reply = self._desk.answer(line, time.monotonic_ns())
+            self.last_command_at = time.monotonic()
+            reply = self._api.handle_line(line, time.monotonic_ns())
             self._backlog += reply.line
             # A browser that a web page sends here talks HTTP, with JSON of the page's making after it.
-            self._ends = not reply.sound
+            self._closes_after_send = not reply.is_json
 
     def _send(self) -> None:
         """Send what the other end takes; end, or wait for what comes next."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
-        if self._ends and not self._backlog:
+        if self._closes_after_send and not self._backlog:
             self.close()
         else:
-            has_more = self._backlog or b"\n" in self._asked
+            has_more = self._backlog or b"\n" in self._received
             self._watcher.change(self._descriptor, WRITE if has_more else READ)
 
 
-def is_port(address: str) -> bool:
+def is_tcp_address(address: str) -> bool:
     """Tell whether an address is a port on a host, and no path."""
     host, colon, port = address.rpartition(":")
     return bool(colon) and port.isdecimal() and "/" not in host and os.sep not in host
 
 
-def reach_control(address: str, timeout: float = 5.0) -> socket.socket:
+def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
     """Connect to a control socket.
 
     Raises:
         ControlError: nobody is behind it.
     """
     try:
-        if is_port(address):
+        if is_tcp_address(address):
             return socket.create_connection(_host_port(address), timeout)
-        return _connect(address, timeout)
+        return _connect_unix(address, timeout)
     except (OSError, OverflowError) as error:
         why = (getattr(error, "strerror", None) or str(error)).lower()
         raise ControlError(f"no proxy listens for control on {address}: {why}") from error
 
 
-def _connect(path: str, timeout: float) -> socket.socket:
+def _connect_unix(path: str, timeout: float) -> socket.socket:
     sock = _unix_socket(path)
     try:
         sock.settimeout(timeout)
@@ -237,7 +241,7 @@ def _listen_at_port(address: str) -> socket.socket:
 def _listen_at_path(path: str) -> socket.socket:
     sock = _unix_socket(path)
     try:
-        _clear(path)
+        _remove_stale_socket(path)
         before = os.umask(0o177)
         try:
             sock.bind(path)
@@ -249,7 +253,7 @@ def _listen_at_path(path: str) -> socket.socket:
         raise
 
 
-def _clear(path: str) -> None:
+def _remove_stale_socket(path: str) -> None:
     """Take away the socket that a proxy has left that was killed."""
     try:
         mode = os.lstat(path).st_mode

@@ -6,31 +6,31 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.faults.attempts import Attempts, Call
-from bcapscope.faults.message import Message
-from bcapscope.faults.quantities import Condition
-from bcapscope.faults.rewriting import with_header
-from bcapscope.protocol.frame import Frame, parse_datagram
+from bcapscope.faults.attempt_counter import AttemptCounter, AttemptedCall
+from bcapscope.faults.quantities import FrameCondition
+from bcapscope.faults.rewriter import with_header
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.protocol.guard import always_passes
-from bcapscope.traffic.getters import FRAME_GETTERS, Told
-from bcapscope.traffic.lane import RETRY_WITHIN_NS
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
+from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
-from bcapscope.traffic.question import Question
 
-MOST_HELD = 1000
+MAX_HELD = 1000
 """Messages; what comes when there are so many passes, and says so."""
 
-MOST_BYTES = 16 << 20
+MAX_BYTES = 16 << 20
 """Bytes of these messages."""
 
-PATIENCE = 60_000_000_000
+HOLD_TIME_NS = 60_000_000_000
 """ns that a message waits unless told otherwise: long enough to edit one, and a robot is not left hanging."""
 
-_Subject: TypeAlias = tuple[Call, Direction]
+_Subject: TypeAlias = tuple[AttemptedCall, Direction]
 """What is decided about: a call over UDP, or its answer, whichever of its tries brings it."""
 
 
-class Held(NamedTuple):
+class HeldMessage(NamedTuple):
     """A message that waits.
 
     Attributes:
@@ -38,28 +38,28 @@ class Held(NamedTuple):
         client: its number.
         flow: who speaks to whom.
         data: the message; of a call that was tried again the latest try, as its client takes no other answer.
-        question: what it asks or answers, where that is known.
+        call_kind: what it asks or answers, where that is known.
         since: ns.
         until: ns; then it goes on unchanged, unless its client has given it up.
-        heard: when the latest try of it came, ns.
-        more: how many more packets of the same call came meanwhile, which are not held apart.
+        last_attempt_at: when the latest try of it came, ns.
+        repeats: how many more packets of the same call came meanwhile, which are not held apart.
         subject: what is decided about, where there may be retries.
-        passed_over: what its client has done since that tells that it waits no longer; "" for nothing.
+        abandoned_because: what its client has done since that tells that it waits no longer; "" for nothing.
     """
 
     number: int
     client: int
     flow: Flow
     data: bytes
-    question: Question | None
+    call_kind: CallKind | None
     since: int
     until: int
-    heard: int
-    more: int = 0
+    last_attempt_at: int
+    repeats: int = 0
     subject: _Subject | None = None
-    passed_over: str = ""
+    abandoned_because: str = ""
 
-    def given_up(self, now: int) -> str:
+    def abandonment_reason(self, now: int) -> str:
         """Tell how one knows that nobody waits for what is asked any more; "" where somebody may.
 
         A motion that begins long after its client has told its user that it failed does harm. Nobody waits
@@ -67,15 +67,15 @@ class Held(NamedTuple):
         time; nor on UDP when it has not asked again within `RETRY_WITHIN_NS`. On TCP, where there are no
         retries, a client that is silent may wait.
         """
-        if self.passed_over or self.flow.direction is Direction.RESPONSE:
-            return self.passed_over
-        if self.flow.conversation.transport is Transport.TCP or now - self.heard <= RETRY_WITHIN_NS:
+        if self.abandoned_because or self.flow.direction is Direction.RESPONSE:
+            return self.abandoned_because
+        if self.flow.conversation.transport is Transport.TCP or now - self.last_attempt_at <= RETRY_WITHIN_NS:
             return ""
-        return f"its client has not asked again for {(now - self.heard) / 1e9:.1f} s"
+        return f"its client has not asked again for {(now - self.last_attempt_at) / 1e9:.1f} s"
 
 
 @dataclass(frozen=True, slots=True)
-class Considered:
+class InterceptResult:
     """What becomes of a message that concerns the intercept.
 
     Attributes:
@@ -88,7 +88,7 @@ class Considered:
 
 
 @dataclass(frozen=True, slots=True)
-class _Decided:
+class _PastDecision:
     """What was decided about a message whose retries may still come.
 
     Attributes:
@@ -109,33 +109,33 @@ class Intercept:
 
     Attributes:
         condition: the filter; None while nothing is to be held.
-        patience: ns that a message waits.
-        count: how many were held so far.
+        hold_time: ns that a message waits.
+        held_so_far: how many were held so far.
     """
 
-    def __init__(self, condition: Condition | None = None, patience: int = PATIENCE) -> None:
-        self.patience = patience
-        self.count = 0
-        self._held: dict[int, Held] = {}
+    def __init__(self, condition: FrameCondition | None = None, hold_time: int = HOLD_TIME_NS) -> None:
+        self.hold_time = hold_time
+        self.held_so_far = 0
+        self._held: dict[int, HeldMessage] = {}
         self._numbers: dict[_Subject, int] = {}
-        self._decided: dict[_Subject, _Decided] = {}
-        self._attempts = Attempts()
-        self.set(condition)
+        self._past_decisions: dict[_Subject, _PastDecision] = {}
+        self._attempts = AttemptCounter()
+        self.set_condition(condition)
 
-    def set(self, condition: Condition | None) -> None:
+    def set_condition(self, condition: FrameCondition | None) -> None:
         """Hold other messages from now on; what is held already stays."""
         self.condition = condition
-        self._test: Callable[[Told], bool] | None = None
+        self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
-            self._test = condition.filter.bind(FRAME_GETTERS)
+            self._matches_frame = condition.filter.bind(FRAME_GETTERS)
 
     @property
     def is_idle(self) -> bool:
         """Whether no message concerns it."""
-        return self.condition is None and not self._held and not self._decided
+        return self.condition is None and not self._held and not self._past_decisions
 
     @property
-    def held(self) -> list[Held]:
+    def held(self) -> list[HeldMessage]:
         """All that is held, the oldest first."""
         return list(self._held.values())
 
@@ -143,33 +143,35 @@ class Intercept:
     def is_full(self) -> bool:
         """Whether nothing more can be held."""
         held = sum(len(held.data) for held in self._held.values())
-        return len(self._held) >= MOST_HELD or held >= MOST_BYTES
+        return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
-    def consider(self, client: int, message: Message) -> Considered | None:
+    def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
         """Hold a message or let it pass; None for one that does not concern the intercept.
 
         All messages must pass here, in order.
         """
-        while self._decided and next(iter(self._decided.values())).until < message.now:
-            del self._decided[next(iter(self._decided))]
+        while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
+            del self._past_decisions[next(iter(self._past_decisions))]
         subject, is_first = self._subject(message)
         if subject is not None:
-            number, decided = self._numbers.get(subject), self._decided.get(subject)
+            number, decided = self._numbers.get(subject), self._past_decisions.get(subject)
             if number is not None:
                 known = self._held[number]
-                self._held[number] = known._replace(data=message.data, heard=message.now, more=known.more + 1)
-                return Considered(f"intercept: held with {number}, of which it is another try", None)
+                self._held[number] = known._replace(
+                    data=message.data, last_attempt_at=message.now, repeats=known.repeats + 1
+                )
+                return InterceptResult(f"intercept: held with {number}, of which it is another try", None)
             if decided is not None:
-                return self._again(message, subject, decided)
+                return self._repeat_decision(message, subject, decided)
         if is_first and message.flow.direction is Direction.REQUEST:
-            self.pass_over(message.flow, "its client has asked for something else since")
-        if not self._wants(message):
+            self.mark_abandoned(message.flow, "its client has asked for something else since")
+        if not self._should_hold(message):
             return None
         if self.is_full:
-            return Considered(f"intercept: not held, {len(self._held)} are held already", message.data)
-        return Considered(f"intercept: held as {self._hold(client, message, subject)}", None)
+            return InterceptResult(f"intercept: not held, {len(self._held)} are held already", message.data)
+        return InterceptResult(f"intercept: held as {self._hold(client, message, subject)}", None)
 
-    def release(self, number: int, now: int, data: bytes | None = None) -> Held:
+    def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
         """Let go of a message and return it; the same becomes of its retries.
 
         Args:
@@ -183,32 +185,32 @@ class Intercept:
         held = self._held.pop(number)
         if held.subject is not None:
             del self._numbers[held.subject]
-            self._remember(held.subject, _Decided(number, data, now + RETRY_WITHIN_NS))
+            self._remember_decision(held.subject, _PastDecision(number, data, now + RETRY_WITHIN_NS))
         return held
 
     def due(self) -> int | None:
         """Tell when the next message has waited too long."""
         return min((held.until for held in self._held.values()), default=None)
 
-    def expired(self, now: int) -> list[Held]:
+    def pop_expired(self, now: int) -> list[HeldMessage]:
         """Let go of what has waited too long; what has been given up is dropped with its retries."""
         return [
-            self.release(held.number, now, b"" if held.given_up(now) else None)
+            self.release(held.number, now, b"" if held.abandonment_reason(now) else None)
             for held in self.held
             if held.until <= now
         ]
 
-    def pass_over(self, flow: Flow, why: str) -> None:
+    def mark_abandoned(self, flow: Flow, why: str) -> None:
         """Take notice that nobody waits any more for what is held of a flow by now."""
         for held in self.held:
-            if held.flow is flow and not held.passed_over:
-                self._held[held.number] = held._replace(passed_over=why)
+            if held.flow is flow and not held.abandoned_because:
+                self._held[held.number] = held._replace(abandoned_because=why)
 
     def holds(self, flow: Flow) -> bool:
         """Tell whether anything of a flow is held."""
         return any(held.flow is flow for held in self._held.values())
 
-    def abandon(self, flow: Flow) -> list[Held]:
+    def remove_held(self, flow: Flow) -> list[HeldMessage]:
         """Let go of all that is held of one direction, and return it."""
         found = [held for held in self.held if held.flow is flow]
         for held in found:
@@ -217,65 +219,67 @@ class Intercept:
                 del self._numbers[held.subject]
         return found
 
-    def forget(self, conversation: Conversation) -> None:
+    def close_conversation(self, conversation: Conversation) -> None:
         """Forget a conversation that is over, of which nothing is held any more."""
-        self._attempts.forget(conversation)
+        self._attempts.close_conversation(conversation)
 
-    def _subject(self, message: Message) -> tuple[_Subject | None, bool]:
+    def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
         """Tell what a message is about, if there may be retries of it, and whether nobody asked before it."""
-        if self.is_idle or not message.datagram or len(message.frames) != 1:
+        if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)
         (frame,), flow = message.frames, message.flow
         copied = None
         if flow.direction is Direction.REQUEST:
-            copied = self._attempts.asked_before(flow, frame)
+            copied = self._attempts.find_same_request(flow, frame)
             if copied is not None and (copied, flow.direction) in self._numbers:
                 return (copied, flow.direction), False
-        found = self._attempts.follow(flow, frame)
+        found = self._attempts.add_frame(flow, frame)
         if found is None:
             return None, False
         return (found.call, flow.direction), found.number == 1 and copied is None
 
-    def _again(self, message: Message, subject: _Subject, decided: _Decided) -> Considered:
+    def _repeat_decision(
+        self, message: WireMessage, subject: _Subject, decided: _PastDecision
+    ) -> InterceptResult:
         """Let become of a retry what became of the message."""
-        self._remember(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
+        self._remember_decision(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
         (frame,), number = message.frames, decided.number
         if decided.data is None:
-            return Considered(f"intercept: sent on, as {number} was", message.data)
+            return InterceptResult(f"intercept: sent on, as {number} was", message.data)
         items = parse_datagram(decided.data)
         if len(items) == 1 and isinstance(items[0], Frame):
             data = with_header(items[0], serial=frame.serial, reserved=frame.reserved)
-            return Considered(f"intercept: edited, as {number} was", data)
-        return Considered(f"intercept: dropped, as it is another try of {number}", None)
+            return InterceptResult(f"intercept: edited, as {number} was", data)
+        return InterceptResult(f"intercept: dropped, as it is another try of {number}", None)
 
-    def _remember(self, subject: _Subject, decided: _Decided) -> None:
+    def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
         """Remember a decision, behind all others: the first to end stands first."""
-        self._decided.pop(subject, None)
-        self._decided[subject] = decided
-        if len(self._decided) > MOST_HELD:
-            del self._decided[next(iter(self._decided))]
+        self._past_decisions.pop(subject, None)
+        self._past_decisions[subject] = decided
+        if len(self._past_decisions) > MAX_HELD:
+            del self._past_decisions[next(iter(self._past_decisions))]
 
-    def _wants(self, message: Message) -> bool:
+    def _should_hold(self, message: WireMessage) -> bool:
         """Tell whether a message is to be held."""
-        test = self._test
-        if test is None or not any(test(told) for told in message.told):
+        test = self._matches_frame
+        if test is None or not any(test(told) for told in message.annotated_frames):
             return False
         if message.flow.direction is Direction.RESPONSE:
             return True
-        items = (told.seen.item for told in message.told)
+        items = (told.observation.item for told in message.annotated_frames)
         return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
 
-    def _hold(self, client: int, message: Message, subject: _Subject | None) -> int:
+    def _hold(self, client: int, message: WireMessage, subject: _Subject | None) -> int:
         """Hold a message; return its number."""
-        self.count += 1
-        held = Held(
-            self.count,
+        self.held_so_far += 1
+        held = HeldMessage(
+            self.held_so_far,
             client,
             message.flow,
             message.data,
-            next((told.question for told in message.told if told.question), None),
+            next((told.call_kind for told in message.annotated_frames if told.call_kind), None),
             message.now,
-            message.now + self.patience,
+            message.now + self.hold_time,
             message.now,
             subject=subject,
         )

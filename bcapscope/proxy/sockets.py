@@ -11,12 +11,12 @@ from typing import Any, TypeAlias
 
 from bcapscope.errors import BcapError
 from bcapscope.traffic.observation import Endpoint, Transport
-from bcapscope.transport.arrival import ask_for_times
+from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 SocketAddress: TypeAlias = tuple[Any, ...]
 """As the socket module has it: host, port, and for IPv6 flow and scope."""
 
-LARGEST = 65535
+LARGEST_DATAGRAM = 65535
 """Bytes of a datagram."""
 
 _RECEIVE_BUFFER = 4 << 20
@@ -28,11 +28,11 @@ _BACKLOG = 1024
 client tries again after a second: too late for a stop."""
 
 
-class ListenError(BcapError):
+class ProxyListenError(BcapError):
     """An address cannot be listened on."""
 
 
-class NoWay(BcapError):
+class UnreachableError(BcapError):
     """A controller's name is unknown, or nothing leads there."""
 
 
@@ -61,7 +61,7 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         if sock is not None:
             sock.close()
         where = f"{endpoint.host} {transport.upper()} port {endpoint.port}"
-        raise ListenError(f"cannot listen on {where}: {reason(error)}") from None
+        raise ProxyListenError(f"cannot listen on {where}: {os_error_text(error)}") from None
     return sock
 
 
@@ -81,7 +81,9 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise NoWay(f"the controller {endpoint} cannot be reached: {reason(error)}") from None
+        raise UnreachableError(
+            f"the controller {endpoint} cannot be reached: {os_error_text(error)}"
+        ) from None
     return family, address
 
 
@@ -108,7 +110,7 @@ def prepare_datagrams(sock: socket.socket) -> None:
     if sys.platform == "linux":
         with suppress(OSError):  # beyond the usual limit only for root
             sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
-    ask_for_times(sock)
+    enable_receive_timestamps(sock)
 
 
 def keep_alive(sock: socket.socket) -> None:
@@ -119,7 +121,7 @@ def keep_alive(sock: socket.socket) -> None:
             sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
-def drops(sock: socket.socket) -> int:
+def dropped_datagrams(sock: socket.socket) -> int:
     """Return how many datagrams found no room in the buffer of a socket; 0 where the system does not say."""
     if sys.platform == "linux":
         with suppress(OSError, struct.error):
@@ -133,7 +135,7 @@ def endpoint_of(address: SocketAddress) -> Endpoint:
     return Endpoint(address[0], address[1])
 
 
-def facing(sock: socket.socket, client: SocketAddress) -> Endpoint:
+def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
     """Return the address by which `client` reaches us through a socket that takes datagrams.
 
     Where it listens on all addresses, that is the one that the system answers from.
@@ -147,7 +149,7 @@ def facing(sock: socket.socket, client: SocketAddress) -> Endpoint:
     return endpoint_of(own)
 
 
-def reason(error: Exception) -> str:
+def os_error_text(error: Exception) -> str:
     """Return what the system says, without what Python says around it."""
     number = error.errno if isinstance(error, OSError) else None
     if number is not None and number > 0 and not isinstance(error, socket.gaierror):
@@ -155,6 +157,6 @@ def reason(error: Exception) -> str:
     return str(getattr(error, "strerror", None) or error).lower()
 
 
-def is_told(count: int) -> bool:
+def should_report(count: int) -> bool:
     """Return whether to report an event that may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
     return count & (count - 1) == 0

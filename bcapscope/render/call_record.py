@@ -7,21 +7,21 @@ from typing import TypeAlias
 
 import orjson
 
-from bcapscope.protocol.functions import function_name
-from bcapscope.protocol.hresult import describe, hresult_name
-from bcapscope.render.moment import epoch_text
-from bcapscope.render.record import json_text
-from bcapscope.traffic.convention import Convention
-from bcapscope.traffic.exchange import Exchange, FrameObservation
-from bcapscope.traffic.handles import Thing
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.render.frame_record import json_text
+from bcapscope.render.timestamp import epoch_text
+from bcapscope.traffic.call import Call, FrameObservation
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation
-from bcapscope.traffic.question import Question
-from bcapscope.traffic.verdict import Outcome, Verdict
+from bcapscope.traffic.reserved_field import ReservedConvention
 
-MOST_FORMS = 4096
+MOST_TEMPLATES = 4096
 """Forms of plain answered calls that are kept ready made; when there are more, all are made again."""
 
-_Kind: TypeAlias = "tuple[Conversation, Question, Thing | None, int, Convention]"
+_TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
 _MILLISECOND = 1_000_000
 _OBJECT = (
@@ -30,16 +30,16 @@ _OBJECT = (
     b'"latency_ms":%b,"rtt_ms":%b,"convention":"%b","verdict":"%b"}'
 )
 _OUTCOMES = {outcome: outcome.value.encode("ascii") for outcome in Outcome}
-_VERDICTS = {verdict: verdict.value.encode("ascii") for verdict in Verdict}
+_VERDICTS = {verdict: verdict.value.encode("ascii") for verdict in CallVerdict}
 
 
 class CallRecordRenderer:
     """Writes calls as JSON objects."""
 
     def __init__(self) -> None:
-        self._forms: dict[_Kind, bytes] = {}
+        self._templates: dict[_TemplateKey, bytes] = {}
 
-    def record(self, call: Exchange, subject: Thing | None = None) -> bytes:
+    def record(self, call: Call, subject: TrackedObject | None = None) -> bytes:
         """Write one object, without a line end; `object` is the name of `subject`, of which it was asked.
 
         `started` is in seconds since 1970, `latency_ms` runs from the first request to the accepted reply,
@@ -47,25 +47,25 @@ class CallRecordRenderer:
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain:
-            return _troubled(call, subject)
-        kind = call.conversation, call.question, subject, reply.item.code, call.convention
-        form = self._forms.get(kind) or self._remember(kind, call)
+            return _full_record(call, subject)
+        kind = call.conversation, call.kind, subject, reply.item.code, call.convention
+        form = self._templates.get(kind) or self._make_template(kind, call)
         latency = _duration(call.latency)
         started = epoch_text(request.time).encode("ascii")
         serial = request.item.serial
-        return form % (call.call, started, request.number, serial, reply.number, latency, latency)
+        return form % (call.number, started, request.number, serial, reply.number, latency, latency)
 
-    def forget(self, conversation: Conversation) -> None:
+    def drop_conversation(self, conversation: Conversation) -> None:
         """Forget a conversation that is over."""
-        for kind in [kind for kind in self._forms if kind[0] is conversation]:
-            del self._forms[kind]
+        for kind in [kind for kind in self._templates if kind[0] is conversation]:
+            del self._templates[kind]
 
-    def _remember(self, kind: _Kind, call: Exchange) -> bytes:
+    def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
         """Make the form of plain answered calls of one kind, with places for what is their own."""
-        if len(self._forms) >= MOST_FORMS:
-            self._forms.clear()
+        if len(self._templates) >= MOST_TEMPLATES:
+            self._templates.clear()
         head, thing, result = _head(call), _object(kind[2]), _result(call)
-        self._forms[kind] = form = _OBJECT % (
+        self._templates[kind] = form = _OBJECT % (
             b"%d",
             head.replace(b"%", b"%%"),
             thing.replace(b"%", b"%%"),
@@ -88,14 +88,14 @@ class CallRecordRenderer:
         return form
 
 
-def _troubled(call: Exchange, subject: Thing | None) -> bytes:
+def _full_record(call: Call, subject: TrackedObject | None) -> bytes:
     """Write a call to which anything may have happened."""
     return _OBJECT % (
-        b"%d" % call.call,
+        b"%d" % call.number,
         _head(call),
         _object(subject),
         epoch_text(call.request.time).encode("ascii"),
-        _numbers(call.requests),
+        _numbers(call.attempts),
         orjson.dumps(call.serials),
         b"%d" % call.retries,
         b"[]" if call.reply is None else b"[%d]" % call.reply.number,
@@ -112,8 +112,8 @@ def _troubled(call: Exchange, subject: Thing | None) -> bytes:
     )
 
 
-def _head(call: Exchange) -> bytes:
-    conversation, question = call.conversation, call.question
+def _head(call: Call) -> bytes:
+    conversation, question = call.conversation, call.kind
     values = {
         b"function": json_text(function_name(question.function_id)),
         b"function_id": orjson.dumps(question.function_id),
@@ -125,15 +125,15 @@ def _head(call: Exchange) -> bytes:
     return b"".join(b'"%b":%b,' % item for item in values.items())
 
 
-def _object(subject: Thing | None) -> bytes:
+def _object(subject: TrackedObject | None) -> bytes:
     return b"null" if subject is None else json_text(subject.label)
 
 
-def _result(call: Exchange) -> bytes:
+def _result(call: Call) -> bytes:
     code = call.hresult
     if code is None:
         return b'"hresult":null,"hresult_name":null'
-    meaning = (code, json_text(hresult_name(code)), json_text(describe(code).text))
+    meaning = (code, json_text(hresult_name(code)), json_text(describe_hresult(code).text))
     return b'"hresult":%d,"hresult_name":%b,"hresult_text":%b' % meaning
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bcapscope.protocol.wording import display_width
-from bcapscope.render.columns import wrapped as broken
-from bcapscope.render.palette import Palette
+from bcapscope.protocol.text_format import display_width
+from bcapscope.render.color_palette import Palette
+from bcapscope.render.columns import wrap_text as broken
 from bcapscope.render.tongue import Tongue, english
 
 CAPTION_WIDTH = 12
@@ -16,21 +16,21 @@ TEXT_WIDTH = 62
 _FRAMES_SHOWN = 8
 
 
-def captioned(caption: str, text: str, palette: Palette, tongue: Tongue = english) -> str:
+def captioned_line(caption: str, text: str, palette: Palette, tongue: Tongue = english) -> str:
     """Write a line with a caption."""
     caption = tongue(caption)
     space = " " * (CAPTION_WIDTH - display_width(caption))
     return f"  {palette.dim}{caption}{space}{palette.reset}{tongue(text)}".rstrip()
 
 
-def more(text: str, tongue: Tongue = english) -> str:
+def continued_line(text: str, tongue: Tongue = english) -> str:
     """Write a line that belongs to the caption above."""
     return f"  {'':<{CAPTION_WIDTH}}{tongue(text)}"
 
 
-def wrapped(text: str, color: str = "", reset: str = "", tongue: Tongue = english) -> Iterator[str]:
+def wrapped_lines(text: str, color: str = "", reset: str = "", tongue: Tongue = english) -> Iterator[str]:
     """Write a text of any length below a caption, in lines that fit; `color` begins and `reset` ends each."""
-    return (more(f"{color}{line}{reset}") for line in broken(tongue(text), TEXT_WIDTH))
+    return (continued_line(f"{color}{line}{reset}") for line in broken(tongue(text), TEXT_WIDTH))
 
 
 def frames_text(frames: Sequence[int], count: int | None = None) -> str:

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
-from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.render.color_palette import PLAIN, Palette
 
 PER_LINE = 16
 """Bytes of a line, where there is room for them."""
 
-_GAP = 8  # after as many bytes stands another blank
+_BLANK_AFTER = 8  # after as many bytes stands another blank
 _ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256)).decode("ascii")
 
 
@@ -69,8 +69,10 @@ def _styles(row: bytes, start: int, active: list[Highlight]) -> list[str]:
 
 
 def _line(row: bytes, styles: list[str], reset: str, per_line: int) -> str:
-    plain = row[:_GAP].hex(" ") + ("  " + row[_GAP:].hex(" ") if len(row) > _GAP else "")
-    padding = " " * (3 * per_line - (per_line <= _GAP) - len(plain))
+    plain = row[:_BLANK_AFTER].hex(" ") + (
+        "  " + row[_BLANK_AFTER:].hex(" ") if len(row) > _BLANK_AFTER else ""
+    )
+    padding = " " * (3 * per_line - (per_line <= _BLANK_AFTER) - len(plain))
     if not any(styles):
         return f"{plain}{padding}  {''.join(_ASCII[byte] for byte in row)}"
     shown, letters = [], []
@@ -85,7 +87,7 @@ def _line(row: bytes, styles: list[str], reset: str, per_line: int) -> str:
 
 
 def _blanks(index: int) -> str:
-    return "" if index == 0 else "  " if index == _GAP else " "
+    return "" if index == 0 else "  " if index == _BLANK_AFTER else " "
 
 
 def _styled(text: str, style: str, reset: str) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
-from bcapscope.analysis.distribution import Bin
-from bcapscope.render.palette import PLAIN, Palette
+from bcapscope.analysis.statistics.distribution import Bin
+from bcapscope.render.color_palette import PLAIN, Palette
 
 BAR_WIDTH = 40
 

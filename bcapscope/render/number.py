@@ -8,7 +8,7 @@ from decimal import Decimal
 
 import orjson
 
-from bcapscope.protocol.variant import CY_SCALE
+from bcapscope.protocol.codec.variant import CY_SCALE
 
 _DATE_ZERO = datetime(1899, 12, 30)
 _SINGLE = struct.Struct("<f")
@@ -26,21 +26,21 @@ def date_text(days: float) -> str:
     return str((_DATE_ZERO + timedelta(days=days)).replace(microsecond=0))
 
 
-def cy_text(raw: int) -> str:
+def currency_text(raw: int) -> str:
     """Write a CY in the unit that COM gives it."""
     return str(Decimal(raw) / CY_SCALE)
 
 
-def plain_text(value: int | float) -> str:
+def number_text(value: int | float) -> str:
     """Write a number with the fewest digits that read back as the same."""
     text = orjson.dumps(value).decode("ascii")
     return repr(value) if text == "null" else text
 
 
-def plain_texts(values: tuple[int | float, ...]) -> str:
-    """Write several numbers as `plain_text` does, commas between."""
+def numbers_text(values: tuple[int | float, ...]) -> str:
+    """Write several numbers as `number_text` does, commas between."""
     text = orjson.dumps(values)
-    return ",".join(map(plain_text, values)) if b"null" in text else text[1:-1].decode("ascii")
+    return ",".join(map(number_text, values)) if b"null" in text else text[1:-1].decode("ascii")
 
 
 def singles_text(values: tuple[float, ...]) -> str:
@@ -48,7 +48,7 @@ def singles_text(values: tuple[float, ...]) -> str:
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))
     return (
-        plain_texts(short) if form.pack(*short) == form.pack(*values) else ",".join(map(single_text, values))
+        numbers_text(short) if form.pack(*short) == form.pack(*values) else ",".join(map(single_text, values))
     )
 
 
@@ -56,4 +56,4 @@ def single_text(value: float) -> str:
     """Write an R4 with digits that give the same R4 again: seven, or more where it takes them."""
     texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
-    return plain_text(float(next(same, f"{value:.9g}")))
+    return number_text(float(next(same, f"{value:.9g}")))

@@ -7,11 +7,11 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from bcapscope.analysis.account import Account, Lane
-from bcapscope.analysis.marks import Mark, MarkKind
-from bcapscope.analysis.statistics import OTHERS, Row
-from bcapscope.analysis.stay import Stay
-from bcapscope.protocol.hresult import describe, hresult_name
+from bcapscope.analysis.report_data import ClientTimeline, ReportData
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, StatisticsRow
+from bcapscope.analysis.timeline_events import TimelineEvent, TimelineEventKind
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.report_figure import (
     AMBER,
     BLUE,
@@ -20,56 +20,60 @@ from bcapscope.render.report_figure import (
     ORANGE,
     PURPLE,
     Picture,
-    axis,
-    label,
-    picture,
+    axis_layout,
+    make_picture,
+    plotly_label,
 )
-from bcapscope.render.statistics import question_text
-from bcapscope.traffic.exchange import Event, Exchange, Role
+from bcapscope.render.statistics_text import call_kind_text
+from bcapscope.traffic.call import Call, CallFrame, FrameRole
 from bcapscope.traffic.observation import Conversation
 
-MOST_LANES = 16
+MOST_TIMELINE_ROWS = 16
 """Clients in the timeline, those that called most."""
 
-MOST_KINDS = 20
+MAX_KINDS = 20
 """Kinds of calls in the picture of latencies, those that took most time."""
 
 _NARROWEST = 0.0015  # of the whole width: what is shorter would not be seen
 _SHORTEST_MS = 0.001  # a logarithmic axis has no 0, and captures no finer clocks
 
 _BAR = "#2A74B2"  # white text on it is read at 4.9 to one
-_MANY = 100  # fewer have no 99.9% of their own
+_LEAST_FOR_P999 = 100  # fewer have no 99.9% of their own
 
-_MARKS: dict[MarkKind, tuple[str, str, float]] = {
-    MarkKind.RETRIED: ("triangle-up-open", AMBER, 0.26),
-    MarkKind.LATE: ("triangle-down", PURPLE, 0.36),
-    MarkKind.EXECUTED_TWICE: ("star", PURPLE, 0.36),
-    MarkKind.REFUSED: ("x", ORANGE, 0.46),
-    MarkKind.UNANSWERED: ("circle-open", ORANGE, 0.46),
-    MarkKind.DAMAGED: ("diamond", GRAY, 0.46),
-    MarkKind.MISSING: ("line-ns-open", GRAY, 0.46),
+_MARKER_STYLES: dict[TimelineEventKind, tuple[str, str, float]] = {
+    TimelineEventKind.RETRIED: ("triangle-up-open", AMBER, 0.26),
+    TimelineEventKind.LATE: ("triangle-down", PURPLE, 0.36),
+    TimelineEventKind.EXECUTED_TWICE: ("star", PURPLE, 0.36),
+    TimelineEventKind.REFUSED: ("x", ORANGE, 0.46),
+    TimelineEventKind.UNANSWERED: ("circle-open", ORANGE, 0.46),
+    TimelineEventKind.DAMAGED: ("diamond", GRAY, 0.46),
+    TimelineEventKind.MISSING: ("line-ns-open", GRAY, 0.46),
 }
-_EVENTS: dict[Role, tuple[str, str]] = {
-    Role.REQUEST: ("triangle-right", BLUE),
-    Role.RETRY: ("triangle-right-open", AMBER),
-    Role.NOTICE: ("diamond-open", GRAY),
-    Role.REPLY: ("circle", GREEN),
-    Role.LATE: ("x", ORANGE),
-    Role.LOST: ("circle-x-open", ORANGE),
-    Role.DUPLICATE: ("square-open", GRAY),
+_FRAME_STYLES: dict[FrameRole, tuple[str, str]] = {
+    FrameRole.REQUEST: ("triangle-right", BLUE),
+    FrameRole.RETRY: ("triangle-right-open", AMBER),
+    FrameRole.NOTICE: ("diamond-open", GRAY),
+    FrameRole.REPLY: ("circle", GREEN),
+    FrameRole.LATE: ("x", ORANGE),
+    FrameRole.LOST: ("circle-x-open", ORANGE),
+    FrameRole.DUPLICATE: ("square-open", GRAY),
 }
-_EVENT_NAMES = {Role.NOTICE: "S_EXECUTING", Role.LATE: "late reply, discarded"}
+_FRAME_NAMES = {FrameRole.NOTICE: "S_EXECUTING", FrameRole.LATE: "late reply, discarded"}
 
 
-def timeline(account: Account) -> Picture:
+def timeline_picture(report_data: ReportData) -> Picture:
     """Draw a lane for each client: calls, stays in slave mode, and what happened."""
-    lanes = account.lanes[:MOST_LANES]
+    lanes = report_data.timelines[:MOST_TIMELINE_ROWS]
     rows = {lane.conversation: -index for index, lane in enumerate(lanes)}
-    drawn = [stay for stay in account.stays if stay.conversation in rows]
-    traces = [_spells(account, lanes), *_stays(account, drawn, rows), *_marks(account, lanes)]
-    lasted = _seconds(account, account.end) or 1.0
-    left_off = len(account.lanes) + account.lanes_left_off - len(lanes)
-    return picture(
+    drawn = [stay for stay in report_data.slave_sessions if stay.conversation in rows]
+    traces = [
+        _activity_bars(report_data, lanes),
+        *_slave_session_bars(report_data, drawn, rows),
+        *_event_markers(report_data, lanes),
+    ]
+    lasted = _seconds(report_data, report_data.end) or 1.0
+    left_off = len(report_data.timelines) + report_data.timelines_left_off - len(lanes)
+    return make_picture(
         "timeline",
         "Who did what, and when",
         "Each lane is a client. The thin bar shows when it made calls, the thick one a stay in slave mode. "
@@ -80,10 +84,10 @@ def timeline(account: Account) -> Picture:
         barmode="overlay",
         uniformtext={"minsize": 11, "mode": "hide"},
         hovermode="closest",
-        xaxis=axis("time since the first frame, s", range=[-0.01 * lasted, 1.01 * lasted]),
+        xaxis=axis_layout("time since the first frame, s", range=[-0.01 * lasted, 1.01 * lasted]),
         yaxis={
             "tickvals": list(rows.values()),
-            "ticktext": [ends(lane.conversation) for lane in lanes],
+            "ticktext": [endpoints_label(lane.conversation) for lane in lanes],
             "range": [0.62 - len(lanes), 0.62],
             "showgrid": False,
             "zeroline": False,
@@ -93,16 +97,16 @@ def timeline(account: Account) -> Picture:
     )
 
 
-def latencies(rows: Sequence[Row]) -> Picture | None:
+def latency_picture(rows: Sequence[StatisticsRow]) -> Picture | None:
     """Draw how long replies took, for each kind of call; None where nothing was answered."""
     kinds = [
-        (label(question_text(row.question or OTHERS)), row.figures.calls, row.figures.latency)
+        (plotly_label(call_kind_text(row.call_kind or OTHER_KINDS)), row.figures.calls, row.figures.latency)
         for row in rows
         if row.figures.latency is not None
     ]
     if not kinds:
         return None
-    shown = kinds[:MOST_KINDS][::-1]
+    shown = kinds[:MAX_KINDS][::-1]
     found = [(name, calls, latency) for name, calls, latency in shown if latency is not None]
     points = [
         (
@@ -112,7 +116,7 @@ def latencies(rows: Sequence[Row]) -> Picture | None:
         for index, (_, _, each) in enumerate(found)
     ]
     some = [(at, v) for at, v in points if found[at][2].count > 1]
-    many = [(at, v) for at, v in points if found[at][2].count >= _MANY]
+    many = [(at, v) for at, v in points if found[at][2].count >= _LEAST_FOR_P999]
     texts = [
         f"{name}<br>{each.count} of {calls} answered<br>median {each.p50:.3f} ms, 99% {each.p99:.3f} ms, "
         f"99.9% {each.p999:.3f} ms<br>from {each.least:.3f} to {each.most:.3f} ms"
@@ -128,7 +132,7 @@ def latencies(rows: Sequence[Row]) -> Picture | None:
         ),
     ]
     more = len(kinds) - len(shown)
-    return picture(
+    return make_picture(
         "latencies",
         "Time to the reply, by command",
         "From the first request to the accepted reply, retries included; the commands that took most time "
@@ -137,7 +141,7 @@ def latencies(rows: Sequence[Row]) -> Picture | None:
         130 + 30 * len(found),
         traces,
         hovermode="closest",
-        xaxis=axis("time to the reply, ms", type="log", dtick=1),
+        xaxis=axis_layout("time to the reply, ms", type="log", dtick=1),
         yaxis={
             "tickvals": list(range(len(found))),
             "ticktext": [name for name, _, _ in found],
@@ -150,17 +154,21 @@ def latencies(rows: Sequence[Row]) -> Picture | None:
     )
 
 
-def chains(account: Account) -> Picture | None:
+def retry_chain_picture(report_data: ReportData) -> Picture | None:
     """Draw the frames of the calls that were sent again most often; None where none was."""
-    if not account.chains:
+    if not report_data.retry_chains:
         return None
-    found = account.chains[::-1]
-    roles = [role for role in _EVENTS if any(event.role is role for call in found for event in call.events)]
-    lasting = [(index, 0.0, (call.activity - call.request.time) / 1e6) for index, call in enumerate(found)]
+    found = report_data.retry_chains[::-1]
+    roles = [
+        role for role in _FRAME_STYLES if any(event.role is role for call in found for event in call.frames)
+    ]
+    lasting = [
+        (index, 0.0, (call.last_activity - call.request.time) / 1e6) for index, call in enumerate(found)
+    ]
     longest = max((end for _, _, end in lasting), default=0.0) or 1.0
-    traces = [_segments("", lasting, GRAY, 1), *(_role(found, role) for role in roles)]
-    more = account.retried - len(found)
-    return picture(
+    traces = [_segments("", lasting, GRAY, 1), *(_role_trace(found, role) for role in roles)]
+    more = report_data.retried_calls - len(found)
+    return make_picture(
         "chains",
         "Retry chains",
         "Each line is one call from its first request on, with every frame of it that was seen. "
@@ -172,10 +180,12 @@ def chains(account: Account) -> Picture | None:
         130 + 34 * len(found),
         traces,
         hovermode="closest",
-        xaxis=axis("time since the first request, ms", range=[-0.02 * longest, 1.04 * longest]),
+        xaxis=axis_layout("time since the first request, ms", range=[-0.02 * longest, 1.04 * longest]),
         yaxis={
             "tickvals": list(range(len(found))),
-            "ticktext": [f"call {call.call}, {label(question_text(call.question), 32)}" for call in found],
+            "ticktext": [
+                f"call {call.number}, {plotly_label(call_kind_text(call.kind), 32)}" for call in found
+            ],
             "range": [-0.7, len(found) - 0.3],
             "showgrid": False,
             "zeroline": False,
@@ -185,87 +195,89 @@ def chains(account: Account) -> Picture | None:
     )
 
 
-def ends(conversation: Conversation) -> str:
+def endpoints_label(conversation: Conversation) -> str:
     """Name a client and its server in two lines of a label."""
     return (
-        f"{label(str(conversation.client))}<br>→ {label(str(conversation.server))} "
+        f"{plotly_label(str(conversation.client))}<br>→ {plotly_label(str(conversation.server))} "
         f"{conversation.transport.upper()}"
     )
 
 
-def _seconds(account: Account, time: int) -> float:
-    return round((time - account.start) / 1e9, 6)
+def _seconds(report_data: ReportData, time: int) -> float:
+    return round((time - report_data.start) / 1e9, 6)
 
 
-def _least_width(account: Account) -> float:
-    return max((account.end - account.start) / 1e9 * _NARROWEST, 1e-6)
+def _least_width(report_data: ReportData) -> float:
+    return max((report_data.end - report_data.start) / 1e9 * _NARROWEST, 1e-6)
 
 
-def _spells(account: Account, lanes: Sequence[Lane]) -> Any:
-    spells = [(-index, spell) for index, lane in enumerate(lanes) for spell in lane.spells]
-    least = _least_width(account)
+def _activity_bars(report_data: ReportData, timelines: Sequence[ClientTimeline]) -> Any:
+    spells = [(-index, spell) for index, lane in enumerate(timelines) for spell in lane.activity]
+    least = _least_width(report_data)
     return go.Bar(
         name="calls",
         orientation="h",
         y=[row for row, _ in spells],
-        base=[_seconds(account, spell.begin) for _, spell in spells],
+        base=[_seconds(report_data, spell.begin) for _, spell in spells],
         x=[max(round((spell.end - spell.begin) / 1e9, 6), least) for _, spell in spells],
         width=0.12,
         marker={"color": GRAY, "line": {"width": 0}},
-        customdata=[[spell.times, (spell.end - spell.begin) / 1e9] for _, spell in spells],
+        customdata=[[spell.occurrences, (spell.end - spell.begin) / 1e9] for _, spell in spells],
         hovertemplate="%{customdata[0]} calls in %{customdata[1]:.3f} s, from %{base:.3f} s<extra></extra>",
     )
 
 
-def _stays(account: Account, stays: Sequence[Stay], rows: dict[Conversation, int]) -> Iterator[Any]:
-    if not stays:
+def _slave_session_bars(
+    report_data: ReportData, slave_sessions: Sequence[SlaveSession], rows: dict[Conversation, int]
+) -> Iterator[Any]:
+    if not slave_sessions:
         return
-    least = _least_width(account)
-    values = ["slave mode" if s.mode.value is None else f"mode 0x{s.mode.value:03X}" for s in stays]
+    least = _least_width(report_data)
+    values = ["slave mode" if s.mode.value is None else f"mode 0x{s.mode.value:03X}" for s in slave_sessions]
     yield go.Bar(
         name="slave mode",
         orientation="h",
-        y=[rows[stay.conversation] for stay in stays],
-        base=[_seconds(account, stay.entered) for stay in stays],
-        x=[max(round(stay.duration_ms / 1e3, 6), least) for stay in stays],
+        y=[rows[stay.conversation] for stay in slave_sessions],
+        base=[_seconds(report_data, stay.entered_at) for stay in slave_sessions],
+        x=[max(round(stay.duration_ms / 1e3, 6), least) for stay in slave_sessions],
         width=0.34,
         marker={"color": _BAR, "line": {"width": 0}},
-        text=[f"{stay.number}: {value}" for stay, value in zip(stays, values, strict=True)],
+        text=[f"{stay.number}: {value}" for stay, value in zip(slave_sessions, values, strict=True)],
         textposition="inside",
         insidetextanchor="middle",
         insidetextfont={"color": "#FFFFFF"},
         textangle=0,
         customdata=[
             [stay.number, value, stay.counts.sent, stay.duration_ms / 1e3, stay.exit.reason.value]
-            for stay, value in zip(stays, values, strict=True)
+            for stay, value in zip(slave_sessions, values, strict=True)
         ],
         hovertemplate="stay %{customdata[0]}, %{customdata[1]}<br>%{customdata[2]} set points in "
         "%{customdata[3]:.3f} s from %{base:.3f} s<br>ended: %{customdata[4]}<extra></extra>",
     )
 
 
-def _marks(account: Account, lanes: Sequence[Lane]) -> Iterator[Any]:
-    for kind, (symbol, color, above) in _MARKS.items():
-        found = [(-index, mark) for index, lane in enumerate(lanes) for mark in lane.marks.get(kind, ())]
+def _event_markers(report_data: ReportData, timelines: Sequence[ClientTimeline]) -> Iterator[Any]:
+    for kind, (symbol, color, above) in _MARKER_STYLES.items():
+        found = [(-index, mark) for index, lane in enumerate(timelines) for mark in lane.events.get(kind, ())]
         if found:
             yield go.Scatter(
                 name=kind.value,
                 mode="markers",
-                x=[_seconds(account, mark.begin) for _, mark in found],
+                x=[_seconds(report_data, mark.begin) for _, mark in found],
                 y=[row + above for row, _ in found],
                 marker={"symbol": symbol, "color": color, "size": 9, "line": {"width": 1.6, "color": color}},
-                customdata=[[_mark_text(kind, mark)] for _, mark in found],
+                customdata=[[_event_marker_text(kind, mark)] for _, mark in found],
                 hovertemplate="%{customdata[0]}<br>at %{x:.3f} s<extra></extra>",
             )
 
 
-def _mark_text(kind: MarkKind, mark: Mark) -> str:
-    text = kind.value if mark.times == 1 else f"{mark.times} times {kind.value}"
-    if mark.question is not None:
-        text = f"{label(question_text(mark.question))}: {text}"
-    if mark.hresult is not None and kind is MarkKind.REFUSED:
-        text += f"<br>{label(hresult_name(mark.hresult))}, {label(describe(mark.hresult).text, 80)}"
-    return f"{text}<br>{'frame' if mark.times == 1 else 'first in frame'} {mark.frame}"
+def _event_marker_text(kind: TimelineEventKind, mark: TimelineEvent) -> str:
+    text = kind.value if mark.occurrences == 1 else f"{mark.occurrences} times {kind.value}"
+    if mark.call_kind is not None:
+        text = f"{plotly_label(call_kind_text(mark.call_kind))}: {text}"
+    if mark.hresult is not None and kind is TimelineEventKind.REFUSED:
+        text += f"<br>{plotly_label(hresult_name(mark.hresult))}, {plotly_label(describe_hresult(mark.hresult).text, 80)}"
+    return f"{text}<br>{'frame' if mark.occurrences == 1 else 'first in frame'} {mark.frame}"
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
@@ -293,26 +305,30 @@ def _dots(name: str, dots: Sequence[tuple[int, float]], symbol: str, color: str,
     )
 
 
-def _role(calls: Sequence[Exchange], role: Role) -> Any:
+def _role_trace(calls: Sequence[Call], role: FrameRole) -> Any:
     """Draw all frames that are the same to their calls."""
-    symbol, color = _EVENTS[role]
+    symbol, color = _FRAME_STYLES[role]
     found = [
         (index, call, event)
         for index, call in enumerate(calls)
-        for event in call.events
+        for event in call.frames
         if event.role is role
     ]
-    dots = [(index, (event.seen.time - call.request.time) / 1e6) for index, call, event in found]
+    dots = [(index, (event.observation.time - call.request.time) / 1e6) for index, call, event in found]
     texts = [_event_text(call, event) for _, call, event in found]
-    return _dots(_EVENT_NAMES.get(role, role.value), dots, symbol, color, texts)
+    return _dots(_FRAME_NAMES.get(role, role.value), dots, symbol, color, texts)
 
 
-def _event_text(call: Exchange, event: Event) -> str:
-    seen = event.seen
+def _event_text(call: Call, event: CallFrame) -> str:
+    seen = event.observation
     elapsed = (seen.time - call.request.time) / 1e6
-    name = _EVENT_NAMES.get(event.role, event.role.value)
-    result = "" if event.role in (Role.REQUEST, Role.RETRY) else f", {label(hresult_name(seen.item.code))}"
+    name = _FRAME_NAMES.get(event.role, event.role.value)
+    result = (
+        ""
+        if event.role in (FrameRole.REQUEST, FrameRole.RETRY)
+        else f", {plotly_label(hresult_name(seen.item.code))}"
+    )
     return (
-        f"{label(question_text(call.question))}: {name}{result}<br>{elapsed:.3f} ms after the first request"
+        f"{plotly_label(call_kind_text(call.kind))}: {name}{result}<br>{elapsed:.3f} ms after the first request"
         f"<br>frame {seen.number}, serial {seen.item.serial}, reserved {seen.item.reserved}"
     )

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import plotly.graph_objects as go
 import plotly.io as pio
 
-from bcapscope.analysis.distribution import Bin
+from bcapscope.analysis.statistics.distribution import Bin
 from bcapscope.render.escape import printable
 
 BLUE, ORANGE, GREEN, PURPLE, AMBER, GRAY = "#2F7FC1", "#CF5C0A", "#0A8F6A", "#B5619A", "#B27A00", "#7A828C"
@@ -24,7 +24,7 @@ BLUE, ORANGE, GREEN, PURPLE, AMBER, GRAY = "#2F7FC1", "#CF5C0A", "#0A8F6A", "#B5
 LONGEST_LABEL = 48
 """Characters of a string from the wire beside an axis."""
 
-MOST_BARS = 160
+MAX_BARS = 160
 """Bars of a histogram."""
 
 _WIDE_SPREAD = 5.0  # values so far apart, as factors go, are told apart on a logarithmic axis only
@@ -49,13 +49,13 @@ class Picture(NamedTuple):
     json: str
 
 
-def label(text: str, longest: int = LONGEST_LABEL) -> str:
+def plotly_label(text: str, longest: int = LONGEST_LABEL) -> str:
     """Make plain text fit for plotly, which takes some HTML and character references in all its texts."""
     shown = printable(text)
     return html.escape(shown if len(shown) <= longest else shown[: longest - 1] + "…", quote=False)
 
 
-def picture(
+def make_picture(
     name: str, title: str, caption: str, height: int, traces: Sequence[Any], **layout: Any
 ) -> Picture:
     """Make a picture of traces.
@@ -103,18 +103,18 @@ def script_safe(json_text: str) -> str:
     return json_text
 
 
-def axis(title: str, **more: Any) -> dict[str, Any]:
+def axis_layout(title: str, **more: Any) -> dict[str, Any]:
     """Describe an axis with its unit in the title."""
     spike = {"spikethickness": 1, "spikecolor": GRAY, "spikedash": "solid"}
     return {"title": {"text": title, "standoff": 8}, "zeroline": False, "automargin": True, **spike, **more}
 
 
-def numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
+def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
     """Round values for JSON; None for NaN and infinities, where plotly leaves a gap."""
     return [round(value, digits) if math.isfinite(value) else None for value in values]
 
 
-class Bars(NamedTuple):
+class HistogramBars(NamedTuple):
     """A histogram that a person can look at.
 
     Attributes:
@@ -130,7 +130,7 @@ class Bars(NamedTuple):
     logarithmic: bool
 
 
-def bars_of(bins: Sequence[Bin], least: float, most: float) -> Bars:
+def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
     """Put fine bins together to bars of equal width; bars without values are left out.
 
     A bin goes where its middle lies.
@@ -140,7 +140,7 @@ def bars_of(bins: Sequence[Bin], least: float, most: float) -> Bars:
     if spread:
         low, high = math.log(low), math.log(high)
     finest = max((bin_.high - bin_.low for bin_ in bins), default=0.0)
-    step = max((high - low) / MOST_BARS, 0.01 if spread else finest) or 1.0
+    step = max((high - low) / MAX_BARS, 0.01 if spread else finest) or 1.0
     counts: dict[int, int] = {}
     for bin_ in bins:
         middle = (max(bin_.low, least) + min(bin_.high, most)) / 2
@@ -150,4 +150,4 @@ def bars_of(bins: Sequence[Bin], least: float, most: float) -> Bars:
     if spread:
         edges = [(math.exp(begin), math.exp(end)) for begin, end in edges]
     lows, highs = [begin for begin, _ in edges], [end for _, end in edges]
-    return Bars(lows, highs, [counts[place] for place in sorted(counts)], spread)
+    return HistogramBars(lows, highs, [counts[place] for place in sorted(counts)], spread)

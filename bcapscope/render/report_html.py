@@ -12,7 +12,7 @@ Html = NewType("Html", str)
 """Text that is HTML already, and harmless."""
 
 
-def escaped(text: object) -> Html:
+def escape_html(text: object) -> Html:
     """Make plain text of anything: control characters become visible, HTML loses its meaning.
 
     Fit for the content of elements and for attributes in double quotes.
@@ -20,7 +20,7 @@ def escaped(text: object) -> Html:
     return Html(html.escape(printable(str(text))))
 
 
-def joined(pieces: Iterable[Html]) -> Html:
+def join_html(pieces: Iterable[Html]) -> Html:
     """Put pieces one behind the other."""
     return Html("".join(pieces))
 
@@ -31,17 +31,17 @@ def element(name: str, content: Html, **attributes: str) -> Html:
     A trailing underscore of an attribute's name is dropped, others become hyphens.
     """
     words = "".join(
-        f' {key.rstrip("_").replace("_", "-")}="{escaped(value)}"' for key, value in attributes.items()
+        f' {key.rstrip("_").replace("_", "-")}="{escape_html(value)}"' for key, value in attributes.items()
     )
     return Html(f"<{name}{words}>{content}</{name}>")
 
 
 def paragraph(text: str, kind: str = "") -> Html:
     """Write a paragraph of plain text."""
-    return element("p", escaped(text), class_=kind) if kind else element("p", escaped(text))
+    return element("p", escape_html(text), class_=kind) if kind else element("p", escape_html(text))
 
 
-def table(caption: str, header: Sequence[str], rows: Sequence[Sequence[Html]], numbers: str) -> Html:
+def html_table(caption: str, header: Sequence[str], rows: Sequence[Sequence[Html]], numbers: str) -> Html:
     """Write a table.
 
     Args:
@@ -51,17 +51,19 @@ def table(caption: str, header: Sequence[str], rows: Sequence[Sequence[Html]], n
         numbers: for each column ``>`` where it holds numbers, else ``<``.
     """
     sides = ["n" if side == ">" else "t" for side in numbers]
-    head = joined(
-        element("th", escaped(name), scope="col", class_=side)
+    head = join_html(
+        element("th", escape_html(name), scope="col", class_=side)
         for name, side in zip(header, sides, strict=True)
     )
-    body = joined(
-        element("tr", joined(element("td", cell, class_=side) for cell, side in zip(row, sides, strict=True)))
+    body = join_html(
+        element(
+            "tr", join_html(element("td", cell, class_=side) for cell, side in zip(row, sides, strict=True))
+        )
         for row in rows
     )
-    inside = joined(
+    inside = join_html(
         (
-            element("caption", escaped(caption)),
+            element("caption", escape_html(caption)),
             element("thead", element("tr", head)),
             element("tbody", body),
         )
@@ -69,11 +71,12 @@ def table(caption: str, header: Sequence[str], rows: Sequence[Sequence[Html]], n
     return element("div", element("table", inside), class_="wide", tabindex="0")
 
 
-def facts(pairs: Iterable[tuple[str, Html]]) -> Html:
+def definition_list(pairs: Iterable[tuple[str, Html]]) -> Html:
     """Write a list of names and what they stand for."""
     return element(
         "dl",
-        joined(
-            element("div", Html(element("dt", escaped(name)) + element("dd", value))) for name, value in pairs
+        join_html(
+            element("div", Html(element("dt", escape_html(name)) + element("dd", value)))
+            for name, value in pairs
         ),
     )

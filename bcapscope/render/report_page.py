@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 from plotly.offline import get_plotlyjs
 
-from bcapscope.analysis.account import Account
+from bcapscope.analysis.report_data import ReportData
 from bcapscope.render import report_calls, report_sections
 from bcapscope.render.report_figure import Picture
-from bcapscope.render.report_html import Html, element, escaped, joined, paragraph
+from bcapscope.render.report_html import Html, element, escape_html, join_html, paragraph
 from bcapscope.render.report_script import SCRIPT
 from bcapscope.render.report_style import STYLE
 
@@ -27,7 +27,7 @@ _HELP = (
 )
 
 
-class _Section(NamedTuple):
+class _PageSection(NamedTuple):
     """A section of the page."""
 
     name: str
@@ -35,11 +35,13 @@ class _Section(NamedTuple):
     content: Callable[[], Iterable[Html | Picture]]
 
 
-def report_page(account: Account, captures: Sequence[str], version: str, remarks: Sequence[str] = ()) -> str:
+def report_page(
+    report_data: ReportData, captures: Sequence[str], version: str, remarks: Sequence[str] = ()
+) -> str:
     """Write the page.
 
     Args:
-        account: what was found.
+        report_data: what was found.
         captures: names of the files.
         version: of this program.
         remarks: what is to be said about reading the captures, such as that one is damaged.
@@ -47,52 +49,56 @@ def report_page(account: Account, captures: Sequence[str], version: str, remarks
     plotly = _script_text(get_plotlyjs())
     title = f"b-CAP report: {', '.join(captures)}"
     pictures: list[Picture] = []
-    sections = list(_sections(account, remarks))
-    main = joined(_section(section, pictures) for section in sections)
+    sections = list(_sections(report_data, remarks))
+    main = join_html(_section(section, pictures) for section in sections)
     parts = (
         '<!DOCTYPE html>\n<html lang="en" data-theme="auto">\n<head>\n<meta charset="utf-8">\n',
         f'<meta http-equiv="Content-Security-Policy" content="{_policy(plotly, SCRIPT)}">\n',
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n',
         '<meta name="referrer" content="no-referrer">\n',
-        f"<title>{escaped(title)}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n",
+        f"<title>{escape_html(title)}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n",
         _header(captures),
         _contents(sections),
         element("main", main, id="content"),
         _footer(version),
-        *(_data(each) for each in pictures),
+        *(_picture_data(each) for each in pictures),
         f"\n<script>{plotly}</script>\n<script>{SCRIPT}</script>\n</body>\n</html>\n",
     )
     return "".join(parts)
 
 
-def _sections(account: Account, remarks: Sequence[str]) -> Iterator[_Section]:
-    yield _Section(
+def _sections(report_data: ReportData, remarks: Sequence[str]) -> Iterator[_PageSection]:
+    yield _PageSection(
         "summary",
         "Summary",
-        lambda: (report_sections.summary(account), *(paragraph(remark) for remark in remarks)),
+        lambda: (report_sections.summary_section(report_data), *(paragraph(remark) for remark in remarks)),
     )
-    yield _Section("findings", "Findings", lambda: (report_sections.findings(account),))
-    if account.lanes:
-        yield _Section("timeline-section", "Session timeline", lambda: (report_calls.timeline(account),))
-    if account.stays:
-        yield _Section("slave", "Slave mode", lambda: report_sections.slave_mode(account))
-    if account.statistics is not None:
-        yield _Section("calls", "Calls", lambda: report_sections.calls(account))
-    if account.verdicts or account.chains or account.strays:
-        yield _Section("retries", "Retries and lost replies", lambda: report_sections.retries(account))
-    if account.damaged:
-        yield _Section("damage", "Damaged frames", lambda: report_sections.damage(account))
+    yield _PageSection("findings", "Findings", lambda: (report_sections.findings_section(report_data),))
+    if report_data.timelines:
+        yield _PageSection(
+            "timeline-section", "Session timeline", lambda: (report_calls.timeline_picture(report_data),)
+        )
+    if report_data.slave_sessions:
+        yield _PageSection("slave", "Slave mode", lambda: report_sections.slave_mode_section(report_data))
+    if report_data.statistics is not None:
+        yield _PageSection("calls", "Calls", lambda: report_sections.calls_section(report_data))
+    if report_data.verdicts or report_data.retry_chains or report_data.stray_replies:
+        yield _PageSection(
+            "retries", "Retries and lost replies", lambda: report_sections.retries_section(report_data)
+        )
+    if report_data.damaged_frames:
+        yield _PageSection("damage", "Damaged frames", lambda: report_sections.damage_section(report_data))
 
 
-def _section(section: _Section, pictures: list[Picture]) -> Html:
-    pieces = [element("h2", escaped(section.title), id=f"{section.name}-title")]
+def _section(section: _PageSection, pictures: list[Picture]) -> Html:
+    pieces = [element("h2", escape_html(section.title), id=f"{section.name}-title")]
     for item in section.content():
         if isinstance(item, Picture):
             pictures.append(item)
             pieces.append(_figure(item))
         else:
             pieces.append(item)
-    return element("section", joined(pieces), id=section.name, aria_labelledby=f"{section.name}-title")
+    return element("section", join_html(pieces), id=section.name, aria_labelledby=f"{section.name}-title")
 
 
 def _figure(picture: Picture) -> Html:
@@ -100,38 +106,38 @@ def _figure(picture: Picture) -> Html:
     drawing = element(
         "div", Html(""), class_="plot", data_from=f"{name}-data", style=f"height:{picture.height}px"
     )
-    content = joined(
+    content = join_html(
         (
-            element("h3", escaped(picture.title), id=f"{name}-title"),
+            element("h3", escape_html(picture.title), id=f"{name}-title"),
             drawing,
-            element("figcaption", escaped(picture.caption), id=f"{name}-caption"),
+            element("figcaption", escape_html(picture.caption), id=f"{name}-caption"),
         )
     )
     described = {"aria_labelledby": f"{name}-title", "aria_describedby": f"{name}-caption"}
     return element("figure", content, id=name, tabindex="0", **described)
 
 
-def _data(picture: Picture) -> str:
+def _picture_data(picture: Picture) -> str:
     return f'<script type="application/json" id="{picture.name}-data">{picture.json}</script>\n'
 
 
 def _header(captures: Sequence[str]) -> Html:
-    choices = joined(
+    choices = join_html(
         Html(
             f'<label><input type="radio" name="theme" value="{value}"{" checked" * (value == "auto")}> '
-            f"{escaped(name)}</label>"
+            f"{escape_html(name)}</label>"
         )
         for value, name in _THEMES
     )
     switch = element("fieldset", Html(f"<legend>Theme</legend>{choices}"), class_="theme")
-    names = element("p", escaped(", ".join(captures)), class_="names soft")
+    names = element("p", escape_html(", ".join(captures)), class_="names soft")
     title = element("div", Html(f"<h1>b-CAP report</h1>{names}"))
-    skip = element("a", escaped("Skip to the content"), href="#content", class_="skip")
+    skip = element("a", escape_html("Skip to the content"), href="#content", class_="skip")
     return Html(f"{skip}<header>{title}{switch}</header>\n")
 
 
-def _contents(sections: Sequence[_Section]) -> Html:
-    links = joined(element("a", escaped(each.title), href=f"#{each.name}") for each in sections)
+def _contents(sections: Sequence[_PageSection]) -> Html:
+    links = join_html(element("a", escape_html(each.title), href=f"#{each.name}") for each in sections)
     return element("nav", Html(f"{links}{paragraph(_HELP, 'soft screen')}"), aria_label="Contents")
 
 

@@ -4,35 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bcapscope.analysis.account import Account, Damaged
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.moments import SetPointFact
+from bcapscope.analysis.report_data import DamagedFrame, ReportData
+from bcapscope.analysis.slave.notable_set_points import SetPointFact
+from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.analysis.speech import span, times
-from bcapscope.analysis.statistics import OTHERS, Figures, Row
-from bcapscope.analysis.stay import ExitReason, Stay
-from bcapscope.protocol.hresult import describe, hresult_name
-from bcapscope.protocol.wording import counted
-from bcapscope.render import report_calls, report_stays
-from bcapscope.render.moment import utc_text
+from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigures, StatisticsRow
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.protocol.text_format import counted
+from bcapscope.render import report_calls, report_slave_sessions
 from bcapscope.render.report_figure import Picture
-from bcapscope.render.report_html import Html, element, escaped, facts, joined, paragraph, table
-from bcapscope.render.slave import stay_lines
-from bcapscope.render.statistics import question_text
+from bcapscope.render.report_html import (
+    Html,
+    definition_list,
+    element,
+    escape_html,
+    html_table,
+    join_html,
+    paragraph,
+)
+from bcapscope.render.slave_session_text import slave_session_lines
+from bcapscope.render.statistics_text import call_kind_text
+from bcapscope.render.timestamp import utc_text
+from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Conversation
-from bcapscope.traffic.verdict import Verdict
 
-MOST_DRAWN = 6
+MAX_DRAWN = 6
 """Stays in slave mode with pictures: those with most trouble, then the longest."""
 
-MOST_ROWS = 40
+MAX_ROWS = 40
 """Rows of a table."""
 
-MOST_SLOW = 10
+MAX_SLOW = 10
 """Set points in the table of the slowest."""
 
 _DEEPEST = 4
 _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
-_EXITS = {
+_EXIT_TEXTS = {
     ExitReason.LEFT: "left by slvChangeMode 0, as it should be",
     ExitReason.CHANGED: "by slvChangeMode to a mode again",
     ExitReason.ERROR: "by an error in the reply to a set point",
@@ -43,45 +51,49 @@ _EXITS = {
     ExitReason.SILENT: "the client sent no more set points, and did not leave slave mode",
     ExitReason.CAPTURE_ENDED: "the capture ended first",
 }
-_SUFFERED = {
-    Verdict.UNANSWERED: "no reply to any try was seen, and the client went on",
-    Verdict.CAPTURE_ENDED: "no reply was seen before the capture ended",
-    Verdict.NOT_FOLLOWED: "more was open than is kept, so that nobody looked for its reply any more",
-    Verdict.EXECUTED_TWICE: "the controller did it more than once: replies differ, or handles are missing",
-    Verdict.REPLY_LATE: "a reply came after the client had asked again or gone on, and was discarded",
-    Verdict.REPLY_LOST: "a reply was seen here, and the client asked again all the same",
-    Verdict.REQUEST_LOST: "the controller was at work on a later try and on none before",
-    Verdict.CANNOT_TELL: "asked again, and nothing seen here tells whether requests or replies were lost",
+_VERDICT_TEXTS = {
+    CallVerdict.UNANSWERED: "no reply to any try was seen, and the client went on",
+    CallVerdict.CAPTURE_ENDED: "no reply was seen before the capture ended",
+    CallVerdict.NOT_FOLLOWED: "more was open than is kept, so that nobody looked for its reply any more",
+    CallVerdict.EXECUTED_TWICE: "the controller did it more than once: replies differ, or handles are missing",
+    CallVerdict.REPLY_LATE: "a reply came after the client had asked again or gone on, and was discarded",
+    CallVerdict.REPLY_LOST: "a reply was seen here, and the client asked again all the same",
+    CallVerdict.REQUEST_LOST: "the controller was at work on a later try and on none before",
+    CallVerdict.CANNOT_TELL: "asked again, and nothing seen here tells whether requests or replies were lost",
 }
 _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CAPTURE_ENDED, ExitReason.CHANGED)
 
 
-def summary(account: Account) -> Html:
+def summary_section(report_data: ReportData) -> Html:
     """Tell what, when, who and how much, and the first cause."""
-    seen, statistics = account.seen, account.statistics
+    seen, statistics = report_data.totals, report_data.statistics
     tiles = [("frames", f"{seen.frames:,}"), ("calls", f"{seen.calls:,}"), ("clients", f"{seen.clients:,}")]
-    tiles.append(("lasting", span(account.end - account.start)))
+    tiles.append(("lasting", span(report_data.end - report_data.start)))
     if statistics is not None:
         total = statistics.total.figures
         tiles += [
-            ("calls sent again", f"{total.retried:,}"),
+            ("calls sent again", f"{total.retried_calls:,}"),
             ("refused", f"{total.refused:,}"),
             ("never answered", f"{total.unanswered:,}"),
         ]
-    tiles.append(("stays in slave mode", f"{len(account.stays) + account.stays_left_off:,}"))
-    tiles.append(("damaged frames", f"{account.damaged_count:,}"))
-    period = f"From {_moment(account.start)} to {_moment(account.end)}."
-    shown = element("div", facts((name, escaped(value)) for name, value in tiles), class_="tiles")
-    return joined((_verdict(account), paragraph(period, "soft"), shown))
+    tiles.append(
+        ("stays in slave mode", f"{len(report_data.slave_sessions) + report_data.slave_sessions_left_off:,}")
+    )
+    tiles.append(("damaged frames", f"{report_data.damaged_count:,}"))
+    period = f"From {_moment(report_data.start)} to {_moment(report_data.end)}."
+    shown = element(
+        "div", definition_list((name, escape_html(value)) for name, value in tiles), class_="tiles"
+    )
+    return join_html((_verdict(report_data), paragraph(period, "soft"), shown))
 
 
-def findings(account: Account) -> Html:
+def findings_section(report_data: ReportData) -> Html:
     """List all findings, each consequence under its cause."""
-    if not account.findings:
+    if not report_data.findings:
         return paragraph("No rule found anything.")
     depths: list[int] = []
     items = []
-    for number, finding in enumerate(account.findings, 1):
+    for number, finding in enumerate(report_data.findings, 1):
         cause = finding.consequence_of
         depths.append(0 if cause is None else depths[cause - 1] + 1)
         items.append(_finding(number, finding, min(depths[-1], _DEEPEST)))
@@ -90,293 +102,318 @@ def findings(account: Account) -> Html:
         "frame, frames are numbered as bcapscope decode numbers them.",
         "soft",
     )
-    return joined((intro, element("ol", joined(items), class_="findings")))
+    return join_html((intro, element("ol", join_html(items), class_="findings")))
 
 
-def slave_mode(account: Account) -> Iterator[Html | Picture]:
+def slave_mode_section(report_data: ReportData) -> Iterator[Html | Picture]:
     """Tell and draw the stays in slave mode."""
-    yield _stay_table(account)
-    for stay in drawn_stays(account.stays):
-        yield element("h3", escaped(f"Stay {stay.number}"), id=f"stay-{stay.number}")
-        yield element("div", facts(_stay_facts(stay, account.start)), class_="facts")
+    yield _slave_session_table(report_data)
+    for stay in drawn_slave_sessions(report_data.slave_sessions):
+        yield element("h3", escape_html(f"Stay {stay.number}"), id=f"stay-{stay.number}")
+        yield element("div", definition_list(_slave_session_facts(stay, report_data.start)), class_="facts")
         pictures = (
-            report_stays.pace(stay, account.start),
-            report_stays.spread(stay),
-            report_stays.motion(stay, account.start),
+            report_slave_sessions.pace_picture(stay, report_data.start),
+            report_slave_sessions.spread_picture(stay),
+            report_slave_sessions.motion_picture(stay, report_data.start),
         )
         yield from (each for each in pictures if each is not None)
         if stay.timing.slowest:
-            yield _slowest(stay, account.start)
-        yield _in_full(stay)
+            yield _slowest_table(stay, report_data.start)
+        yield _full_text(stay)
 
 
-def calls(account: Account) -> Iterator[Html | Picture]:
+def calls_section(report_data: ReportData) -> Iterator[Html | Picture]:
     """Tell and draw how long calls took."""
-    statistics = account.statistics
+    statistics = report_data.statistics
     if statistics is None:
         return
-    drawn = report_calls.latencies(statistics.kinds)
+    drawn = report_calls.latency_picture(statistics.kinds)
     if drawn is not None:
         yield drawn
     yield _figures_table(
-        "Calls by client.", "client", [(_who(row), row.figures) for row in statistics.clients]
+        "Calls by client.", "client", [(_client_cell(row), row.figures) for row in statistics.clients]
     )
-    kinds = [(escaped(question_text(row.question or OTHERS)), row.figures) for row in statistics.kinds]
+    kinds = [
+        (escape_html(call_kind_text(row.call_kind or OTHER_KINDS)), row.figures) for row in statistics.kinds
+    ]
     yield _figures_table("Calls by command, all clients together.", "command", kinds)
     yield from _refusals(statistics.kinds)
 
 
-def retries(account: Account) -> Iterator[Html | Picture]:
+def retries_section(report_data: ReportData) -> Iterator[Html | Picture]:
     """Tell and draw what was sent again."""
-    if account.verdicts:
+    if report_data.verdicts:
         rows = [
-            [escaped(verdict.value), escaped(f"{count:,}"), escaped(_SUFFERED.get(verdict, ""))]
-            for verdict, count in account.verdicts.items()
+            [
+                escape_html(verdict.value),
+                escape_html(f"{count:,}"),
+                escape_html(_VERDICT_TEXTS.get(verdict, "")),
+            ]
+            for verdict, count in report_data.verdicts.items()
         ]
-        yield table(
+        yield html_table(
             "Calls that were not just answered or refused, by what they suffered as far as this capture "
             "tells.",
             ("what", "calls", "meaning"),
             rows,
             "<><",
         )
-    drawn = report_calls.chains(account)
+    drawn = report_calls.retry_chain_picture(report_data)
     if drawn is not None:
         yield drawn
-    if account.strays:
-        yield paragraph(f"{counted(account.strays, 'reply', 'replies')} to no call that was open.")
+    if report_data.stray_replies:
+        yield paragraph(f"{counted(report_data.stray_replies, 'reply', 'replies')} to no call that was open.")
 
 
-def damage(account: Account) -> Iterator[Html]:
+def damage_section(report_data: ReportData) -> Iterator[Html]:
     """List the first damaged frames."""
-    found = account.damaged
-    rest = account.damaged_count - len(found)
-    rows = [_damaged_row(each, account.start) for each in found]
-    yield table(
+    found = report_data.damaged_frames
+    rest = report_data.damaged_count - len(found)
+    rows = [_damaged_row(each, report_data.start) for each in found]
+    yield html_table(
         "Frames that are not as b-CAP has them, and holes in the capture"
-        + (f"; the first {len(found)} of {account.damaged_count}." if rest else "."),
+        + (f"; the first {len(found)} of {report_data.damaged_count}." if rest else "."),
         ("frame", "at, s", "from", "bytes", "begins with", "what is wrong"),
         rows,
         ">><><<",
     )
 
 
-def drawn_stays(stays: Sequence[Stay]) -> list[Stay]:
+def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
     """Choose the stays that get pictures, in the order in which they began."""
-    worst = sorted(stays, key=lambda stay: (-_trouble(stay), -stay.counts.sent))
-    return sorted(worst[:MOST_DRAWN], key=lambda stay: stay.number)
+    worst = sorted(slave_sessions, key=lambda stay: (-_trouble_rank(stay), -stay.counts.sent))
+    return sorted(worst[:MAX_DRAWN], key=lambda stay: stay.number)
 
 
-def _trouble(stay: Stay) -> int:
-    if not stay.counts.sent:
+def _trouble_rank(slave_session: SlaveSession) -> int:
+    if not slave_session.counts.sent:
         return -1
-    bad = stay.exit.reason not in _GOOD_EXITS
-    return 2 * bad + bool(stay.timing.gaps or stay.counts.refused or stay.counts.unanswered)
+    bad = slave_session.exit.reason not in _GOOD_EXITS
+    return 2 * bad + bool(
+        slave_session.timing.gaps or slave_session.counts.refused or slave_session.counts.unanswered
+    )
 
 
-def _verdict(account: Account) -> Html:
+def _verdict(report_data: ReportData) -> Html:
     counts = {severity: 0 for severity in Severity}
-    for finding in account.findings:
+    for finding in report_data.findings:
         counts[finding.severity] += 1
     told = ", ".join(counted(count, severity.value) for severity, count in counts.items() if count)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
-        first = account.findings[0]
+        first = report_data.findings[0]
         kind = "error" if counts[Severity.ERROR] else "warning"
-        return element("div", Html(f"{element('strong', escaped(told + '.'))} {escaped(first.sentence)}"),
+        return element("div", Html(f"{element('strong', escape_html(told + '.'))} {escape_html(first.sentence)}"),
                        class_=f"verdict {kind}")  # fmt: skip
     words = "No problem found" + (f"; {told}." if told else ".")
-    return element("div", element("strong", escaped(words)), class_="verdict good")
+    return element("div", element("strong", escape_html(words)), class_="verdict good")
 
 
 def _finding(number: int, finding: Finding, depth: int) -> Html:
     severity = finding.severity
-    badge = element("span", escaped(f"{_SIGNS[severity]} {severity.value}"), class_=f"badge {severity.value}")
-    head = Html(f"{number} {badge} {element('code', escaped(finding.rule))}")
+    badge = element(
+        "span", escape_html(f"{_SIGNS[severity]} {severity.value}"), class_=f"badge {severity.value}"
+    )
+    head = Html(f"{number} {badge} {element('code', escape_html(finding.rule))}")
     if finding.consequence_of is not None:
-        link = element("a", escaped(finding.consequence_of), href=f"#finding-{finding.consequence_of}")
+        link = element("a", escape_html(finding.consequence_of), href=f"#finding-{finding.consequence_of}")
         head = Html(f"{head}, follows from {link}")
     frames = " ".join(map(str, finding.frames))
     parts = [element("p", head), paragraph(finding.sentence, "sentence")]
     if finding.advice:
-        parts.append(element("p", Html(f"{element('b', Html('What to do:'))} {escaped(finding.advice)}")))
+        parts.append(element("p", Html(f"{element('b', Html('What to do:'))} {escape_html(finding.advice)}")))
     if frames:
         parts.append(paragraph(f"{'Frame' if len(finding.frames) == 1 else 'Frames'} {frames}", "soft"))
     if finding.source:
         parts.append(paragraph(f"Source: {finding.source}", "source"))
     return element(
-        "li", joined(parts), class_=f"finding {severity.value} depth-{depth}", id=f"finding-{number}"
+        "li", join_html(parts), class_=f"finding {severity.value} depth-{depth}", id=f"finding-{number}"
     )
 
 
-def _stay_table(account: Account) -> Html:
+def _slave_session_table(report_data: ReportData) -> Html:
     rows = [
         [
-            escaped(stay.number),
-            escaped(_at(stay.entered, account.start)),
-            escaped(f"{stay.duration_ms / 1e3:.3f}"),
-            escaped(_mode_number(stay)),
-            _ends(stay.conversation),
-            escaped(f"{stay.counts.sent:,}"),
-            escaped(f"{stay.counts.retries:,}"),
-            escaped(_exit(stay)),
+            escape_html(stay.number),
+            escape_html(_seconds_since(stay.entered_at, report_data.start)),
+            escape_html(f"{stay.duration_ms / 1e3:.3f}"),
+            escape_html(_mode_number(stay)),
+            _endpoints_cell(stay.conversation),
+            escape_html(f"{stay.counts.sent:,}"),
+            escape_html(f"{stay.counts.retries:,}"),
+            escape_html(_exit(stay)),
         ]
-        for stay in account.stays[:MOST_ROWS]
+        for stay in report_data.slave_sessions[:MAX_ROWS]
     ]
-    all_of_them = len(account.stays) + account.stays_left_off
+    all_of_them = len(report_data.slave_sessions) + report_data.slave_sessions_left_off
     words = "Stays in slave mode."
     if all_of_them > len(rows):
         words = f"The first {len(rows)} of {all_of_them} stays in slave mode."
-    if len(account.stays) > MOST_DRAWN:
-        words += f" Pictures follow of the {MOST_DRAWN} with most trouble."
+    if len(report_data.slave_sessions) > MAX_DRAWN:
+        words += f" Pictures follow of the {MAX_DRAWN} with most trouble."
     header = ("stay", "at, s", "lasted, s", "mode", "client", "set points", "retries", "ended")
-    return table(words, header, rows, ">>><<>><")
+    return html_table(words, header, rows, ">>><<>><")
 
 
-def _mode_number(stay: Stay) -> str:
-    mode = stay.mode
-    return _mode(stay) if mode.value is None else f"0x{mode.value:03X}, {mode.pose_type} type"
+def _mode_number(slave_session: SlaveSession) -> str:
+    mode = slave_session.mode
+    return _mode(slave_session) if mode.value is None else f"0x{mode.value:03X}, {mode.pose_type} type"
 
 
-def _mode(stay: Stay) -> str:
-    mode = stay.mode
+def _mode(slave_session: SlaveSession) -> str:
+    mode = slave_session.mode
     if mode.value is None:
         return f"not seen; {mode.pose_type} type by its numbers" if mode.pose_type else "not seen"
     text = "" if mode.meaning is None else f": {mode.meaning.text}"
     return f"0x{mode.value:03X}{text}" + (" (as on an RC8)" if mode.guessed else "")
 
 
-def _exit(stay: Stay) -> str:
-    code = stay.exit.hresult
-    told = "" if not code else f": {hresult_name(code)}, {describe(code).text}"
-    return f"{_EXITS[stay.exit.reason]}{told}"
+def _exit(slave_session: SlaveSession) -> str:
+    code = slave_session.exit.hresult
+    told = "" if not code else f": {hresult_name(code)}, {describe_hresult(code).text}"
+    return f"{_EXIT_TEXTS[slave_session.exit.reason]}{told}"
 
 
-def _stay_facts(stay: Stay, start: int) -> Iterator[tuple[str, Html]]:
-    counts, timing, buffer = stay.counts, stay.timing, stay.buffer
-    how = "before the capture began" if stay.entry is None else f"by call {stay.entry.call}"
-    yield "Entered", escaped(f"at {_at(stay.entered, start)} s, {how}")
-    yield "Ended", escaped(f"at {_at(stay.exit.time, start)} s, {_exit(stay)}")
-    yield "Client", _ends(stay.conversation)
-    yield "Mode", escaped(_mode(stay))
-    if stay.mode.generation_known_by:
-        yield "Controller", escaped(f"{stay.mode.generation}: {stay.mode.generation_known_by}")
+def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tuple[str, Html]]:
+    counts, timing, buffer = slave_session.counts, slave_session.timing, slave_session.buffer
+    how = (
+        "before the capture began"
+        if slave_session.entry_call is None
+        else f"by call {slave_session.entry_call.call}"
+    )
+    yield "Entered", escape_html(f"at {_seconds_since(slave_session.entered_at, start)} s, {how}")
+    yield (
+        "Ended",
+        escape_html(f"at {_seconds_since(slave_session.exit.time, start)} s, {_exit(slave_session)}"),
+    )
+    yield "Client", _endpoints_cell(slave_session.conversation)
+    yield "Mode", escape_html(_mode(slave_session))
+    if slave_session.mode.generation_known_by:
+        yield (
+            "Controller",
+            escape_html(f"{slave_session.mode.generation}: {slave_session.mode.generation_known_by}"),
+        )
     refused = sum(counts.refused.values())
     yield (
         "Set points",
-        escaped(
+        escape_html(
             f"{counts.sent:,} sent, {counts.accepted:,} accepted, {refused:,} refused, "
             f"{counts.unanswered:,} never answered, {counts.open:,} open when the capture ended, "
             f"{counts.not_followed:,} not followed to the end, {counts.after_end:,} more after the end"
         ),
     )
-    yield "Sent again", escaped(times(counts.retries) if counts.retries else "never")
-    yield "Cycle", escaped(report_stays.percentiles(timing.cycle))
+    yield "Sent again", escape_html(times(counts.retries) if counts.retries else "never")
+    yield "Cycle", escape_html(report_slave_sessions.percentiles_text(timing.cycle))
     yield (
         "On the grid",
-        escaped(f"{timing.on_grid:,} cycles of {timing.grid_ms:g} ms; {timing.grid_known_by}"),
+        escape_html(f"{timing.on_grid:,} cycles of {timing.grid_ms:g} ms; {timing.grid_known_by}"),
     )
-    yield "Reply after", escaped(report_stays.percentiles(timing.latency))
+    yield "Reply after", escape_html(report_slave_sessions.percentiles_text(timing.latency))
     yield (
         "Gaps",
-        escaped(f"{timing.gaps or 'none'} longer than the {timing.slack_ms:g} ms that a full buffer lasts"),
+        escape_html(
+            f"{timing.gaps or 'none'} longer than the {timing.slack_ms:g} ms that a full buffer lasts"
+        ),
     )
-    empty = f"{times(buffer.starved)} by the model, {buffer.starved_moving:,} of them in motion"
-    yield "Buffer ran empty", escaped(empty if buffer.starved else "never, by the model")
+    empty = f"{times(buffer.underflows)} by the model, {buffer.underflows_in_motion:,} of them in motion"
+    yield "Buffer ran empty", escape_html(empty if buffer.underflows else "never, by the model")
     if buffer.assumptions:
-        yield "The model assumes", escaped("; ".join(buffer.assumptions))
+        yield "The model assumes", escape_html("; ".join(buffer.assumptions))
 
 
-def _slowest(stay: Stay, start: int) -> Html:
-    rows = [_slow_row(fact, start) for fact in stay.timing.slowest[:MOST_SLOW]]
+def _slowest_table(slave_session: SlaveSession, start: int) -> Html:
+    rows = [_slow_row(fact, start) for fact in slave_session.timing.slowest[:MAX_SLOW]]
     header = ("call", "frame", "at, s", "cycle, ms", "reply after, ms", "result")
-    return table(f"Set points of stay {stay.number} with the slowest replies.", header, rows, ">>>>><")
+    return html_table(
+        f"Set points of stay {slave_session.number} with the slowest replies.", header, rows, ">>>>><"
+    )
 
 
-def _in_full(stay: Stay) -> Html:
+def _full_text(slave_session: SlaveSession) -> Html:
     """Say all that `slave` says of a stay, for those who want it."""
-    title = element("summary", escaped(f"Stay {stay.number} as bcapscope slave tells it"))
-    lines = joined(Html(f"{escaped(line)}\n") for line in stay_lines(stay))
-    return element("details", joined((title, element("pre", lines, tabindex="0"))))
+    title = element("summary", escape_html(f"Stay {slave_session.number} as bcapscope slave tells it"))
+    lines = join_html(Html(f"{escape_html(line)}\n") for line in slave_session_lines(slave_session))
+    return element("details", join_html((title, element("pre", lines, tabindex="0"))))
 
 
 def _slow_row(fact: SetPointFact, start: int) -> list[Html]:
     return [
-        escaped(fact.call),
-        escaped(fact.request),
-        escaped(_at(fact.time, start)),
-        escaped("" if fact.cycle_ms is None else f"{fact.cycle_ms:.3f}"),
-        escaped("never" if fact.latency_ms is None else f"{fact.latency_ms:.3f}"),
-        escaped("" if fact.hresult is None else hresult_name(fact.hresult)),
+        escape_html(fact.call),
+        escape_html(fact.request_frame),
+        escape_html(_seconds_since(fact.time, start)),
+        escape_html("" if fact.cycle_ms is None else f"{fact.cycle_ms:.3f}"),
+        escape_html("never" if fact.latency_ms is None else f"{fact.latency_ms:.3f}"),
+        escape_html("" if fact.hresult is None else hresult_name(fact.hresult)),
     ]
 
 
-def _figures_table(caption: str, first: str, rows: Sequence[tuple[Html, Figures]]) -> Html:
+def _figures_table(caption: str, first: str, rows: Sequence[tuple[Html, CallFigures]]) -> Html:
     header = (
         *(first, "calls", "per s", "line time", "median ms", "99% ms", "longest ms"),
         *("sent again", "refused", "never answered"),
     )
-    if len(rows) > MOST_ROWS:
-        caption += f" The first {MOST_ROWS} of {len(rows)}."
-    cells = [[name, *map(escaped, _figures(figures))] for name, figures in rows[:MOST_ROWS]]
-    return table(caption, header, cells, "<" + ">" * (len(header) - 1))
+    if len(rows) > MAX_ROWS:
+        caption += f" The first {MAX_ROWS} of {len(rows)}."
+    cells = [[name, *map(escape_html, _figures(figures))] for name, figures in rows[:MAX_ROWS]]
+    return html_table(caption, header, cells, "<" + ">" * (len(header) - 1))
 
 
-def _figures(figures: Figures) -> Iterator[str]:
+def _figures(figures: CallFigures) -> Iterator[str]:
     latency = figures.latency
     yield f"{figures.calls:,}"
-    yield "" if figures.rate is None else f"{figures.rate:,.1f}"
-    yield "" if figures.share is None else f"{figures.share:.1%}"
+    yield "" if figures.calls_per_second is None else f"{figures.calls_per_second:,.1f}"
+    yield "" if figures.line_time_share is None else f"{figures.line_time_share:.1%}"
     yield from (
         ("", "", "")
         if latency is None
         else (f"{value:,.3f}" for value in (latency.p50, latency.p99, latency.most))
     )
     yield from (
-        f"{count:,}" if count else "" for count in (figures.retried, figures.refused, figures.unanswered)
+        f"{count:,}" if count else ""
+        for count in (figures.retried_calls, figures.refused, figures.unanswered)
     )
 
 
-def _refusals(rows: Sequence[Row]) -> Iterator[Html]:
+def _refusals(rows: Sequence[StatisticsRow]) -> Iterator[Html]:
     refused = [
         [
-            escaped(f"{count:,}"),
-            element("code", escaped(hresult_name(code))),
-            escaped(question_text(row.question or OTHERS)),
-            escaped(describe(code).text),
-            escaped(describe(code).advice or ""),
+            escape_html(f"{count:,}"),
+            element("code", escape_html(hresult_name(code))),
+            escape_html(call_kind_text(row.call_kind or OTHER_KINDS)),
+            escape_html(describe_hresult(code).text),
+            escape_html(describe_hresult(code).advice or ""),
         ]
         for row in rows
-        for code, count in row.figures.codes
+        for code, count in row.figures.refusal_codes
     ]
     if refused:
         header = ("times", "result", "of", "meaning", "what to do")
-        yield table("What the controller refused, and why.", header, refused[:MOST_ROWS], "><<<<")
+        yield html_table("What the controller refused, and why.", header, refused[:MAX_ROWS], "><<<<")
 
 
-def _damaged_row(each: Damaged, start: int) -> list[Html]:
+def _damaged_row(each: DamagedFrame, start: int) -> list[Html]:
     reasons = "; ".join(problem.reason for problem in each.problems)
-    missing = f"{counted(each.missing, 'byte')} missing in the capture" if each.missing else ""
+    missing = f"{counted(each.missing_bytes, 'byte')} missing in the capture" if each.missing_bytes else ""
     return [
-        escaped(each.frame),
-        escaped(_at(each.time, start)),
-        escaped(each.flow.src_text),
-        escaped(each.length),
-        element("code", escaped(each.raw.hex(" "))),
-        escaped("; ".join(filter(None, (missing, reasons)))),
+        escape_html(each.frame),
+        escape_html(_seconds_since(each.time, start)),
+        escape_html(each.flow.src_text),
+        escape_html(each.length),
+        element("code", escape_html(each.raw.hex(" "))),
+        escape_html("; ".join(filter(None, (missing, reasons)))),
     ]
 
 
-def _who(row: Row) -> Html:
-    return escaped("all") if row.conversation is None else _ends(row.conversation)
+def _client_cell(row: StatisticsRow) -> Html:
+    return escape_html("all") if row.conversation is None else _endpoints_cell(row.conversation)
 
 
-def _ends(conversation: Conversation) -> Html:
-    return joined(
+def _endpoints_cell(conversation: Conversation) -> Html:
+    return join_html(
         (
-            element("span", escaped(conversation.client), class_="ends"),
-            escaped(" → "),
+            element("span", escape_html(conversation.client), class_="ends"),
+            escape_html(" → "),
             element(
-                "span", escaped(f"{conversation.server} {conversation.transport.upper()}"), class_="ends"
+                "span", escape_html(f"{conversation.server} {conversation.transport.upper()}"), class_="ends"
             ),
         )
     )
@@ -387,5 +424,5 @@ def _moment(time: int) -> str:
     return utc_text(time)[:-7].replace("T", " ") + " UTC" if utc_text(time).endswith("Z") else utc_text(time)
 
 
-def _at(time: int, start: int) -> str:
+def _seconds_since(time: int, start: int) -> str:
     return f"{(time - start) / 1e9:.3f}"

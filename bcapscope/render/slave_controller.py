@@ -4,69 +4,77 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.buffer import Buffer
-from bcapscope.analysis.clock import ClockFacts
-from bcapscope.protocol.wording import counted
-from bcapscope.render.captioned import captioned, frames_text, more, times_text, wrapped
-from bcapscope.render.palette import Palette
+from bcapscope.analysis.slave.buffer_model import BufferFacts
+from bcapscope.analysis.slave.controller_clock import ClockFacts
+from bcapscope.protocol.text_format import counted
+from bcapscope.render.captioned import captioned_line, continued_line, frames_text, times_text, wrapped_lines
+from bcapscope.render.color_palette import Palette
 from bcapscope.render.tongue import Tongue, english
 
-_MOMENTS_SHOWN = 8
+_MOST_UNDERFLOWS_SHOWN = 8
 
 
-def buffer_lines(buffer: Buffer, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
+def buffer_lines(buffer: BufferFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write what a model predicts of the buffer, and what the controller reported."""
     slots = counted(buffer.slots, "slot")
-    yield captioned("buffer", f"{slots}; levels are predicted, by a model", palette, tongue)
+    yield captioned_line("buffer", f"{slots}; levels are predicted, by a model", palette, tongue)
     for assumption in buffer.assumptions:
-        yield from wrapped(f"- {tongue(assumption)}")
+        yield from wrapped_lines(f"- {tongue(assumption)}")
     if buffer.smallest_slack_ms is not None:
         levels = ", ".join(f"{level} × {count}" for level, count in buffer.levels.items())
         text = f"points that a set point found there × set points: {levels}"
-        yield captioned("level", text, palette, tongue)
-        at = f"frame {buffer.smallest_slack_at}"
-        yield captioned("slack", f"{buffer.smallest_slack_ms:.3f} ms at the least, {at}", palette, tongue)
-    yield from _running_empty(buffer, palette, tongue)
+        yield captioned_line("level", text, palette, tongue)
+        at = f"frame {buffer.smallest_slack_frame}"
+        yield captioned_line(
+            "slack", f"{buffer.smallest_slack_ms:.3f} ms at the least, {at}", palette, tongue
+        )
+    yield from _underflow_lines(buffer, palette, tongue)
     if buffer.overwritten:
-        yield more(f"{buffer.overwritten} set points replaced before they were taken, as predicted", tongue)
+        yield continued_line(
+            f"{buffer.overwritten} set points replaced before they were taken, as predicted", tongue
+        )
     if buffer.overflows:
-        frames = frames_text(buffer.overflow_list, buffer.overflows)
-        yield captioned("too full", f"predicted {times_text(buffer.overflows)}; {frames}", palette, tongue)
+        frames = frames_text(buffer.overflow_frames, buffer.overflows)
+        yield captioned_line(
+            "too full", f"predicted {times_text(buffer.overflows)}; {frames}", palette, tongue
+        )
     reported = {"underflow": buffer.reported_underflows, "overflow": buffer.reported_overflows}
     for caption, found in reported.items():
         if found:
             who, frames = tongue("reported by the controller"), tongue(frames_text(found))
-            yield captioned(tongue(caption), f"{palette.bad}{who}{palette.reset}  {frames}", palette)
+            yield captioned_line(tongue(caption), f"{palette.bad}{who}{palette.reset}  {frames}", palette)
 
 
-def _running_empty(buffer: Buffer, palette: Palette, tongue: Tongue) -> Iterator[str]:
-    if not buffer.starved and not buffer.maybe_starved:
-        yield captioned("empty", "never, as predicted", palette, tongue)
+def _underflow_lines(buffer: BufferFacts, palette: Palette, tongue: Tongue) -> Iterator[str]:
+    if not buffer.underflows and not buffer.possible_underflows:
+        yield captioned_line("empty", "never, as predicted", palette, tongue)
         return
-    told = f"predicted {times_text(buffer.starved)}, {buffer.starved_moving} of it in motion"
-    doubt = f"; perhaps {times_text(buffer.maybe_starved)} more" if buffer.maybe_starved else ""
+    told = f"predicted {times_text(buffer.underflows)}, {buffer.underflows_in_motion} of it in motion"
+    doubt = f"; perhaps {times_text(buffer.possible_underflows)} more" if buffer.possible_underflows else ""
     held = ", where the last point is held" if buffer.overwrites else ""
-    yield captioned("empty", told + held + doubt, palette, tongue)
-    for each in buffer.starved_list[:_MOMENTS_SHOWN]:
+    yield captioned_line("empty", told + held + doubt, palette, tongue)
+    for each in buffer.underflow_list[:_MOST_UNDERFLOWS_SHOWN]:
         moving = {True: "moving", False: "standing", None: "motion not known"}[each.moving]
         color = palette.problem if each.moving is not False and not buffer.overwrites else ""
-        text = f"after frame {each.after}: frame {each.before} came {each.late_ms:.3f} ms too late, {moving}"
-        yield more(f"{color}{tongue(text)}{palette.reset if color else ''}")
-    if buffer.starved > _MOMENTS_SHOWN:
-        yield more(f"and {buffer.starved - _MOMENTS_SHOWN} more", tongue)
+        text = f"after frame {each.last_frame}: frame {each.late_frame} came {each.late_ms:.3f} ms too late, {moving}"
+        yield continued_line(f"{color}{tongue(text)}{palette.reset if color else ''}")
+    if buffer.underflows > _MOST_UNDERFLOWS_SHOWN:
+        yield continued_line(f"and {buffer.underflows - _MOST_UNDERFLOWS_SHOWN} more", tongue)
 
 
 def clock_lines(clock: ClockFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
     """Write how the controller's time stamps go with the clock of the capture."""
     unit = "µs" if clock.microseconds else "ms"
     text = f"{clock.stamps} time stamps in {unit}, as {clock.unit_known_by} tells"
-    yield captioned("clock", text, palette, tongue)
+    yield captioned_line("clock", text, palette, tongue)
     if clock.drift_ppm is not None:
         faster = "faster" if clock.drift_ppm >= 0 else "slower"
-        yield more(f"the controller's is {abs(clock.drift_ppm):.1f} ppm {faster} than the capture's", tongue)
+        yield continued_line(
+            f"the controller's is {abs(clock.drift_ppm):.1f} ppm {faster} than the capture's", tongue
+        )
     if clock.jitter is not None:
         text = f"p50 {clock.jitter.p50:.3f}, p99 {clock.jitter.p99:.3f}, max {clock.jitter.most:.3f} ms"
-        yield more(f"delay of replies changes by {text}", tongue)
+        yield continued_line(f"delay of replies changes by {text}", tongue)
     counts = {
         "periods without a stamp": clock.missing,
         "stamps repeated": clock.repeated,
@@ -74,4 +82,4 @@ def clock_lines(clock: ClockFacts, palette: Palette, tongue: Tongue = english) -
         "wraps of the 32-bit number": clock.wraps,
     }
     told = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-    yield more(told or "no stamp missing", tongue)
+    yield continued_line(told or "no stamp missing", tongue)

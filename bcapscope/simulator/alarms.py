@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from bcapscope.protocol.hresult import describe
+from bcapscope.protocol.tables.hresult import describe_hresult
 
-MOST_ACTIVE = 32
-MOST_LOGGED = 128
+MAX_ACTIVE = 32
+MAX_LOGGED = 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,17 +30,17 @@ class Alarm:
     @property
     def text(self) -> str:
         """Its description, in our words."""
-        return describe(self.code).text
+        return describe_hresult(self.code).text
 
 
 class Alarms:
     """The error lists, newest first."""
 
     def __init__(self) -> None:
-        self.active: deque[Alarm] = deque(maxlen=MOST_ACTIVE)
-        self.log: deque[Alarm] = deque(maxlen=MOST_LOGGED)
+        self.active: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
+        self.log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
 
-    def raise_(self, code: int, now: int) -> None:
+    def add(self, code: int, now: int) -> None:
         """Note an error as active and in the log."""
         alarm = Alarm(code & 0xFFFFFFFF, now)
         self.active.appendleft(alarm)

@@ -1,7 +1,7 @@
 """The arm in time: ordinary motions, set points, and the encoders that lag behind.
 
 Times are ns, joints degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends at
-rest. The encoders show what was commanded `LAG` ago: real servos lag in a less orderly way (the replies in
+rest. The encoders show what was commanded `ENCODER_LAG_NS` ago: real servos lag in a less orderly way (the replies in
 DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their set points).
 """
 
@@ -11,10 +11,10 @@ from collections import deque
 from math import sqrt
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.simulator.kinematics import LIMITS, AxisLimit, Joints
+from bcapscope.simulator.kinematics import AXIS_LIMITS, AxisLimit, Joints
 
 MS = 1_000_000
-LAG = 24 * MS
+ENCODER_LAG_NS = 24 * MS
 
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # of the minimum-jerk curve, for a way and a time of 1
 
@@ -23,14 +23,14 @@ _Step: TypeAlias = tuple[int, Joints]
 _NOWHERE: _Step = (0, ())
 
 
-class Motion(NamedTuple):
+class ArmMotion(NamedTuple):
     """One ordinary motion.
 
     Attributes:
         start: joints at its beginning.
         goal: joints at its end.
         began: ns.
-        ends: ns; the command arrives then, the encoders `LAG` later.
+        ends: ns; the command arrives then, the encoders `ENCODER_LAG_NS` later.
     """
 
     start: Joints
@@ -49,7 +49,9 @@ class Motion(NamedTuple):
         return tuple(a + (b - a) * share for a, b in zip(self.start, self.goal, strict=True))
 
 
-def duration(start: Joints, goal: Joints, speed: float, limits: tuple[AxisLimit, ...] = LIMITS) -> int:
+def motion_duration(
+    start: Joints, goal: Joints, speed: float, limits: tuple[AxisLimit, ...] = AXIS_LIMITS
+) -> int:
     """Return how long a motion takes in ns so that no axis exceeds its speed or acceleration.
 
     Args:
@@ -70,10 +72,10 @@ class Arm:
     """Where the arm is and where it goes."""
 
     def __init__(self, joints: Joints) -> None:
-        self._motion = Motion(joints, joints, 0, 0)
+        self._motion = ArmMotion(joints, joints, 0, 0)
         self._steps: deque[_Step] = deque(maxlen=8)
-        self._between = _NOWHERE, _NOWHERE  # the two steps that the last look was between
-        self._changed = -LAG
+        self._last_segment = _NOWHERE, _NOWHERE  # the two steps that the last look was between
+        self._changed = -ENCODER_LAG_NS
 
     @property
     def goal(self) -> Joints:
@@ -86,48 +88,54 @@ class Arm:
         return self._motion.ends
 
     @property
-    def settles(self) -> int:
+    def at_rest_from(self) -> int:
         """Time at which the encoders stand still, unless something new comes."""
-        return self._changed + LAG if self._steps else max(self._changed, self._motion.ends) + LAG
+        return (
+            self._changed + ENCODER_LAG_NS
+            if self._steps
+            else max(self._changed, self._motion.ends) + ENCODER_LAG_NS
+        )
 
-    def stands(self, now: int) -> bool:
+    def is_at_rest(self, now: int) -> bool:
         """Tell whether command and encoders stand still."""
-        return now >= self.settles
+        return now >= self.at_rest_from
 
     def commanded(self, now: int) -> Joints:
         """Return the joints that the servos are told now."""
-        before, after = self._between
+        before, after = self._last_segment
         if before[0] <= now < after[0]:
-            return _between(before, after, now)
+            return _interpolate(before, after, now)
         if not self._steps:
             return self._motion.at(now)
         before = self._steps[0]
         for step in self._steps:
             if step[0] > now:
-                self._between = before, step
-                return _between(before, step, now)
+                self._last_segment = before, step
+                return _interpolate(before, step, now)
             before = step
         return before[1]
 
     def actual(self, now: int) -> Joints:
         """Return the joints that the encoders show now."""
-        return self.commanded(now - LAG)
+        return self.commanded(now - ENCODER_LAG_NS)
 
-    def move(self, goal: Joints, now: int, speed: float, least: int = 0) -> Motion:
-        """Begin an ordinary motion from where the command is, that takes `least` ns or more."""
+    def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
+        """Begin an ordinary motion from where the command is, that takes `min_duration` ns or more."""
         start = self.commanded(now)
-        self._motion = Motion(start, goal, now, now + max(least, duration(start, goal, speed)))
+        self._motion = ArmMotion(
+            start, goal, now, now + max(min_duration, motion_duration(start, goal, speed))
+        )
         self._forget_steps()
         return self._motion
 
     def halt(self, now: int) -> None:
         """Stop where the command is."""
         here = self.commanded(now)
-        self._motion = Motion(here, here, now, now)
+        self._motion = ArmMotion(here, here, now, now)
         self._forget_steps()
         self._changed = now
 
-    def step(self, joints: Joints, began: int, time: int) -> None:
+    def add_set_point(self, joints: Joints, began: int, time: int) -> None:
         """Take a set point that is commanded at `time`, in a straight line from the one before.
 
         Args:
@@ -141,7 +149,7 @@ class Arm:
             self._steps.append((began, self._steps[-1][1]))
         self._steps.append((time, joints))
 
-    def follow(self, now: int) -> None:
+    def begin_set_points(self, now: int) -> None:
         """Get ready for set points: the arm stands."""
         here = self.goal
         self._forget_steps()
@@ -149,10 +157,10 @@ class Arm:
 
     def _forget_steps(self) -> None:
         self._steps.clear()
-        self._between = _NOWHERE, _NOWHERE
+        self._last_segment = _NOWHERE, _NOWHERE
 
 
-def _between(before: _Step, after: _Step, time: int) -> Joints:
+def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
     span = after[0] - before[0]
     share = (time - before[0]) / span if span else 1.0
     if not 0.0 <= share <= 1.0:

@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from bcapscope.simulator.hand import COBOTTA_HAND, TWO_FINGER_HAND, Hand
-from bcapscope.simulator.refusals import HAND_STOPPED
+from bcapscope.simulator.result_codes import HAND_STOPPED
 
-Frame: TypeAlias = tuple[float, ...]
+CoordinateFrame: TypeAlias = tuple[float, ...]
 """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
 
-MOST_FRAMES = 64
+MAX_FRAMES = 64
 """Numbers of tools and works, 0 to 63; assumed."""
 
-MOST_AREAS = 32
-MOST_LINES = 256
+MAX_AREAS = 32
+MAX_LINES = 256
 
 
 @dataclass(slots=True)
@@ -37,15 +37,15 @@ class Equipment:
     hand: Hand
     gripper: Hand
     vacuum: float = 0.0
-    tools: dict[int, Frame] = field(default_factory=dict)
-    works: dict[int, Frame] = field(default_factory=dict)
+    tools: dict[int, CoordinateFrame] = field(default_factory=dict)
+    works: dict[int, CoordinateFrame] = field(default_factory=dict)
     areas: set[int] = field(default_factory=set)
     lines: set[int] = field(default_factory=set)
     brackets: set[str] = field(default_factory=set)
     force_control: int | None = None
 
     @classmethod
-    def around(cls, object_width: float | None) -> Equipment:
+    def with_object(cls, object_width: float | None) -> Equipment:
         """Make the equipment of a controller with an object of this width [mm] between its fingers."""
         return cls(Hand(COBOTTA_HAND, object_width), Hand(TWO_FINGER_HAND, object_width))
 
@@ -56,6 +56,6 @@ class Equipment:
 
     def lose_power(self) -> None:
         """Lose what needs the motor's power: COBOTTA's hand its grip (error 80500371), and force control."""
-        self.hand.release()
+        self.hand.lose_grip()
         self.vacuum = 0.0
         self.force_control = None

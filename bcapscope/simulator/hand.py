@@ -44,7 +44,7 @@ COBOTTA_HAND = HandLimits(0.0, 30.0, 80.0, 800.0, 20.0, 1.0, 6.0, 20.0)
 TWO_FINGER_HAND = HandLimits(1.0, 39.0, 100.0, 1000.0, 20.0, 10.0, 20.0, 140.0)
 
 
-class Stroke(NamedTuple):
+class HandMotion(NamedTuple):
     """A motion that accelerates, keeps its speed and brakes.
 
     Attributes:
@@ -62,38 +62,38 @@ class Stroke(NamedTuple):
     acceleration: float
 
     @classmethod
-    def between(cls, start: float, goal: float, began: int, speed: float, acceleration: float) -> Stroke:
+    def plan(cls, start: float, goal: float, began: int, speed: float, acceleration: float) -> HandMotion:
         """Plan a motion; a short one does not reach `speed`."""
         return cls(start, goal, began, min(speed, sqrt(abs(goal - start) * acceleration)), acceleration)
 
     @property
     def ends(self) -> int:
         """When the motion ends."""
-        return self.reaches(abs(self.goal - self.start))
+        return self.time_at_distance(abs(self.goal - self.start))
 
     def at(self, time: int) -> float:
         """Return the width at a time."""
         if time >= self.ends:
             return self.goal
-        way = self._way(max(0, time - self.began) / SECOND)
+        way = self._distance_after(max(0, time - self.began) / SECOND)
         return self.start + (way if self.goal > self.start else -way)
 
-    def reaches(self, way: float) -> int:
-        """Return when the fingers have gone `way` mm."""
-        if not way:
+    def time_at_distance(self, distance: float) -> int:
+        """Return when the fingers have gone `distance` mm."""
+        if not distance:
             return self.began
         ramp = self.speed**2 / 2 / self.acceleration
         whole = abs(self.goal - self.start)
-        if way <= ramp:
-            seconds = sqrt(2 * way / self.acceleration)
-        elif way <= whole - ramp:
-            seconds = self.speed / 2 / self.acceleration + way / self.speed
+        if distance <= ramp:
+            seconds = sqrt(2 * distance / self.acceleration)
+        elif distance <= whole - ramp:
+            seconds = self.speed / 2 / self.acceleration + distance / self.speed
         else:
-            left = max(0.0, whole - way)
+            left = max(0.0, whole - distance)
             seconds = self.speed / self.acceleration + whole / self.speed - sqrt(2 * left / self.acceleration)
         return self.began + round(seconds * SECOND)
 
-    def _way(self, seconds: float) -> float:
+    def _distance_after(self, seconds: float) -> float:
         whole = abs(self.goal - self.start)
         ramp = self.speed / self.acceleration
         total = ramp + whole / self.speed
@@ -110,20 +110,20 @@ class Hand:
     Attributes:
         limits: what the hand can do.
         object_width: of the object between the open fingers, mm; None if there is none.
-        runs: counts motions and stops.
+        motion_count: counts motions and stops.
         stopped_by: result of the last stop.
     """
 
     def __init__(self, limits: HandLimits, object_width: float | None = None) -> None:
         self.limits = limits
         self.object_width = object_width
-        self.runs = 0
+        self.motion_count = 0
         self.stopped_by = 0
-        self._stroke = Stroke.between(limits.widest, limits.widest, 0, limits.speed, limits.acceleration)
+        self._motion = HandMotion.plan(limits.widest, limits.widest, 0, limits.speed, limits.acceleration)
         self._ends = 0
-        self._rest = limits.widest
+        self._final_width = limits.widest
         self._force = 0.0
-        self._touches = False
+        self._touches_object = False
 
     @property
     def ends(self) -> int:
@@ -132,24 +132,24 @@ class Hand:
 
     def width(self, now: int) -> float:
         """Return the width between the fingers, mm."""
-        return self._rest if now >= self._ends else self._stroke.at(now)
+        return self._final_width if now >= self._ends else self._motion.at(now)
 
     def is_moving(self, now: int) -> bool:
         """Return whether the fingers move."""
         return now < self._ends
 
-    def holds(self, now: int) -> bool:
+    def is_gripping(self, now: int) -> bool:
         """Return whether the fingers press on the object."""
-        return self._force > 0 and self._touches and not self.is_moving(now)
+        return self._force > 0 and self._touches_object and not self.is_moving(now)
 
     def force(self, now: int) -> float:
         """Return the force on the object, N; 0 without one."""
-        return self._force if self.holds(now) else 0.0
+        return self._force if self.is_gripping(now) else 0.0
 
     @property
     def collides_at(self) -> int | None:
         """When fingers that do not grip touch the object; None if they never do."""
-        return self._ends if self._touches and not self._force else None
+        return self._ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
         """Begin a motion; return when it ends.
@@ -161,24 +161,24 @@ class Hand:
             force: of a grip, N; 0 to move without gripping.
         """
         start, thing = self.width(now), self.object_width
-        self._touches = thing is not None and goal < thing <= start
-        self._rest = thing if thing is not None and self._touches else goal
-        self._stroke = Stroke.between(start, goal, now, speed, self.limits.acceleration)
-        self._ends = self._stroke.reaches(abs(self._rest - start))
+        self._touches_object = thing is not None and goal < thing <= start
+        self._final_width = thing if thing is not None and self._touches_object else goal
+        self._motion = HandMotion.plan(start, goal, now, speed, self.limits.acceleration)
+        self._ends = self._motion.time_at_distance(abs(self._final_width - start))
         self._force = force
-        self.runs += 1
+        self.motion_count += 1
         return self._ends
 
     def stop(self, now: int, result: int) -> None:
         """Stop fingers that move; the call that waits for them answers `result`. A grip stays."""
         if self.is_moving(now) or self.collides_at is not None:
-            self._rest = self.width(now)
+            self._final_width = self.width(now)
             self._ends = now
-            self._touches = False
+            self._touches_object = False
             self.stopped_by = result
-            self.runs += 1
+            self.motion_count += 1
 
-    def release(self) -> None:
+    def lose_grip(self) -> None:
         """Lose the grip, as without power."""
         self._force = 0.0
-        self._touches = False
+        self._touches_object = False

@@ -13,18 +13,18 @@ from math import acos, asin, atan2, cos, degrees, hypot, radians, sin
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.protocol.hresult import E_INVALIDARG
-from bcapscope.protocol.poses import AXES
-from bcapscope.protocol.slavemode import PoseType
-from bcapscope.simulator.outcome import RefusedError
-from bcapscope.simulator.refusals import POSITION_LIMIT
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES
+from bcapscope.protocol.tables.hresult import E_INVALIDARG
+from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.result_codes import POSITION_LIMIT
 
 Joints: TypeAlias = tuple[float, ...]
 """Eight joints in degrees; the last two are not there and stay 0."""
 
 AXIS_COUNT = 6
 SHOULDER_HEIGHT = 400.0
-LINK = 350.0
+LINK_LENGTH = 350.0
 """mm; the arm reaches 700 mm from its shoulder."""
 
 HOME: Joints = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
@@ -42,7 +42,7 @@ class AxisLimit(NamedTuple):
     acceleration: float
 
 
-LIMITS: tuple[AxisLimit, ...] = (
+AXIS_LIMITS: tuple[AxisLimit, ...] = (
     AxisLimit(-170.0, 170.0, 300.0, 6000.0),
     AxisLimit(-135.0, 135.0, 250.0, 5000.0),
     AxisLimit(-10.0, 180.0, 300.0, 6000.0),
@@ -59,12 +59,12 @@ _ZEROS = (0.0,) * 8
 _NOT_THERE = _ZEROS[AXIS_COUNT:]
 
 
-def eight(values: tuple[float, ...]) -> Joints:
+def pad_joints(values: tuple[float, ...]) -> Joints:
     """Fill joints up with zeros to eight, and drop what comes after the sixth, which the arm has not."""
     return (values[:AXIS_COUNT] + _ZEROS)[:8]
 
 
-def beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = LIMITS) -> int | None:
+def axis_beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = AXIS_LIMITS) -> int | None:
     """Return the first axis (1..6) that is outside of its limits, or None."""
     # Every slvMove asks for this; a loop takes three times as long.
     j1, j2, j3, j4, j5, j6, _, _ = joints
@@ -88,8 +88,8 @@ def _is_within(joint: float, limit: AxisLimit) -> bool:
 def position(joints: Joints) -> tuple[float, ...]:
     """Compute X, Y, Z (mm), Rx, Ry, Rz (degrees) and Fig."""
     first, second, elbow = (radians(value) for value in joints[:3])
-    radius = LINK * (sin(second) + sin(second + elbow))
-    height = SHOULDER_HEIGHT + LINK * (cos(second) + cos(second + elbow))
+    radius = LINK_LENGTH * (sin(second) + sin(second + elbow))
+    height = SHOULDER_HEIGHT + LINK_LENGTH * (cos(second) + cos(second + elbow))
     return (radius * cos(first), radius * sin(first), height, *joints[3:6], FIG)
 
 
@@ -101,12 +101,12 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
     """
     x, y, z, *wrist = values[:6]
     radius, height = hypot(x, y), z - SHOULDER_HEIGHT
-    reach = hypot(radius, height) / (2 * LINK)
+    reach = hypot(radius, height) / (2 * LINK_LENGTH)
     if reach > 1:
         raise RefusedError(POSITION_LIMIT + 2)
     elbow = 2 * acos(reach)
     second = atan2(radius, height) - elbow / 2
-    return eight((degrees(atan2(y, x)), degrees(second), degrees(elbow), *wrist))
+    return pad_joints((degrees(atan2(y, x)), degrees(second), degrees(elbow), *wrist))
 
 
 def trans(joints: Joints) -> tuple[float, ...]:
@@ -165,10 +165,10 @@ def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
     return position(joints) if pose_type is _P else trans(joints)
 
 
-SHORTEST: Mapping[PoseType, int] = MappingProxyType({_P: 6, _J: 6, _T: 9})
+FEWEST_NUMBERS: Mapping[PoseType, int] = MappingProxyType({_P: 6, _J: 6, _T: 9})
 """How many numbers a pose has at least."""
 
 POSE_LENGTHS: Mapping[PoseType, range] = MappingProxyType(
-    {pose_type: range(SHORTEST[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
+    {pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
 )
 """How many numbers a set point may have: Fig may be missing, one more may be appended."""

@@ -10,19 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NoReturn
 
-from bcapscope.protocol.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE
+from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_FAIL, E_NOT_IN_SLAVE_MODE
 from bcapscope.simulator.alarms import Alarms
 from bcapscope.simulator.arm import MS, Arm
-from bcapscope.simulator.controllog import ControlLog, Record
-from bcapscope.simulator.drive import SlaveDrive
+from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.control_log_ring import ControlLog, ControlLogRecord
 from bcapscope.simulator.equipment import Equipment
-from bcapscope.simulator.journey import Journey
-from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, Joints, beyond_limit
-from bcapscope.simulator.memory import Memory
-from bcapscope.simulator.objects import Objects
-from bcapscope.simulator.outcome import RefusedError
+from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, Joints, axis_beyond_limit
+from bcapscope.simulator.object_table import ObjectTable
 from bcapscope.simulator.profile import Profile
-from bcapscope.simulator.refusals import (
+from bcapscope.simulator.result_codes import (
     EMERGENCY_STOP,
     ERROR_IS_ACTIVE,
     HAND_DEVIATION,
@@ -31,8 +28,11 @@ from bcapscope.simulator.refusals import (
     NOT_AUTOMATIC,
     POSITION_LIMIT,
     SOFTWARE_LIMIT,
-    level,
+    error_level,
 )
+from bcapscope.simulator.slave_drive import SlaveDrive
+from bcapscope.simulator.timed_move import TimedMove
+from bcapscope.simulator.variable_memory import VariableMemory
 
 MOTOR_ON_TIME = 400 * MS
 MANUAL, TEACH_CHECK, AUTOMATIC = 1, 2, 3
@@ -47,7 +47,7 @@ OTHER_CLIENT = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class InitialState:
     """What the controller is like when it is switched on.
 
     Attributes:
@@ -72,7 +72,7 @@ class Start:
     """
 
     joints: Joints = HOME
-    limits: tuple[AxisLimit, ...] = LIMITS
+    limits: tuple[AxisLimit, ...] = AXIS_LIMITS
     mode: int = AUTOMATIC
     token: bool = True
     motor: bool = False
@@ -102,7 +102,7 @@ class Speeds:
     acceleration: float = 100.0
     deceleration: float = 100.0
 
-    def share_at(self, speed: float | None) -> float:
+    def effective_share(self, speed: float | None) -> float:
         """Return the share of the highest speed that a motion has, above 0 up to 1.
 
         Args:
@@ -117,54 +117,54 @@ class Machine:
 
     Attributes:
         owner: number of the client that has the arm; None while nobody has it.
-        open: what each client has opened, by its number.
-        stops: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
+        open_objects: what each client has opened, by its number.
+        stop_count: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
         stopped_by: result of the last of them.
-        journey: the last ordinary motion; None if it was stopped.
+        current_move: the last ordinary motion; None if it was stopped.
         equipment: hands and what else belongs to the controller.
     """
 
-    def __init__(self, profile: Profile, start: Start | None = None, now: int = 0) -> None:
+    def __init__(self, profile: Profile, initial_state: InitialState | None = None, now: int = 0) -> None:
         self.profile = profile
-        self.start = start or Start()
-        self.began = now
-        self.arm = Arm(self.start.joints)
-        self.slave = SlaveDrive(self.arm, self.start.limits, profile.async_detector)
+        self.initial_state = initial_state or InitialState()
+        self.started_at = now
+        self.arm = Arm(self.initial_state.joints)
+        self.slave = SlaveDrive(self.arm, self.initial_state.limits, profile.async_detector)
         self.alarms = Alarms()
         self.log = ControlLog()
-        self.memory = Memory(profile.real)
-        self.speeds = Speeds(external=self.start.speed)
-        self.mode = self.start.mode
+        self.memory = VariableMemory(profile.real)
+        self.speeds = Speeds(external=self.initial_state.speed)
+        self.mode = self.initial_state.mode
         self.auto_mode = 2
-        self.emergency = self.start.emergency
-        self.owner: int | None = OTHER_CLIENT if self.start.arm_taken else None
-        self.tasks = dict.fromkeys((name.casefold() for name in self.start.tasks), READY)
-        self.tasks |= dict.fromkeys((name.casefold() for name in self.start.running), RUNNING)
-        self.files = {f"{name}.pac".casefold(): f"{name}.pac" for name in self.start.tasks}
-        self.open: dict[int, Objects] = {}
+        self.emergency = self.initial_state.emergency
+        self.owner: int | None = OTHER_CLIENT if self.initial_state.arm_taken else None
+        self.tasks = dict.fromkeys((name.casefold() for name in self.initial_state.tasks), READY)
+        self.tasks |= dict.fromkeys((name.casefold() for name in self.initial_state.running), RUNNING)
+        self.files = {f"{name}.pac".casefold(): f"{name}.pac" for name in self.initial_state.tasks}
+        self.open_objects: dict[int, ObjectTable] = {}
         self.tool = 0
         self.work = 0
-        self.stops = 0
+        self.stop_count = 0
         self.stopped_by = 0
-        self.journey: Journey | None = None
-        self.equipment = Equipment.around(self.start.object_width)
-        self._motor_at: int | None = now if self.start.motor else None
-        for code in (*self.start.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
-            self.alarms.raise_(code, now)
+        self.current_move: TimedMove | None = None
+        self.equipment = Equipment.with_object(self.initial_state.object_width)
+        self._motor_at: int | None = now if self.initial_state.motor else None
+        for code in (*self.initial_state.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
+            self.alarms.add(code, now)
 
     def date(self, now: int) -> float:
         """Return the controller's clock as days since 1899-12-30."""
-        return (self.start.epoch + now) / 86_400e9 + 25569.0
+        return (self.initial_state.epoch + now) / 86_400e9 + 25569.0
 
     @property
     def free_at(self) -> int:
         """Return from when on another motion may begin, ns."""
-        return self.journey.done if self.journey else self.began
+        return self.current_move.done_at if self.current_move else self.started_at
 
     @property
     def is_held(self) -> bool:
         """Whether a motion is paused."""
-        return self.journey is not None and self.journey.is_held
+        return self.current_move is not None and self.current_move.is_held
 
     def motor_is_on(self, now: int) -> bool:
         """Tell whether the motor is on."""
@@ -174,11 +174,11 @@ class Machine:
         """Switch the motor; return when it is done."""
         if not on:
             self._lose_power()
-            self.stop(now, MOTOR_IS_OFF, told=False)
+            self.stop(now, MOTOR_IS_OFF, is_reported=False)
             return now
         self.check_state()
         if self._motor_at is None:
-            self._motor_at = now + self.start.motor_time
+            self._motor_at = now + self.initial_state.motor_time
         return self._motor_at
 
     def check_state(self) -> None:
@@ -193,7 +193,7 @@ class Machine:
             raise RefusedError(ERROR_IS_ACTIVE)
         if self.mode != AUTOMATIC:
             raise RefusedError(NOT_AUTOMATIC)
-        if not self.start.token:
+        if not self.initial_state.token:
             raise RefusedError(NO_TOKEN)
 
     def check_motion(self, client: int, now: int) -> None:
@@ -227,38 +227,38 @@ class Machine:
         Raises:
             RefusedError: with the software limit of the first such axis.
         """
-        axis = beyond_limit(joints, self.start.limits)
+        axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
             raise RefusedError(SOFTWARE_LIMIT + axis)
 
-    def stop(self, now: int, code: int, told: bool = True) -> None:
+    def stop(self, now: int, code: int, is_reported: bool = True) -> None:
         """End motions and slave mode at once; calls that wait for them answer `code`.
 
         Unless a client is told by that, the next slvMove answers it (issues 20 and 49 of
         DENSORobot/denso_robot_ros), and those after it that slave mode is off (issues 6 and 42).
         """
-        self.slave.leave(0 if told else code)
+        self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
         self.equipment.stop(now)
-        self.stops += 1
+        self.stop_count += 1
         self.stopped_by = code
-        self.journey = None
+        self.current_move = None
 
-    def fail(self, code: int, now: int, told: bool = False) -> None:
+    def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
         """Have an error: motions and slave mode end, RobSlave stops, it stays active until ClearError.
 
         The motor goes off at level 4 and above, and with a set point beyond a limit (list of controller
-        errors in nkawa/Denso_CobottaPro900_MQTT_Control). `told` is as for `stop`.
+        errors in nkawa/Denso_CobottaPro900_MQTT_Control). `is_reported` is as for `stop`.
         """
-        self.alarms.raise_(code, now)
-        self.stop(now, code, told)
+        self.alarms.add(code, now)
+        self.stop(now, code, is_reported)
         if ROBSLAVE.casefold() in self.tasks:
             self.tasks[ROBSLAVE.casefold()] = READY
-        if level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
+        if error_level(code) >= 4 or code & ~0xF == POSITION_LIMIT or code == EMERGENCY_STOP:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call with an error that stays active until ClearError; its effects are those of `fail`.
+        """Refuse a call with an error that stays active until ClearError; its effects are those of `raise_error`.
 
         The error is listed once, however often the client repeats the call: 32 set points in a row would
         otherwise push the error that ended slave mode out of the list.
@@ -271,20 +271,20 @@ class Machine:
             RefusedError: always, with `code`.
         """
         if not self.alarms.is_active(code):
-            self.fail(code, now, told=True)
+            self.raise_error(code, now, is_reported=True)
         raise RefusedError(code)
 
     def clear_errors(self) -> None:
         """Clear the active errors; slvMove does not answer a cleared one."""
         self.alarms.clear()
-        self.slave.owed = 0
+        self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
         """Turn the mode switch; leaving the automatic mode ends all motion and switches the motor off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()
-            self.stop(now, NOT_AUTOMATIC, told=False)
+            self.stop(now, NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
         """Start a program.
@@ -304,7 +304,7 @@ class Machine:
     def press_emergency_stop(self, now: int) -> None:
         """Press the emergency stop: the motor goes off, and nothing moves until it is let go."""
         self.emergency = True
-        self.fail(EMERGENCY_STOP, now)
+        self.raise_error(EMERGENCY_STOP, now)
 
     def advance(self, now: int) -> None:
         """Let time pass."""
@@ -312,13 +312,13 @@ class Machine:
         if slave.mode is not None and slave.next_tick <= now:
             fault = slave.advance(now)
             if fault:
-                self.fail(fault.code, fault.time)
+                self.raise_error(fault.code, fault.time)
         if log.due is not None:
-            log.advance(now, self._record)
+            log.advance(now, self._sample_log)
         collision = self.equipment.hand.collides_at
         if collision is not None and collision <= now:
             self.equipment.hand.stop(collision, HAND_DEVIATION)
-            self.fail(HAND_DEVIATION, collision)
+            self.raise_error(HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
         """Return when time changes something by itself, in ns; None if nothing is under way."""
@@ -331,5 +331,5 @@ class Machine:
         self._motor_at = None
         self.equipment.lose_power()
 
-    def _record(self, time: int) -> Record:
-        return Record(time - self.began, self.arm.commanded(time), self.arm.actual(time))
+    def _sample_log(self, time: int) -> ControlLogRecord:
+        return ControlLogRecord(time - self.started_at, self.arm.commanded(time), self.arm.actual(time))

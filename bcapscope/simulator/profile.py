@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
 
-from bcapscope.protocol.command_row import COBOTTA, COBOTTA_PRO
-from bcapscope.protocol.commands import commands
-from bcapscope.protocol.convention import ReplyReserved
-from bcapscope.protocol.responder import Defect
-from bcapscope.protocol.slavemode import Generation
-from bcapscope.protocol.variant import VT
+from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.retry.reserved_convention import ReplyReserved
+from bcapscope.protocol.retry.responder import Defect
+from bcapscope.protocol.slave_mode.modes import Generation
+from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.command_row import COBOTTA, COBOTTA_PRO
 
 _CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
 
@@ -25,7 +25,7 @@ _CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
 def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
     """Return the commands that the sources name for these controllers only, in lower case."""
     return frozenset(
-        each.name.casefold() for each in commands(function_id) if each.controllers in controllers
+        each.name.casefold() for each in commands_of(function_id) if each.controllers in controllers
     )
 
 

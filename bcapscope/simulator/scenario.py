@@ -1,6 +1,6 @@
 """Scenarios: what a controller is like and what goes wrong with it, as validated frozen data from YAML.
 
-A scenario is read by `read_scenario` and played by `bcapscope.simulator.stage.Stage`. The durations, limits
+A scenario is read by `read_scenario` and played by `bcapscope.simulator.scenario_runner.ScenarioRunner`. The durations, limits
 and moments in those that come with bcapscope are ours; what they show is what the users of real controllers
 have met, as each of them says.
 """
@@ -22,37 +22,37 @@ from msgspec import Meta
 
 from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldError, read_document
 from bcapscope.faults.fault import AnyFault
-from bcapscope.faults.quantities import Duration, ResultCode
-from bcapscope.protocol.functions import ObjectClass
-from bcapscope.protocol.hresult import is_failure
-from bcapscope.protocol.responder import Defect
-from bcapscope.protocol.slavemode import Generation
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.event import LONGEST_NAME, AnyEvent, Joints6, Mode, Percent
-from bcapscope.simulator.kinematics import HOME, LIMITS, AxisLimit, beyond_limit, eight
-from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, Start
-from bcapscope.simulator.memory import Memory
-from bcapscope.simulator.outcome import RefusedError
+from bcapscope.faults.quantities import Duration, HresultQuantity
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.responder import Defect
+from bcapscope.protocol.slave_mode.modes import Generation
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.simulator.argument_values import boolean, bstr, float_array, r8
+from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.kinematics import AXIS_LIMITS, HOME, AxisLimit, axis_beyond_limit, pad_joints
+from bcapscope.simulator.machine import MOTOR_ON_TIME, ROBOT_TYPE, ROBSLAVE, InitialState
 from bcapscope.simulator.profile import PROFILES, NoArgument, Profile
-from bcapscope.simulator.refusals import BAD_INDEX
-from bcapscope.simulator.simulator import MOST_CLIENTS
-from bcapscope.simulator.systemvariables import names
-from bcapscope.simulator.values import boolean, bstr, r8, row
-from bcapscope.traffic.filter_tokens import nearest
+from bcapscope.simulator.result_codes import BAD_INDEX
+from bcapscope.simulator.scenario_event import LONGEST_NAME, AnyEvent, Joints6, OperatingMode, Percent
+from bcapscope.simulator.simulator import MAX_CLIENTS
+from bcapscope.simulator.system_variables import variable_names
+from bcapscope.simulator.variable_memory import VariableMemory
+from bcapscope.traffic.filter.tokens import nearest
 
 Text: TypeAlias = Annotated[str, Meta(min_length=1, max_length=2000)]
 Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
 Names: TypeAlias = Annotated[tuple[Name, ...], Meta(max_length=32)]
-Places: TypeAlias = Annotated[int, Meta(ge=0, le=MOST_CLIENTS)]
+SlotCount: TypeAlias = Annotated[int, Meta(ge=0, le=MAX_CLIENTS)]
 Finite: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
-Setting: TypeAlias = bool | int | float | str | tuple[Finite, ...]
-Trouble: TypeAlias = Annotated[tuple[AnyFault | AnyEvent, ...], Meta(max_length=1000)]
+VariableSetting: TypeAlias = bool | int | float | str | tuple[Finite, ...]
+FaultsAndEvents: TypeAlias = Annotated[tuple[AnyFault | AnyEvent, ...], Meta(max_length=1000)]
 
 _VARIABLE = re.compile(r"(IO[BWDF]?|[IFDVPJTS])([0-9]{1,9})")
 _SHIPPED = "scenarios"
 
 
-class Kind(StrEnum):
+class ProfileName(StrEnum):
     """Profiles by their names."""
 
     RC7 = "rc7"
@@ -66,7 +66,7 @@ class Kind(StrEnum):
         return PROFILES[self.value]
 
 
-class Defective(StrEnum):
+class ServerDefect(StrEnum):
     """Defects of DENSO's C server."""
 
     FORGETS_FIRST = "forgets-first"
@@ -78,14 +78,14 @@ class Defective(StrEnum):
         return Defect[self.name]
 
 
-class Over(StrEnum):
+class ScenarioTransport(StrEnum):
     """Transports."""
 
     UDP = "udp"
     TCP = "tcp"
 
 
-class Session(StrEnum):
+class ClientProgram(StrEnum):
     """What a client does that meets the trouble of a scenario; each goes well without it."""
 
     CALLS = "calls"
@@ -101,7 +101,7 @@ class Session(StrEnum):
     """The same as `SLAVE`, while a second client writes an output now and then."""
 
 
-class Client(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The client that meets the trouble.
 
     Attributes:
@@ -111,13 +111,13 @@ class Client(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         options: of Service_Start.
     """
 
-    session: Session = Session.SLAVE
-    over: Over = Over.UDP
+    session: ClientProgram = ClientProgram.SLAVE
+    over: ScenarioTransport = ScenarioTransport.UDP
     mode: Annotated[int, Meta(ge=1, le=0x203)] = 0x002
     options: Annotated[str, Meta(max_length=200)] = ",WDT=400"
 
 
-class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the controller is like when it is switched on.
 
     Attributes:
@@ -138,31 +138,31 @@ class Beginning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     joints: Joints6 = HOME[:6]
-    mode: Mode = Mode.AUTOMATIC
+    mode: OperatingMode = OperatingMode.AUTOMATIC
     token: bool = True
     motor: bool = False
     motor_time: Duration = Duration(MOTOR_ON_TIME)
     speed: Percent = 100.0
     type_name: Name = ROBOT_TYPE
-    errors: Annotated[tuple[ResultCode, ...], Meta(max_length=32)] = ()
+    errors: Annotated[tuple[HresultQuantity, ...], Meta(max_length=32)] = ()
     empty: Names = ()
     emergency: bool = False
     arm_taken: bool = False
     object_width: Annotated[float, Meta(gt=0, le=39)] | None = None
-    udp_clients: Places = 0
-    tcp_clients: Places = 0
+    udp_clients: SlotCount = 0
+    tcp_clients: SlotCount = 0
 
     def __post_init__(self) -> None:
         for index, code in enumerate(self.errors):
             if not is_failure(code):
                 raise FieldError(("errors", index), f"{code.text} is no error")
-        known = {name for generation in Generation for name in names(ObjectClass.ROBOT, generation)}
+        known = {name for generation in Generation for name in variable_names(ObjectClass.ROBOT, generation)}
         for index, name in enumerate(self.empty):
             if name.upper() not in known:
                 raise FieldError(("empty", index), f"the robot has no variable {name}")
 
 
-class Tasks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Programs of the controller.
 
     Attributes:
@@ -180,7 +180,7 @@ class Tasks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise FieldError(("running", index), f"{name} is not loaded")
 
 
-class Limit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What one axis can do; what is not given stays as it is.
 
     Attributes:
@@ -199,27 +199,27 @@ class Limit(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.low is not None and self.high is not None and self.low > self.high:
             raise FieldError(("low",), "is above high")
 
-    def of(self, usual: AxisLimit) -> AxisLimit:
+    def applied_to(self, usual: AxisLimit) -> AxisLimit:
         """Return the limits of an axis that usually has `usual`."""
         given = {name: value for name, value in msgspec.structs.asdict(self).items() if value is not None}
         return usual._replace(**given)
 
 
-class Limits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What the axes can do; those that are not given stay as they are."""
 
-    J1: Limit = Limit()
-    J2: Limit = Limit()
-    J3: Limit = Limit()
-    J4: Limit = Limit()
-    J5: Limit = Limit()
-    J6: Limit = Limit()
+    J1: AxisLimitSettings = AxisLimitSettings()
+    J2: AxisLimitSettings = AxisLimitSettings()
+    J3: AxisLimitSettings = AxisLimitSettings()
+    J4: AxisLimitSettings = AxisLimitSettings()
+    J5: AxisLimitSettings = AxisLimitSettings()
+    J6: AxisLimitSettings = AxisLimitSettings()
 
     @property
-    def all(self) -> tuple[AxisLimit, ...]:
+    def axis_limits(self) -> tuple[AxisLimit, ...]:
         """The limits of all axes."""
         given = (self.J1, self.J2, self.J3, self.J4, self.J5, self.J6)
-        return tuple(limit.of(usual) for limit, usual in zip(given, LIMITS, strict=True))
+        return tuple(limit.applied_to(usual) for limit, usual in zip(given, AXIS_LIMITS, strict=True))
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -247,22 +247,22 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     story: Text = ""
     shows: Name | None = None
     then: Names = ()
-    client: Client = Client()
-    profile: Kind = Kind.RC8
-    defects: tuple[Defective, ...] | None = None
+    client: ScenarioClient = ScenarioClient()
+    profile: ProfileName = ProfileName.RC8
+    defects: tuple[ServerDefect, ...] | None = None
     no_argument: NoArgument | None = None
-    start: Beginning = Beginning()
-    variables: dict[Name, Setting] = {}
-    tasks: Tasks = Tasks()
-    limits: Limits = Limits()
-    faults: Trouble = ()
-    in_slave_mode: Trouble = ()
+    start: InitialSettings = InitialSettings()
+    variables: dict[Name, VariableSetting] = {}
+    tasks: TaskSettings = TaskSettings()
+    limits: AxisLimitsSettings = AxisLimitsSettings()
+    faults: FaultsAndEvents = ()
+    in_slave_mode: FaultsAndEvents = ()
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
 
     def __post_init__(self) -> None:
-        self.fill(Memory(VT.R8))
+        self.write_variables(VariableMemory(VT.R8))
         self._check_names()
-        axis = beyond_limit(eight(self.start.joints), self.limits.all)
+        axis = axis_beyond_limit(pad_joints(self.start.joints), self.limits.axis_limits)
         if axis:
             raise FieldError(("start", "joints", axis - 1), f"J{axis} is beyond its limits")
 
@@ -275,7 +275,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 seen.add(each.name)
 
     @property
-    def controller(self) -> Profile:
+    def controller_profile(self) -> Profile:
         """The profile with what the scenario changes in it."""
         profile = self.profile.profile
         if self.defects is not None:
@@ -286,12 +286,12 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             profile = replace(profile, no_argument=self.no_argument)
         return profile
 
-    def beginning(self, epoch: int = 0) -> Start:
-        """Return the state of the controller at the beginning; `epoch` as in `Start`."""
+    def initial_state(self, epoch: int = 0) -> InitialState:
+        """Return the state of the controller at the beginning; `epoch` as in `InitialState`."""
         start = self.start
-        return Start(
-            joints=eight(start.joints),
-            limits=self.limits.all,
+        return InitialState(
+            joints=pad_joints(start.joints),
+            limits=self.limits.axis_limits,
             mode=start.mode.number,
             token=start.token,
             motor=start.motor,
@@ -310,7 +310,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             epoch=epoch,
         )
 
-    def fill(self, memory: Memory) -> None:
+    def write_variables(self, memory: VariableMemory) -> None:
         """Write the variables.
 
         Raises:
@@ -331,22 +331,22 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise FieldError(("variables", name), wrong) from refusal
 
 
-def _variant(value: Setting) -> Variant:
+def _variant(value: VariableSetting) -> Variant:
     if isinstance(value, bool):
         return boolean(value)
     if isinstance(value, str):
         return bstr(value)
-    return row(VT.R8, value) if isinstance(value, tuple) else r8(value)
+    return float_array(VT.R8, value) if isinstance(value, tuple) else r8(value)
 
 
-def shipped() -> Mapping[str, str]:
+def bundled_scenarios() -> Mapping[str, str]:
     """Return the YAML of the scenarios that come with bcapscope, by their names in alphabetical order."""
     files = [each for each in resources.files("bcapscope.simulator").joinpath(_SHIPPED).iterdir()]
     found = {each.name.removesuffix(".yaml"): each for each in files if each.name.endswith(".yaml")}
     return {name: found[name].read_text(encoding="utf-8") for name in sorted(found)}
 
 
-def load_scenario(named: str) -> Scenario:
+def load_scenario(name_or_path: str) -> Scenario:
     """Read a scenario that comes with bcapscope by its name, or one from a file.
 
     Raises:
@@ -354,12 +354,14 @@ def load_scenario(named: str) -> Scenario:
         LookupError: there is none of that name.
         OSError: the file cannot be read.
     """
-    if named in shipped():
-        return read_scenario(shipped()[named])
-    if not named.endswith((".yaml", ".yml")):
-        raise LookupError(f"there is no scenario {named!r}{nearest(named, shipped()) or '.'}")
+    if name_or_path in bundled_scenarios():
+        return read_scenario(bundled_scenarios()[name_or_path])
+    if not name_or_path.endswith((".yaml", ".yml")):
+        raise LookupError(
+            f"there is no scenario {name_or_path!r}{nearest(name_or_path, bundled_scenarios()) or '.'}"
+        )
     try:
-        with Path(named).open(encoding="utf-8") as file:
+        with Path(name_or_path).open(encoding="utf-8") as file:
             return read_scenario(file.read(LONGEST_DOCUMENT + 1))
     except UnicodeDecodeError as error:
         raise DocumentError((), 0, f"no text in UTF-8: {error.reason} at byte {error.start}") from error

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
 
-from bcapscope.protocol.frame import Frame, Malformed
+from bcapscope.protocol.codec.frame import Frame, Malformed
 
 
 class Transport(StrEnum):
@@ -38,25 +38,25 @@ class Endpoint(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Closing:
+class ConnectionEnd:
     """How a TCP connection ended first.
 
     Attributes:
         by: which end did it: that of the requests is the client.
         reset: broken off by RST; otherwise closed in order by FIN, after which the other end may say more.
         time: when, nanoseconds since 1970-01-01 UTC.
-        over: the other end has closed it since, too, or one has broken it off.
+        both_ended: the other end has closed it since, too, or one has broken it off.
     """
 
     by: Direction
     reset: bool
     time: int
-    over: bool = False
+    both_ended: bool = False
 
     @property
-    def mutes(self) -> bool:
+    def ends_replies(self) -> bool:
         """Whether no reply can come any more: of a client that closed in order the other end may go on."""
-        return self.reset or self.over or self.by is Direction.RESPONSE
+        return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
 class Conversation:
@@ -68,26 +68,28 @@ class Conversation:
         client: the end that asks.
         server: the end that answers.
         transport: UDP or TCP.
-        side_known_by: why `server` is held to be the server, in words for the user: "port 5007", or
+        server_known_by: why `server` is held to be the server, in words for the user: "port 5007", or
             what in the traffic told it.
-        closing: how its connection ended, as far as was seen by now; None for one that is open, and over UDP.
+        connection_end: how its connection ended, as far as was seen by now; None for one that is open, and over UDP.
     """
 
-    __slots__ = ("client", "closing", "server", "side_known_by", "transport")
+    __slots__ = ("client", "connection_end", "server", "server_known_by", "transport")
 
-    def __init__(self, client: Endpoint, server: Endpoint, transport: Transport, side_known_by: str) -> None:
+    def __init__(
+        self, client: Endpoint, server: Endpoint, transport: Transport, server_known_by: str
+    ) -> None:
         self.client = client
         self.server = server
         self.transport = transport
-        self.side_known_by = side_known_by
-        self.closing: Closing | None = None
+        self.server_known_by = server_known_by
+        self.connection_end: ConnectionEnd | None = None
 
-    def close(self, by: Direction, reset: bool, time: int) -> None:
+    def record_end(self, by: Direction, reset: bool, time: int) -> None:
         """Note that an end closed the connection, or broke it off; who did it first is kept."""
-        if self.closing is None:
-            self.closing = Closing(by, reset, time)
-        elif reset or by is not self.closing.by:
-            self.closing = replace(self.closing, over=True)
+        if self.connection_end is None:
+            self.connection_end = ConnectionEnd(by, reset, time)
+        elif reset or by is not self.connection_end.by:
+            self.connection_end = replace(self.connection_end, both_ended=True)
 
     def __repr__(self) -> str:
         return f"Conversation({self.client} > {self.server} {self.transport})"
@@ -115,7 +117,7 @@ class Observation(NamedTuple):
     Attributes:
         number: 1 for the first item of the traffic; every item has one, sound or not.
         time: when its last byte was seen, nanoseconds since 1970-01-01 UTC.
-        began: when its first byte was seen; equal to `time` unless a stream cut the frame.
+        first_byte_time: when its first byte was seen; equal to `time` unless a stream cut the frame.
         flow: who spoke to whom.
         item: the frame, or the bytes that are none.
         packet: number of the captured packet that completed it, from 1 over all packets of the source;
@@ -124,7 +126,7 @@ class Observation(NamedTuple):
 
     number: int
     time: int
-    began: int
+    first_byte_time: int
     flow: Flow
     item: Frame | Malformed
     packet: int

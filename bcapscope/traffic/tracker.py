@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from operator import attrgetter
 
-from bcapscope.protocol.budget import Budget
-from bcapscope.protocol.frame import Frame
-from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.lane import Lane
+from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.observation import Conversation, Direction, Observation
-from bcapscope.traffic.question import MOST_CONVERSATIONS
 
-MOST_OPEN = 8192
+MAX_OPEN = 8192
 """Calls that are kept open in all, about 10 MB; when there are more, the older half of the busiest
 conversation's is let go. Where four clients send a set point each 2 ms and get no answer, those are older
 than a second, after which a reply would be late, so that they count as unanswered."""
 
-MOST_BYTES = 32 * 1024 * 1024
+MAX_BYTES = 32 * 1024 * 1024
 """Bytes of all frames of open calls, with what keeping them costs; beyond that, the conversation that holds
 most evicts the older half of its calls. The limit fits one call whose request and reply have the largest
 size."""
@@ -43,94 +43,96 @@ class Tracker:
     """
 
     def __init__(self) -> None:
-        self._lanes: dict[Conversation, Lane] = {}
-        self._conversation: Conversation | None = None
-        self._lane: Lane
-        self._budget = Budget(MOST_BYTES)
-        self._started = 0
-        self._given_out = 0
-        self._let_go = 0  # the latest call that may have been let go together with its conversation
-        self._due: list[Settled] = []
-        self._swept = 0
-        self._sweep_at = 0
+        self._pairings: dict[Conversation, ConversationPairing] = {}
+        self._current_conversation: Conversation | None = None
+        self._pairing: ConversationPairing
+        self._budget = ByteBudget(MAX_BYTES)
+        self._calls_started = 0
+        self._calls_settled = 0
+        self._latest_evicted = 0  # the latest call that may have been let go together with its conversation
+        self._results: list[PairingResult] = []
+        self._swept_at = 0
+        self._next_sweep_at = 0
 
     @property
-    def open(self) -> list[Exchange]:
+    def open_calls(self) -> list[Call]:
         """The calls that have not settled, in the order of their start."""
-        waiting = (exchange for lane in self._lanes.values() for exchange in lane.waiting)
-        return sorted(waiting, key=lambda exchange: exchange.call)
+        waiting = (exchange for lane in self._pairings.values() for exchange in lane.open_calls)
+        return sorted(waiting, key=lambda exchange: exchange.number)
 
-    def observe(self, observation: Observation) -> Sequence[Settled]:
+    def observe(self, observation: Observation) -> Sequence[PairingResult]:
         """Take in what was seen next; return the calls that settled, and it itself if it is a stray.
 
         Bytes that are no frame belong to no call.
         """
         flow, item, time = observation.flow, observation.item, observation.time
-        if time >= self._sweep_at or time < self._swept:
-            self._sweep(time)
-        if flow.conversation is not self._conversation:
-            self._turn_to(flow.conversation)
+        if time >= self._next_sweep_at or time < self._swept_at:
+            self._settle_expired(time)
+        if flow.conversation is not self._current_conversation:
+            self._select_pairing(flow.conversation)
         if isinstance(item, Frame):
             if flow.direction is _REQUEST:
-                if self._lane.request(observation, item, self._started + 1):  # type: ignore[arg-type]  # item is a frame
-                    self._started += 1
-                    if self._started - self._given_out > MOST_OPEN:
-                        self._make_room()
+                if self._pairing.add_request(observation, item, self._calls_started + 1):  # type: ignore[arg-type]  # item is a frame
+                    self._calls_started += 1
+                    if self._calls_started - self._calls_settled > MAX_OPEN:
+                        self._evict_from_longest()
             else:
-                stray = self._lane.reply(observation, item)  # type: ignore[arg-type]  # item is a frame
+                stray = self._pairing.add_reply(observation, item)  # type: ignore[arg-type]  # item is a frame
                 if stray is not None:
-                    self._due.append(stray)
+                    self._results.append(stray)
             while self._budget.is_exceeded:
-                self._give_out_half(max(self._lanes.values(), key=attrgetter("weight")))
-        return self._take_due() if self._due else ()
+                self._evict_half(max(self._pairings.values(), key=attrgetter("weight")))
+        return self._pop_results() if self._results else ()
 
-    def expire(self, now: int) -> Sequence[Settled]:
+    def expire(self, now: int) -> Sequence[PairingResult]:
         """Return the calls that have settled by `now`, in nanoseconds, though nothing new was seen."""
-        self._sweep(now)
-        return self._take_due()
+        self._settle_expired(now)
+        return self._pop_results()
 
-    def forget(self, conversation: Conversation) -> Sequence[Settled]:
+    def close_conversation(self, conversation: Conversation) -> Sequence[PairingResult]:
         """Return the open calls of a conversation that is over, and forget it."""
-        lane = self._lanes.pop(conversation, None)
-        if conversation is self._conversation:
-            self._conversation = None
+        lane = self._pairings.pop(conversation, None)
+        if conversation is self._current_conversation:
+            self._current_conversation = None
         if lane is not None:
-            self._give_out(lane.close())
-        return self._take_due()
+            self._collect(lane.close())
+        return self._pop_results()
 
-    def close(self) -> Sequence[Settled]:
+    def close(self) -> Sequence[PairingResult]:
         """Return all calls that are open, in the order of their start; the traffic has ended."""
-        rest = [exchange for lane in self._lanes.values() for exchange in lane.close()]
-        self._given_out += len(rest)
-        return sorted(rest, key=lambda exchange: exchange.call)
+        rest = [exchange for lane in self._pairings.values() for exchange in lane.close()]
+        self._calls_settled += len(rest)
+        return sorted(rest, key=lambda exchange: exchange.number)
 
-    def _turn_to(self, conversation: Conversation) -> None:
-        lane = self._lanes.pop(conversation, None) or Lane(conversation, self._let_go, self._budget)
-        while len(self._lanes) >= MOST_CONVERSATIONS:
-            silent = self._lanes.pop(next(iter(self._lanes)))
-            if silent.waiting:
-                self._let_go = self._started
-                self._give_out(silent.let_go(len(silent.waiting)))
-        self._lanes[conversation] = lane
-        self._conversation, self._lane = conversation, lane
+    def _select_pairing(self, conversation: Conversation) -> None:
+        lane = self._pairings.pop(conversation, None) or ConversationPairing(
+            conversation, self._latest_evicted, self._budget
+        )
+        while len(self._pairings) >= MAX_CONVERSATIONS:
+            silent = self._pairings.pop(next(iter(self._pairings)))
+            if silent.open_calls:
+                self._latest_evicted = self._calls_started
+                self._collect(silent.evict_oldest(len(silent.open_calls)))
+        self._pairings[conversation] = lane
+        self._current_conversation, self._pairing = conversation, lane
 
-    def _sweep(self, now: int) -> None:
-        for lane in self._lanes.values():
-            if lane.waiting:
-                self._give_out(lane.settle(now))
-        self._swept, self._sweep_at = now, now + SWEEP_NS
+    def _settle_expired(self, now: int) -> None:
+        for lane in self._pairings.values():
+            if lane.open_calls:
+                self._collect(lane.pop_settled(now))
+        self._swept_at, self._next_sweep_at = now, now + SWEEP_NS
 
-    def _make_room(self) -> None:
-        self._give_out_half(max(self._lanes.values(), key=lambda lane: len(lane.waiting)))
+    def _evict_from_longest(self) -> None:
+        self._evict_half(max(self._pairings.values(), key=lambda lane: len(lane.open_calls)))
 
-    def _give_out_half(self, lane: Lane) -> None:
-        self._give_out(lane.let_go((len(lane.waiting) + 1) // 2))
+    def _evict_half(self, pairing: ConversationPairing) -> None:
+        self._collect(pairing.evict_oldest((len(pairing.open_calls) + 1) // 2))
 
-    def _give_out(self, exchanges: Iterable[Exchange]) -> None:
-        before = len(self._due)
-        self._due.extend(exchanges)
-        self._given_out += len(self._due) - before
+    def _collect(self, calls: Iterable[Call]) -> None:
+        before = len(self._results)
+        self._results.extend(calls)
+        self._calls_settled += len(self._results) - before
 
-    def _take_due(self) -> Sequence[Settled]:
-        due, self._due = self._due, []
+    def _pop_results(self) -> Sequence[PairingResult]:
+        due, self._results = self._results, []
         return due

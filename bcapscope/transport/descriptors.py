@@ -12,18 +12,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-NO_DESCRIPTORS = os.strerror(errno.EMFILE).lower()
+OUT_OF_DESCRIPTORS_TEXT = os.strerror(errno.EMFILE).lower()
 """What the system says when a process has no file descriptors left."""
 
-_NONE_LEFT = frozenset({errno.EMFILE, errno.ENFILE})
+_OUT_OF_DESCRIPTORS = frozenset({errno.EMFILE, errno.ENFILE})
 
 
-def none_left(error: OSError) -> bool:
+def is_out_of_descriptors(error: OSError) -> bool:
     """Return whether an error means that the process, or the system, has no file descriptors left."""
-    return error.errno in _NONE_LEFT
+    return error.errno in _OUT_OF_DESCRIPTORS
 
 
-def can_be_read(descriptor: int, seconds: float) -> bool:
+def wait_readable(descriptor: int, seconds: float) -> bool:
     """Wait at most so many seconds for a file descriptor to be readable; return whether it is.
 
     It takes no file descriptor, and the number of this one may be larger than `select` takes.
@@ -35,12 +35,14 @@ def can_be_read(descriptor: int, seconds: float) -> bool:
     return bool(poller.poll(math.ceil(seconds * 1e3)))
 
 
-def accept(listener: socket.socket, free: Callable[[], bool]) -> tuple[socket.socket, Any] | None:
+def accept_connection(
+    listener: socket.socket, free_descriptor: Callable[[], bool]
+) -> tuple[socket.socket, Any] | None:
     """Accept a connection and return it with its address; None if none waits.
 
     Args:
         listener: does not block.
-        free: frees a file descriptor and returns whether it could; called when none is left.
+        free_descriptor: frees a file descriptor and returns whether it could; called when none is left.
 
     Raises:
         OSError: no connection can be accepted now.
@@ -52,13 +54,13 @@ def accept(listener: socket.socket, free: Callable[[], bool]) -> tuple[socket.so
             return None
         except OSError as error:
             # Linux looks for a file descriptor first, and for a connection after that.
-            if none_left(error) and not can_be_read(listener.fileno(), 0):
+            if is_out_of_descriptors(error) and not wait_readable(listener.fileno(), 0):
                 return None
-            if not none_left(error) or not free():
+            if not is_out_of_descriptors(error) or not free_descriptor():
                 raise
 
 
-def allow_descriptors(count: int) -> None:
+def raise_descriptor_limit(count: int) -> None:
     """Raise the limit of this process to `count`, as far as its user may; macOS gives 256."""
     if sys.platform == "win32":
         return
@@ -77,18 +79,18 @@ class SpareDescriptors:
     """Some file descriptors that can be given up for something that matters more."""
 
     def __init__(self, count: int) -> None:
-        """Prepare to hold back `count`; `fill` takes them."""
+        """Prepare to hold back `count`; `refill` takes them."""
         self._count = count
         self._held: list[int] = []
 
-    def fill(self) -> bool:
+    def refill(self) -> bool:
         """Take back what is missing; return whether all are held now."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
-    def give(self, *, keep: int = 0) -> bool:
+    def release_one(self, *, keep: int = 0) -> bool:
         """Give one up; return whether there were more than `keep`."""
         if len(self._held) <= keep:
             return False
@@ -98,5 +100,5 @@ class SpareDescriptors:
     def close(self) -> None:
         """Give all up, for good."""
         self._count = 0
-        while self.give():
+        while self.release_one():
             pass

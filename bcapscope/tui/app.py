@@ -22,63 +22,63 @@ from textual.driver import Driver
 from textual.filter import LineFilter
 from textual.reactive import reactive
 
-from bcapscope.tui.browser import outlasting_server
-from bcapscope.tui.halting import HALT_KEYS, halting
-from bcapscope.tui.harmless import Harmless
+from bcapscope.tui.browser_driver import make_server_safe_driver
+from bcapscope.tui.control_char_filter import ControlCharFilter
+from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
 from bcapscope.tui.ink import Styles
-from bcapscope.tui.keyorder import KeyOrder
-from bcapscope.tui.settings import default_path, load, save
-from bcapscope.tui.themes import THEMES, styles_of
+from bcapscope.tui.key_order import KeyOrderApp
+from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
+from bcapscope.tui.themes import THEMES, theme_styles
 from bcapscope.tui.words import Language, say, speak, told
 
 if TYPE_CHECKING:
-    from bcapscope.tui.screens.place import Place
+    from bcapscope.tui.screens.base_screen import BaseScreen
 
-CLOSING_LIMIT = 10.0
+CLOSE_TIMEOUT = 10.0
 """Seconds that all that is to be let go of may take; then the screen closes anyway."""
 
-SAME_HALT = 0.5
+HALT_KEY_WINDOW = 0.5
 """Seconds in which a key that the driver has seen comes to us as well."""
 
-LOOK_EACH = 1.0
+TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds from one look at the terminal to the next."""
 
-_GARBAGE = (2_000, 20, 1000)
+_GC_THRESHOLDS = (2_000, 20, 1000)
 """How often to look for cycles, as no key is answered meanwhile: often among what is new, of which Textual's
 strips are many (1 ms; 30 ms if ten times as many have gathered), rarely among everything (50 ms)."""
 
 Closer = Callable[[], Awaitable[None]]
 
 
-class Spot(NamedTuple):
+class ScreenEntry(NamedTuple):
     """A screen that one can go to.
 
     Attributes:
         mode: its name for the program.
         key: that goes there.
         name: key of its name in the catalogue of words.
-        make: makes it when it is first gone to.
+        create: makes it when it is first gone to.
     """
 
     mode: str
     key: str
     name: str
-    make: Callable[[], Place]
+    create: Callable[[], BaseScreen]
 
 
-class Scope(KeyOrder):
+class BcapApp(KeyOrderApp):
     """The screen.
 
     Attributes:
-        settings: what the user chose; `keep` writes it.
+        settings: what the user chose; `save_settings` writes it.
         status: what stands at the right of the bar at all times: texts, each with the name of its ink or "".
-        inks: the styles of rendered lines under the theme.
+        text_styles: the styles of rendered lines under the theme.
     """
 
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - as Textual has it
     TITLE = "bcapscope"
     ENABLE_COMMAND_PALETTE = False
-    """Textual's own offers what is Textual's; ours knows every action, see `Place`."""
+    """Textual's own offers what is Textual's; ours knows every action, see `BaseScreen`."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", id="quit", priority=True, tooltip="shell.quit.tip"),
         Binding(HALT_KEYS[0], "halt", "shell.halt", id="halt", priority=True, tooltip="shell.halt.tip"),
@@ -90,40 +90,43 @@ class Scope(KeyOrder):
     status: reactive[tuple[tuple[str, str], ...]] = reactive((), init=False)
 
     def __init__(
-        self, spots: Sequence[Spot], settings_path: Path | None = None, language: Language | None = None
+        self,
+        screen_entries: Sequence[ScreenEntry],
+        settings_path: Path | None = None,
+        language: Language | None = None,
     ) -> None:
         """Take the screens, the first of them shown first.
 
         Args:
-            spots: where one can go.
+            screen_entries: where one can go.
             settings_path: where settings are kept; in the platform's place unless given.
             language: of the labels, instead of what the settings or the environment say.
         """
         # Not a blank screen at first, as Textual has it: all styles would be read for that one, too.
-        self.DEFAULT_MODE = spots[0].mode  # type: ignore[misc]  # its place is the class, where there is one mode
+        self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # its place is the class, where there is one mode
         self._halts: list[Callable[[], bool]] = []  # before the driver that uses it is made
-        self._halted = -math.inf, False
-        self._harmless = Harmless()
+        self._last_halt = -math.inf, False
+        self._control_char_filter = ControlCharFilter()
         super().__init__()
-        self.spots = tuple(spots)
-        self._settings_path = settings_path or default_path()
-        self.settings, self._trouble = load(self._settings_path)
+        self.screen_entries = tuple(screen_entries)
+        self._settings_path = settings_path or default_settings_path()
+        self.settings, self._settings_problem = read_settings(self._settings_path)
         if language is None and self.settings.language in tuple(Language):
             language = Language(self.settings.language)
         if language is not None:
             speak(language)
         self._closers: list[Closer] = []
         self._is_ending = False
-        self._thresholds = gc.get_threshold()
+        self._gc_thresholds = gc.get_threshold()
         for theme in THEMES:
             self.register_theme(theme)
-        self.inks: Styles = {}
-        self._take_theme(self.settings.theme)
-        for spot in self.spots:
-            self.add_mode(spot.mode, spot.make)
+        self.text_styles: Styles = {}
+        self._select_theme(self.settings.theme)
+        for spot in self.screen_entries:
+            self.add_mode(spot.mode, spot.create)
             self.bind(spot.key, f"switch_mode('{spot.mode}')", description=spot.name, show=False)
 
-    def _take_theme(self, name: str) -> None:
+    def _select_theme(self, name: str) -> None:
         names = [theme.name for theme in THEMES]
         name = name if name in names else names[0]
         if self.is_running:
@@ -135,19 +138,19 @@ class Scope(KeyOrder):
         self.set_class(is_dark, "-dark-mode", update=False)
         self.set_class(not is_dark, "-light-mode", update=False)
         self.stylesheet.set_variables(self.get_css_variables())
-        self._take_inks()
+        self._update_text_styles()
 
     def _watch_theme(self, theme_name: str) -> None:
         super()._watch_theme(theme_name)
-        self._take_inks()
+        self._update_text_styles()
 
-    def _take_inks(self) -> None:
-        inks = styles_of(self.current_theme)
+    def _update_text_styles(self) -> None:
+        inks = theme_styles(self.current_theme)
         if self.no_color:
             inks = {name: Style(bold=style.bold) for name, style in inks.items()} | {
                 "lit": Style(reverse=True)
             }
-        self.inks = inks
+        self.text_styles = inks
 
     def on_load(self) -> None:
         """Start tasks in turn on every Python.
@@ -160,49 +163,49 @@ class Scope(KeyOrder):
 
     def on_mount(self) -> None:
         """Listen to signals, tell what was wrong with the settings."""
-        self._listen()
+        self._install_signal_handlers()
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
-        gc.set_threshold(*_GARBAGE)
-        if self._trouble:
-            text = say("shell.settings.broken", path=self._settings_path, reason=told(self._trouble))
-            self.tell(text, "warning")
+        gc.set_threshold(*_GC_THRESHOLDS)
+        if self._settings_problem:
+            text = say("shell.settings.broken", path=self._settings_path, reason=told(self._settings_problem))
+            self.show_message(text, "warning")
 
     def on_unmount(self) -> None:
         """Look for garbage as before, also in what the screens had set aside."""
         gc.unfreeze()
-        gc.set_threshold(*self._thresholds)
+        gc.set_threshold(*self._gc_thresholds)
 
-    def _listen(self) -> None:
+    def _install_signal_handlers(self) -> None:
         """Close in order when the terminal is closed or the program is asked to end."""
         if sys.platform == "win32":
             return
         loop = asyncio.get_running_loop()
         for number in (signal.SIGHUP, signal.SIGTERM):
-            loop.add_signal_handler(number, self._asked_to_end)
+            loop.add_signal_handler(number, self._request_quit)
         if not self.is_headless and os.isatty(sys.stdin.fileno()):
-            self.set_interval(LOOK_EACH, self._look_for_terminal)
+            self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
-    def _look_for_terminal(self) -> None:
+    def _quit_without_terminal(self) -> None:
         """Close in order when the terminal is gone: SIGHUP comes only to those whose own it was.
 
         Textual would go on reading the end of its input as fast as it can.
         """
         if not os.isatty(sys.stdin.fileno()):
-            self._asked_to_end()
+            self._request_quit()
 
-    def _asked_to_end(self) -> None:
+    def _request_quit(self) -> None:
         self.run_worker(self.action_quit(), exclusive=False)
 
-    def at_close(self, closer: Closer) -> None:
+    def add_closer(self, closer: Closer) -> None:
         """Have something done before the screen closes, however it is closed; the last is done first."""
         self._closers.append(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Return what every line passes through on its way to the terminal."""
         before = tuple(super().get_line_filters())
-        if before != self._harmless.before:
-            self._harmless = Harmless(before)
-        return (self._harmless,)
+        if before != self._control_char_filter.earlier_filters:
+            self._control_char_filter = ControlCharFilter(before)
+        return (self._control_char_filter,)
 
     def get_key_display(self, binding: Binding) -> str:
         """Write a key as everywhere else: F5, not f5."""
@@ -211,14 +214,14 @@ class Scope(KeyOrder):
 
     def get_driver_class(self) -> type[Driver]:
         """Return the platform's driver or that of browsers, which knows the keys of HALT."""
-        driver = outlasting_server(super().get_driver_class(), self._asked_to_end)
-        return halting(driver, self._halt_by_key)
+        driver = make_server_safe_driver(super().get_driver_class(), self._request_quit)
+        return make_halt_driver(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer HALT only where there is something to halt."""
         return bool(self._halts) if action == "halt" else True
 
-    def at_halt(self, halt: Callable[[], bool]) -> None:
+    def add_halt_callback(self, halt: Callable[[], bool]) -> None:
         """Have something stopped by HALT.
 
         Args:
@@ -232,14 +235,14 @@ class Scope(KeyOrder):
 
     def _halt_by_key(self) -> None:
         """Halt as soon as the driver reads the key, which comes to `action_halt` as well."""
-        self._halted = time.monotonic(), self.halt()
+        self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
         """Stop everything that moves, and say so; not twice where the driver has just done it."""
-        at, was_there = self._halted
-        if time.monotonic() - at > SAME_HALT:
+        at, was_there = self._last_halt
+        if time.monotonic() - at > HALT_KEY_WINDOW:
             was_there = self.halt()
-        self.tell(say("shell.halted" if was_there else "shell.halt.nothing"), "warning")
+        self.show_message(say("shell.halted" if was_there else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
         """Let go of everything, then close."""
@@ -247,19 +250,19 @@ class Scope(KeyOrder):
             return
         self._is_ending = True
         try:
-            await self._let_go()
+            await self._run_closers()
         finally:
             self.exit()
 
-    async def _let_go(self) -> None:
+    async def _run_closers(self) -> None:
         """Do all that is to be done at the end; an error in one keeps nobody from the others."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(CLOSING_LIMIT), AsyncExitStack() as stack:
+            async with asyncio.timeout(CLOSE_TIMEOUT), AsyncExitStack() as stack:
                 for closer in self._closers:
                     stack.push_async_callback(closer)
                 self._closers.clear()
 
-    def show(self) -> None:
+    def run_until_closed(self) -> None:
         """Run the screen until it is closed.
 
         Raises:
@@ -274,29 +277,29 @@ class Scope(KeyOrder):
         try:
             await super().run_async(**options)
         finally:
-            await self._let_go()
+            await self._run_closers()
 
-    def keep(self) -> None:
+    def save_settings(self) -> None:
         """Write the settings; tell if that is not possible."""
         try:
-            save(self.settings, self._settings_path)
+            write_settings(self.settings, self._settings_path)
         except OSError as error:
             reason = told(error.strerror or str(error))
             text = say("shell.settings.unwritable", path=self._settings_path, reason=reason)
-            self.tell(text, "warning")
+            self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:
         """Copy to the clipboard; half a character (a lone surrogate), which none takes, is written out."""
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
-    def tell(self, text: str, severity: str = "information") -> None:
+    def show_message(self, text: str, severity: str = "information") -> None:
         """Show a message for a while; `text` is never taken for markup."""
         kind = severity if severity in ("warning", "error") else "information"
         self.notify(text, severity=kind, markup=False)  # type: ignore[arg-type]  # it is one of the three
 
     def action_help_quit(self) -> None:
         """Tell whoever presses Ctrl-C, which is a key like others here, how to end."""
-        self.tell(say("shell.quit.hint"))
+        self.show_message(say("shell.quit.hint"))
 
     def action_next_theme(self) -> None:
         """Go on to the next theme."""
@@ -305,17 +308,17 @@ class Scope(KeyOrder):
 
     def action_theme(self, name: str) -> None:
         """Choose a theme and remember it."""
-        self._take_theme(name)
+        self._select_theme(name)
         self.settings.theme = self.theme
-        self.keep()
+        self.save_settings()
 
     def action_language(self, name: str) -> None:
         """Remember the language, for the next start: what is shown was made in the present one."""
         self.settings.language = name
-        self.keep()
-        self.tell(say("shell.language.next"))
+        self.save_settings()
+        self.show_message(say("shell.language.next"))
 
 
-def scope_of(node: DOMNode) -> Scope:
+def app_of(node: DOMNode) -> BcapApp:
     """Return the application that a widget is shown by."""
-    return cast(Scope, node.app)
+    return cast(BcapApp, node.app)

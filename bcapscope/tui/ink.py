@@ -14,7 +14,7 @@ from rich.segment import Segment
 from rich.style import Style
 from rich.text import Text
 
-from bcapscope.render.palette import Palette
+from bcapscope.render.color_palette import Palette
 
 INK = Palette(
     number="\x01", name="\x02", hex="\x03", problem="\x04", good="\x05", bad="\x06", dim="\x07", reset="\x0e"
@@ -24,8 +24,8 @@ INK = Palette(
 LIT, CURSOR = "\x0f", "\x10"
 """Before bytes that are lit because the cursor is on them in the other view; before the one that it is on."""
 
-_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
-_NAMES: Mapping[str, str] = MappingProxyType(
+_STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
+_STYLE_NAMES: Mapping[str, str] = MappingProxyType(
     {
         INK.number: "number",
         INK.name: "name",
@@ -45,33 +45,33 @@ Styles = Mapping[str, Style]
 
 def style_names() -> tuple[str, ...]:
     """Name the styles that a theme gives."""
-    return tuple(_NAMES.values())
+    return tuple(_STYLE_NAMES.values())
 
 
-def pieces(text: str) -> Iterator[tuple[str, str]]:
+def styled_pieces(text: str) -> Iterator[tuple[str, str]]:
     """Take a rendered line apart: names of styles, "" for none, each with its text."""
     name, at = "", 0
-    for mark in _MARKS.finditer(text):
+    for mark in _STYLE_MARKS.finditer(text):
         if mark.start() > at:
             yield name, text[at : mark.start()]
-        name, at = _NAMES.get(mark.group(), ""), mark.end()
+        name, at = _STYLE_NAMES.get(mark.group(), ""), mark.end()
     if at < len(text):
         yield name, text[at:]
 
 
-def segments(text: str, styles: Styles) -> list[Segment]:
+def styled_segments(text: str, styles: Styles) -> list[Segment]:
     """Make segments of a rendered line."""
-    return [Segment(piece, styles.get(name)) for name, piece in pieces(text)]
+    return [Segment(piece, styles.get(name)) for name, piece in styled_pieces(text)]
 
 
-def inked(text: str, styles: Styles) -> Text:
+def styled_text(text: str, styles: Styles) -> Text:
     """Make a text of a rendered line, or of several."""
     made = Text()
-    for name, piece in pieces(text):
+    for name, piece in styled_pieces(text):
         made.append(piece, styles.get(name))
     return made
 
 
-def plain(text: str) -> str:
+def strip_styles(text: str) -> str:
     """Leave the marks out."""
-    return _MARKS.sub("", text)
+    return _STYLE_MARKS.sub("", text)

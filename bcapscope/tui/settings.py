@@ -11,7 +11,7 @@ import platformdirs
 
 from bcapscope.faults.document import read_document
 
-MOST_RECENT = 20
+MAX_RECENT = 20
 """Recent files and hosts that are remembered."""
 
 
@@ -33,12 +33,12 @@ class Settings(msgspec.Struct, omit_defaults=True):
     trajectories: list[str] = []
 
 
-def default_path() -> Path:
+def default_settings_path() -> Path:
     """Say where the settings lie on this platform."""
     return platformdirs.user_config_path("bcapscope", appauthor=False) / "screen.yaml"
 
 
-def load(path: Path) -> tuple[Settings, str]:
+def read_settings(path: Path) -> tuple[Settings, str]:
     """Read the settings.
 
     Returns:
@@ -54,7 +54,7 @@ def load(path: Path) -> tuple[Settings, str]:
         return Settings(), " ".join(str(error).split())
 
 
-def save(settings: Settings, path: Path) -> None:
+def write_settings(settings: Settings, path: Path) -> None:
     """Write the settings whole or not at all.
 
     Raises:
@@ -71,11 +71,11 @@ def save(settings: Settings, path: Path) -> None:
         raise
 
 
-def remembered(item: str, among: list[str]) -> list[str]:
+def with_recent(item: str, recent: list[str]) -> list[str]:
     """Return the list with `item` at its head, and what was used longest ago dropped.
 
     A name of a file that is no text, with a lone surrogate in it, is not remembered: YAML does not hold it.
     """
     if any("\ud800" <= letter <= "\udfff" for letter in item):
-        return among
-    return [item, *(each for each in among if each != item)][:MOST_RECENT]
+        return recent
+    return [item, *(each for each in recent if each != item)][:MAX_RECENT]

@@ -12,12 +12,12 @@ from textual.theme import Theme
 
 from bcapscope.tui.ink import Styles
 
-_INKS = ("number", "name", "hex", "problem", "good", "bad", "dim")
+_STYLE_KEYS = ("number", "name", "hex", "problem", "good", "bad", "dim")
 
 
-def _inks(*colors: str) -> dict[str, str]:
-    """Name the colours of rendered lines, in the order of `_INKS`."""
-    return {f"ink-{key}": value for key, value in zip(_INKS, colors, strict=True)}
+def _style_variables(*colors: str) -> dict[str, str]:
+    """Name the colours of rendered lines, in the order of `_STYLE_KEYS`."""
+    return {f"ink-{key}": value for key, value in zip(_STYLE_KEYS, colors, strict=True)}
 
 
 THEMES = (
@@ -35,7 +35,7 @@ THEMES = (
         panel="#242b34",
         dark=True,
         variables={
-            **_inks("#87d7ff", "#ffffff", "#9fb4cc", "#ff8f6f", "#87d787", "#ff6f6f", "#8794a3"),
+            **_style_variables("#87d7ff", "#ffffff", "#9fb4cc", "#ff8f6f", "#87d787", "#ff6f6f", "#8794a3"),
             "ink-lit": "#ffe9a8 on #5a4a12",
             "ink-cursor": "#14181d on #ffd75f",
             "border": "#3b4654",
@@ -60,7 +60,7 @@ THEMES = (
         panel="#e6e7e2",
         dark=False,
         variables={
-            **_inks("#00507a", "#000000", "#3d4f66", "#a03800", "#1a6e1a", "#b00020", "#5f666d"),
+            **_style_variables("#00507a", "#000000", "#3d4f66", "#a03800", "#1a6e1a", "#b00020", "#5f666d"),
             "ink-lit": "#000000 on #ffe9a6",
             "ink-cursor": "#000000 on #ffb000",
             "border": "#b9bdb5",
@@ -85,7 +85,7 @@ THEMES = (
         panel="#262626",
         dark=True,
         variables={
-            **_inks("#a8d8f0", "#ffffff", "#b8b8b8", "#f0e442", "#56b4e9", "#e69f00", "#8e8e8e"),
+            **_style_variables("#a8d8f0", "#ffffff", "#b8b8b8", "#f0e442", "#56b4e9", "#e69f00", "#8e8e8e"),
             "ink-lit": "#f7f2a8 on #5c5714",
             "ink-cursor": "#000000 on #f0e442",
             "border": "#484848",
@@ -98,15 +98,15 @@ THEMES = (
     ),
 )
 
-_LEGIBLE = 4.5
+_MIN_CONTRAST = 4.5
 """Contrast of letters that are read, WCAG 2.2."""
 
-_STEPS = 20
+_BLEND_STEPS = 20
 
 _BOLD = frozenset({"name", "problem", "bad"})
 
 
-def styles_of(theme: Theme) -> Styles:
+def theme_styles(theme: Theme) -> Styles:
     """Return the styles of rendered lines under a theme."""
     prefix = "ink-"
     found = {
@@ -117,14 +117,19 @@ def styles_of(theme: Theme) -> Styles:
     return {key: style + Style(bold=True) if key in _BOLD else style for key, style in found.items()}
 
 
-def on_ground(ink: Style, ground: Style) -> Style:
+def readable_style(style: Style, background: Style) -> Style:
     """Return an ink on another ground: as near to the ground's own letters as it must be to be read."""
-    both = ground + ink
-    if ink.color is None or ink.bgcolor is not None or ground.color is None or ground.bgcolor is None:
+    both = background + style
+    if (
+        style.color is None
+        or style.bgcolor is not None
+        or background.color is None
+        or background.bgcolor is None
+    ):
         return both
-    color, own, behind = map(Color.from_rich_color, (ink.color, ground.color, ground.bgcolor))
-    mixed = (color.blend(own, step / _STEPS) for step in range(_STEPS + 1))
-    found = next((each for each in mixed if contrast(each, behind) >= _LEGIBLE), own)
+    color, own, behind = map(Color.from_rich_color, (style.color, background.color, background.bgcolor))
+    mixed = (color.blend(own, step / _BLEND_STEPS) for step in range(_BLEND_STEPS + 1))
+    found = next((each for each in mixed if contrast(each, behind) >= _MIN_CONTRAST), own)
     return both + Style.from_color(found.rich_color)
 
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from hypothesis import strategies as st
 
-from bcapscope.analysis.slave import SlaveWatcher
-from bcapscope.analysis.stay import Stay
-from bcapscope.protocol.variant import EMPTY, VT, Variant
-from bcapscope.traffic.exchange import Exchange, Settled
+from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.observation import Transport
 from tests.traffic.playbook import EXECUTE, SERVICE_STOP, Client, Script, text
 
@@ -44,13 +44,13 @@ class Plan:
     def at(self, ms: float, event: Callable[[], object]) -> None:
         self._events.append((ms, event))
 
-    def track(self, stop: int | None = None) -> list[Settled]:
+    def track(self, stop: int | None = None) -> list[PairingResult]:
         for _, event in sorted(self._events, key=lambda each: each[0]):
             event()
         self._events.clear()
         return self.script.track(stop)
 
-    def stays(self, window: int | None = None) -> list[Stay]:
+    def stays(self, window: int | None = None) -> list[SlaveSession]:
         return watched(self.track(), window)
 
 
@@ -130,13 +130,13 @@ class Driver:
         self.call(ms, SERVICE_STOP)
 
 
-def watched(settled: Iterable[Settled], window: int | None = None) -> list[Stay]:
+def watched(settled: Iterable[PairingResult], window: int | None = None) -> list[SlaveSession]:
     """Return the stays that a watcher finds."""
-    watcher = SlaveWatcher(window)
-    stays: list[Stay] = []
+    watcher = SlaveSessionDetector(window)
+    stays: list[SlaveSession] = []
     for item in settled:
-        if isinstance(item, Exchange):
-            stays += watcher.take(item)
+        if isinstance(item, Call):
+            stays += watcher.add_call(item)
     return [*stays, *watcher.finish()]
 
 
@@ -180,7 +180,7 @@ steps = st.lists(
 """Sessions without sense."""
 
 
-def play(played: list[Step], release: int) -> list[Stay]:
+def play(played: list[Step], release: int) -> list[SlaveSession]:
     """Play a session of three clients, of which one lets go in the middle; return the stays, with slices."""
     plan = Plan()
     drivers = [plan.driver(50001), plan.driver(50002, handle=2), plan.driver(50003, Transport.TCP)]

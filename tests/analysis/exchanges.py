@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.traffic.convention import Habits
-from bcapscope.traffic.exchange import Event, Exchange, FrameObservation, Role
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.traffic.call import Call, CallFrame, FrameObservation, FrameRole
+from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
-from bcapscope.traffic.question import Question
+from bcapscope.traffic.reserved_field import ReservedFieldUsage
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000
@@ -20,15 +20,15 @@ def client(port: int = 50001) -> Conversation:
 
 
 CLIENT = client()
-MOVE = Question(EXECUTE, "slvMove")
-READ = Question(EXECUTE, "CurJnt")
-STOP = Question(2, None)
+MOVE = CallKind(EXECUTE, "slvMove")
+READ = CallKind(EXECUTE, "CurJnt")
+STOP = CallKind(2, None)
 
 
 def made(
     ms: float,
     latency: float | None,
-    question: Question = MOVE,
+    question: CallKind = MOVE,
     conversation: Conversation = CLIENT,
     *,
     code: int = 0,
@@ -37,7 +37,7 @@ def made(
     notices: int = 0,
     given_up: bool = True,
     call: int = 1,
-) -> Exchange:
+) -> Call:
     """Make a call that began at `ms` and was answered `latency` ms later, or never.
 
     Retries follow every millisecond; a call without a reply is given up or, if not, cut off by the end.
@@ -48,22 +48,25 @@ def made(
         arguments = (
             () if question.command is None else (Variant(VT.I4, 1), Variant(VT.BSTR, question.command))
         )
-        raw = encode(serial, reserved, what, arguments if direction is Direction.REQUEST else ())
+        raw = encode_frame(serial, reserved, what, arguments if direction is Direction.REQUEST else ())
         moment = time + round(after * MS)
         seen: FrameObservation = Observation(1, moment, moment, Flow(conversation, direction), Frame(raw), 1)  # type: ignore[assignment]  # item is a frame
         return seen
 
     request = see(0, Direction.REQUEST, 10, 0, question.function_id)
-    exchange = Exchange(call, conversation, question, request, Habits())
+    exchange = Call(call, conversation, question, request, ReservedFieldUsage())
     tries = [see(n, Direction.REQUEST, 10 + n, 10, question.function_id) for n in range(1, retries + 1)]
-    exchange.others = [
-        *(Event(Role.RETRY, seen) for seen in tries),
-        *(Event(Role.LATE, see(retries + 0.1, Direction.RESPONSE, 10, 0, code)) for _ in range(late)),
-        *(Event(Role.NOTICE, see(0.5, Direction.RESPONSE, 10, 0, 0x900)) for _ in range(notices)),
+    exchange.other_frames = [
+        *(CallFrame(FrameRole.RETRY, seen) for seen in tries),
+        *(
+            CallFrame(FrameRole.LATE, see(retries + 0.1, Direction.RESPONSE, 10, 0, code))
+            for _ in range(late)
+        ),
+        *(CallFrame(FrameRole.NOTICE, see(0.5, Direction.RESPONSE, 10, 0, 0x900)) for _ in range(notices)),
     ]
     if latency is not None:
         exchange.reply = see(latency, Direction.RESPONSE, 10 + retries, 0, code)
-        exchange.activity = exchange.reply.time
+        exchange.last_activity = exchange.reply.time
     elif given_up:
-        exchange.gone_on = time + 5 * MS
+        exchange.abandoned_at = time + 5 * MS
     return exchange

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.finding import Finding, Seen
-from bcapscope.capture.file import CaptureFile
-from bcapscope.capture.observer import Observer
-from bcapscope.protocol.variant import EMPTY, Variant
+from bcapscope.analysis.finding import Finding, TrafficTotals
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.protocol.codec.variant import EMPTY, Variant
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
 from tests.samples.calls import MS, SERVER, START, Datagrams, i4, i4s, r8s, reply, request, text
@@ -165,7 +165,7 @@ class Diagnosed(NamedTuple):
     """What was found in a capture, and how much was seen."""
 
     findings: tuple[Finding, ...]
-    seen: Seen
+    seen: TrafficTotals
 
     def of(self, rule: str) -> list[Finding]:
         """Return the findings of one rule."""
@@ -181,19 +181,19 @@ def stage(play: Play) -> Diagnosed:
 
 def diagnose_bytes(capture: bytes, ports: frozenset[int] = frozenset({5007})) -> Diagnosed:
     """Diagnose a capture file."""
-    return diagnose(list(Observer(ports).observe(CaptureFile(io.BytesIO(capture)))))
+    return diagnose(list(PacketDecoder(ports).decode(CaptureFile(io.BytesIO(capture)))))
 
 
 def diagnose(observations: list[Observation]) -> Diagnosed:
     """Diagnose observations."""
     diagnosis, tracker = Diagnosis(), Tracker()
     for seen in observations:
-        diagnosis.take_observation(seen)
+        diagnosis.on_observation(seen)
         for settled in tracker.observe(seen):
-            diagnosis.take(settled)
+            diagnosis.on_pairing_result(settled)
     for settled in tracker.close():
-        diagnosis.take(settled)
-    return Diagnosed(diagnosis.finish(), diagnosis.seen)
+        diagnosis.on_pairing_result(settled)
+    return Diagnosed(diagnosis.finish(), diagnosis.totals)
 
 
 def _time(ms: float) -> int:

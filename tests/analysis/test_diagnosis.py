@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.finding import Seen, Severity
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.observer import Observer
-from bcapscope.protocol.frame import Frame, Malformed, Problem, encode, parse_bytes
-from bcapscope.protocol.variant import EMPTY
+from bcapscope.analysis.finding import Severity, TrafficTotals
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame, parse_single_frame
+from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.traffic import tracker
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from bcapscope.traffic.tracker import Tracker
@@ -32,17 +32,17 @@ def chain(found: Diagnosed) -> list[tuple[str, int | None]]:
 def test_nothing_seen() -> None:
     diagnosis = Diagnosis()
     assert diagnosis.finish() == ()
-    assert diagnosis.seen == Seen(0, 0, 0, 0)
+    assert diagnosis.totals == TrafficTotals(0, 0, 0, 0)
 
 
 def test_a_clean_capture_says_how_much_was_seen() -> None:
     found = stage(good)
-    assert found == Diagnosed((), Seen(142, 71, 1, 546_000_000))
+    assert found == Diagnosed((), TrafficTotals(142, 71, 1, 546_000_000))
 
 
 def test_calls_that_are_let_go_accuse_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nine set points a quarter of a millisecond apart are answered at last, when half are not looked for."""
-    monkeypatch.setattr(tracker, "MOST_OPEN", 4)
+    monkeypatch.setattr(tracker, "MAX_OPEN", 4)
 
     def play(story: Story) -> None:
         client = story.client()
@@ -65,7 +65,7 @@ def test_calls_that_are_let_go_accuse_nobody(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_controller_that_never_answers_is_told_though_calls_are_let_go(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(tracker, "MOST_OPEN", 4)
+    monkeypatch.setattr(tracker, "MAX_OPEN", 4)
 
     def play(story: Story, answered: int = 0) -> None:
         client = story.client()
@@ -161,7 +161,7 @@ _REQUESTS = (
     request(1, 0, "Robot_Execute", ROBOT, text("slvChangeMode"), text("514")),
     request(1, 0, "Controller_GetRobot", i4(1), text("Arm"), text("")),
     request(1, 0, "Robot_Release", ROBOT),
-    encode(1, 0, 200, ()),
+    encode_frame(1, 0, 200, ()),
 )
 
 
@@ -178,7 +178,7 @@ def _item(draw: st.DrawFn) -> tuple[int, int, Frame | Malformed]:
     serials = draw(st.integers(0, 6)).to_bytes(2, "little") + draw(st.integers(0, 6)).to_bytes(2, "little")
     raw = raw[:5] + serials + raw[9:]
     cut = draw(st.integers(0, 10 * len(raw)))
-    return flow, pause, parse_bytes(raw[:cut] if 0 < cut < len(raw) else raw)
+    return flow, pause, parse_single_frame(raw[:cut] if 0 < cut < len(raw) else raw)
 
 
 @given(st.lists(_item(), max_size=60))
@@ -211,11 +211,11 @@ def test_memory_is_bounded_by_what_is_open_and_not_by_what_was_seen() -> None:
             )
             for place, (direction, raw) in enumerate(frames):
                 seen = Observation(2 * number + place, time, time, flows[direction], Frame(raw), 0)
-                diagnosis.take_observation(seen)
+                diagnosis.on_observation(seen)
                 for settled in tracker.observe(seen):
-                    diagnosis.take(settled)
-        book = diagnosis._book
-        return sum(1 for case in book._cases.values() for _ in case) + len(book._by_call)
+                    diagnosis.on_pairing_result(settled)
+        book = diagnosis._collector
+        return sum(1 for case in book._groups.values() for _ in case) + len(book._by_call)
 
     assert held(9000) == held(12000)
 
@@ -228,7 +228,7 @@ def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: st
     flow = Flow(Conversation(*ends, Transport.TCP, known_by), Direction.REQUEST)
     diagnosis = Diagnosis()
     item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (Problem(0, "outside", "bytes outside of any frame"),))
-    diagnosis.take_observation(Observation(1, 0, 0, flow, item, 0))
+    diagnosis.on_observation(Observation(1, 0, 0, flow, item, 0))
     assert [finding.rule for finding in diagnosis.finish()] == [rule]
 
 
@@ -239,7 +239,7 @@ def test_recordings_without_loss_have_neither_errors_nor_warnings(name: str) -> 
     if not path.exists():
         pytest.skip(f"{path} is missing")
     with open_capture(path) as capture:
-        found = diagnose(list(Observer().observe(capture)))
+        found = diagnose(list(PacketDecoder().decode(capture)))
     assert found.seen.calls == 2010
     assert [finding.rule for finding in found.findings if finding.severity is not Severity.NOTE] == []
 
@@ -250,7 +250,7 @@ def test_a_recording_with_loss_shows_it() -> None:
     if not path.exists():
         pytest.skip(f"{path} is missing")
     with open_capture(path) as capture:
-        found = diagnose(list(Observer().observe(capture)))
+        found = diagnose(list(PacketDecoder().decode(capture)))
     rules = {finding.rule for finding in found.findings}
     assert {"retried", "executed-twice", "slow-retry"} <= rules
     assert "client-stopped" not in rules

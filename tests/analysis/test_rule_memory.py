@@ -4,46 +4,46 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.analysis.client import MOST_DEPARTED, Clients
+from bcapscope.analysis.client_state import MOST_CLOSED_CLIENTS, ClientRegistry
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.rules import objects
-from bcapscope.analysis.rules.objects import Objects
-from bcapscope.analysis.rules.rule import Incident
-from bcapscope.analysis.rules.session import Session
-from bcapscope.analysis.stay import ExitReason
-from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.handles import Handles
+from bcapscope.analysis.rules import object_rules
+from bcapscope.analysis.rules.object_rules import ObjectChecker
+from bcapscope.analysis.rules.rule_checker import Occurrence
+from bcapscope.analysis.rules.session_rules import SessionChecker
+from bcapscope.analysis.slave.slave_session import ExitReason
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.handle_tracker import HandleTracker
 from tests.analysis.driving import ENTER, Plan, i4
 from tests.traffic.playbook import GET_VARIABLE, text
 
 
-def opened(watcher: Objects, clients: Clients, names: list[str]) -> None:
+def opened(watcher: ObjectChecker, clients: ClientRegistry, names: list[str]) -> None:
     """Let a client open an object by each of the names."""
-    plan, handles = Plan(), Handles()
+    plan, handles = Plan(), HandleTracker()
     driver = plan.driver()
     for number, name in enumerate(names):
         arguments = i4(1), text(name), text("")
         driver.call(number * 10.0, GET_VARIABLE, *arguments, results=(i4(number + 1),))
     for call in plan.track():
-        assert isinstance(call, Exchange)
-        client = clients.of(call)
-        client.thing = handles.follow(call)
-        watcher.call(call, client)
+        assert isinstance(call, Call)
+        client = clients.client_of(call)
+        client.target_object = handles.on_call(call)
+        watcher.on_call(call, client)
 
 
 def test_names_that_are_opened_twice_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(objects, "_MOST_NAMES", 8)
-    clients = Clients(lambda client: None)
-    watcher = Objects(lambda incident: None, clients)
+    monkeypatch.setattr(object_rules, "_MAX_NAMES", 8)
+    clients = ClientRegistry(lambda client: None)
+    watcher = ObjectChecker(lambda incident: None, clients)
     opened(watcher, clients, [f"I{number // 2}" for number in range(100)])
     assert len(watcher._tallies) == 8
 
 
 def test_a_leak_is_found_among_many_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(objects, "_MOST_NAMES", 8)
-    found: list[Incident] = []
-    clients = Clients(lambda client: None)
-    watcher = Objects(found.append, clients)
+    monkeypatch.setattr(object_rules, "_MAX_NAMES", 8)
+    found: list[Occurrence] = []
+    clients = ClientRegistry(lambda client: None)
+    watcher = ObjectChecker(found.append, clients)
     names = [name for number in range(30) for name in ("leaks", f"I{number}", f"F{number}")]
     opened(watcher, clients, names)
     assert [incident.rule.id for incident in found] == ["handle-leak"]
@@ -62,22 +62,22 @@ def left_on(until: float) -> Plan:
 def test_stays_of_clients_that_are_forgotten_are_not_kept() -> None:
     (stay,) = left_on(9000).stays()
     assert stay.exit.reason is ExitReason.SILENT
-    watcher = Session(lambda incident: None, Clients(lambda client: None))
-    watcher.stay(stay)
-    assert not watcher._silent
+    watcher = SessionChecker(lambda incident: None, ClientRegistry(lambda client: None))
+    watcher.on_slave_session(stay)
+    assert not watcher._silent_sessions
 
 
 def test_of_clients_that_are_gone_the_latest_few_are_remembered() -> None:
     gone: list[str] = []
-    clients = Clients(lambda client: gone.append(str(client.conversation.client)))
+    clients = ClientRegistry(lambda client: gone.append(str(client.conversation.client)))
     plan = Plan()
-    for port in range(1, MOST_DEPARTED + 4):
+    for port in range(1, MOST_CLOSED_CLIENTS + 4):
         plan.driver(port).execute(port * 10.0, "CurJnt")
     for call in plan.track():
-        assert isinstance(call, Exchange)
-        clients.of(call)
-        clients.depart(call.conversation)
-    assert len(list(clients)) == MOST_DEPARTED
+        assert isinstance(call, Call)
+        clients.client_of(call)
+        clients.on_conversation_closed(call.conversation)
+    assert len(list(clients)) == MOST_CLOSED_CLIENTS
     assert gone == ["10.0.0.2:1", "10.0.0.2:2", "10.0.0.2:3"]
 
 
@@ -85,12 +85,12 @@ def test_a_diagnosis_lets_go_of_a_client_that_is_gone_and_tells_what_it_left_on(
     diagnosis = Diagnosis()
     *calls, last = left_on(60_000).track()
     for call in calls:
-        diagnosis.take(call)
-    assert isinstance(last, Exchange)
+        diagnosis.on_pairing_result(call)
+    assert isinstance(last, Call)
     for call in calls:
-        assert isinstance(call, Exchange)
-        diagnosis.forget(call.conversation)
-    diagnosis.take(last)
-    diagnosis.forget(last.conversation)
+        assert isinstance(call, Call)
+        diagnosis.on_conversation_closed(call.conversation)
+    diagnosis.on_pairing_result(last)
+    diagnosis.on_conversation_closed(last.conversation)
     found = diagnosis.finish(last.request.time)
     assert "quit-in-slave-mode" in [finding.rule for finding in found]

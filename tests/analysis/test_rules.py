@@ -8,7 +8,7 @@ import pytest
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules import RULES
-from bcapscope.analysis.rules.rule import Rule
+from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import Story, diagnose_bytes, good, stage
@@ -61,13 +61,13 @@ def test_there_are_many_rules_each_with_a_name_of_its_own() -> None:
 def test_rules_follow_rules_that_there_are() -> None:
     known = {rule.id for rule in RULES}
     for rule in RULES:
-        assert set(rule.follows) <= known
-        assert rule.id not in rule.follows
+        assert set(rule.possible_causes) <= known
+        assert rule.id not in rule.possible_causes
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
-def test_the_text_of_a_rule_fits_a_table_and_a_sentence(rule: Rule) -> None:
-    for text in (rule.finds, rule.source):
+def test_the_text_of_a_rule_fits_a_table_and_a_sentence(rule: DiagnosisRule) -> None:
+    for text in (rule.description, rule.source):
         assert "|" not in text
         assert "\n" not in text
     assert rule.advice[0].isupper()

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 from functools import partial
 
-from bcapscope.client import PACES, Blocking, Robot, Service, connect, over_tcp, over_udp
+from bcapscope.client import DEFAULT_RETRY_POLICIES, Blocking, Robot, Service, connect, over_tcp, over_udp
 from tests.bench.simulator import set_points
 from tests.bench.trips import (
     J_MODE_1,
@@ -29,7 +29,7 @@ from tests.bench.trips import (
 
 BARE, ASYNC, BLOCKING = "bare loop", "await robot.slv_move", "wait(robot.slv_move)"
 OPENERS = {"udp": over_udp, "tcp": over_tcp}
-PATIENT = PACES._replace(asynchronous=PACES.others)
+PATIENT = DEFAULT_RETRY_POLICIES._replace(asynchronous=DEFAULT_RETRY_POLICIES.others)
 """The recommended 2 ms would make a slow moment of the machine a call without answer."""
 
 
@@ -57,7 +57,7 @@ def awaited(transport: str, count: int) -> list[int]:
 
     async def run(port: int) -> list[int]:
         took = []
-        async with connect(OPENERS[transport]("127.0.0.1", port), paces=PATIENT) as service:
+        async with connect(OPENERS[transport]("127.0.0.1", port), retry_policies=PATIENT) as service:
             robot, joints = await prepare(service)
             for point in points(joints, count):
                 began = time.perf_counter_ns()
@@ -73,7 +73,7 @@ def waited_for(transport: str, count: int) -> list[int]:
     """Time calls of the face without async."""
     took = []
     with server(simulator("-q"), SIMULATOR_PORT) as port, Blocking() as wait:
-        service = wait.enter(connect(OPENERS[transport]("127.0.0.1", port), paces=PATIENT))
+        service = wait.enter(connect(OPENERS[transport]("127.0.0.1", port), retry_policies=PATIENT))
         robot, joints = wait(prepare(service))
         for point in points(joints, count):
             began = time.perf_counter_ns()

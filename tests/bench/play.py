@@ -27,12 +27,12 @@ from typing import NamedTuple
 
 import msgspec
 
-from bcapscope.client.target import Target
+from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.player.channel import SocketChannel
 from bcapscope.player.lateness import Lateness, Spread
-from bcapscope.player.messages import Outcome, Pacing, Plan, Question
-from bcapscope.player.process import Player
-from bcapscope.player.realtime import undisturbed
+from bcapscope.player.player_messages import PlayerQuestion, PlayOutcome, PlayPlan, SlaveModePacing
+from bcapscope.player.player_process import PlayerProcess
+from bcapscope.player.realtime import realtime_priority
 from tests.bench.jobs import ROOT
 
 BUSY = 2
@@ -59,7 +59,7 @@ def keep_to(pid: int, processor: int) -> None:
 
 
 @contextmanager
-def simulator(apart: bool = False) -> Iterator[Target]:
+def simulator(apart: bool = False) -> Iterator[ControllerTarget]:
     """Run the simulator, on the last processor only if it is to be `apart`; yield how to reach it."""
     with running("-m", "bcapscope", "sim", "--port", "0", "-q") as process:
         if apart:
@@ -69,7 +69,7 @@ def simulator(apart: bool = False) -> Iterator[Target]:
         if not match:
             raise SystemExit("the simulator did not start")
         # TCP, since the simulator, which is no other machine here, may be held up for longer than UDP bears.
-        yield Target("127.0.0.1", int(match[1]), tcp=True)
+        yield ControllerTarget("127.0.0.1", int(match[1]), tcp=True)
 
 
 def empty_loop(period: int, count: int, realtime: bool) -> Spread:
@@ -84,44 +84,46 @@ def empty(period: int, count: int, realtime: bool) -> None:
     late = Lateness(count)
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     channel = SocketChannel(ends[0])
-    with undisturbed() if realtime else nullcontext():
+    with realtime_priority() if realtime else nullcontext():
         due = channel.now()
         for _ in range(count):
             due += period
-            channel.wait(due)
+            channel.wait_until(due)
             now = channel.now()
             late.add(now - due)
             if now - due > period // 2:
                 due = now
-    sys.stdout.buffer.write(msgspec.json.encode(late.exact()))
+    sys.stdout.buffer.write(msgspec.json.encode(late.exact_spread()))
 
 
-def wave(target: Target, period: int, count: int, realtime: bool) -> Plan:
+def wave(target: ControllerTarget, period: int, count: int, realtime: bool) -> PlayPlan:
     """Make a slow wave of one axis."""
     # So slow that no limit is exceeded where the simulator, which gets no priority, misses some.
     points = [(0.2 * (1 - cos(2 * pi * number / count)), *_HOME) for number in range(count)]
-    return Plan(target=target, mode=Pacing.ASYNC, period=period, points=points, realtime=realtime)
+    return PlayPlan(
+        target=target, mode=SlaveModePacing.ASYNC, period=period, points=points, realtime=realtime
+    )
 
 
 def has_priority() -> bool:
     """Tell whether the system gives real-time priority."""
-    with undisturbed() as grade:
+    with realtime_priority() as grade:
         return grade.realtime
 
 
-def play(plan: Plan) -> Spread:
+def play(plan: PlayPlan) -> Spread:
     """Play; return the lateness.
 
     Raises:
         SystemExit: it did not get to the end.
     """
-    with Player(plan) as player:
+    with PlayerProcess(plan) as player:
         while player.ended is None:
-            for message in player.wait(1.0):
-                if isinstance(message, Question):
+            for message in player.wait_for_messages(1.0):
+                if isinstance(message, PlayerQuestion):
                     player.answer("yes")
     ended = player.ended
-    if ended.outcome is not Outcome.DONE:
+    if ended.outcome is not PlayOutcome.DONE:
         raise SystemExit(f"{ended.outcome}: {ended.reason}")
     return ended.lateness
 
@@ -193,7 +195,7 @@ def main() -> None:
                 _measure(target, period, round(chosen.seconds * 1e9 / period), chosen.rounds, wanted)
 
 
-def _measure(target: Target, period: int, count: int, rounds: int, wanted: bool) -> None:
+def _measure(target: ControllerTarget, period: int, count: int, rounds: int, wanted: bool) -> None:
     bare: list[Round] = []
     ours: list[Round] = []
     plan = wave(target, period, count, wanted)

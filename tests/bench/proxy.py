@@ -29,8 +29,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import ARRAY, VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from tests.bench.awake import add_option, awake
 
 PROXIES = {"bcapscope": (), "--low-latency": ("--low-latency",)}
@@ -40,13 +40,13 @@ TRIPS = 20_000
 PACED = 8_000
 ROBOTS = 4
 
-REQUEST = encode(
+REQUEST = encode_frame(
     1,
     0,
     64,
     (Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove"), Variant(VT.R4 | ARRAY, (0.5,) * 8, 8)),
 )
-REPLY = encode(1, 0, 0, (Variant(VT.UI1 | ARRAY, bytes(74), 74),))
+REPLY = encode_frame(1, 0, 0, (Variant(VT.UI1 | ARRAY, bytes(74), 74),))
 assert len(REQUEST) == len(REPLY) == 100
 
 RELAY_C = r"""

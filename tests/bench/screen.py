@@ -19,9 +19,9 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
-from bcapscope.tui.app import Scope, Spot
-from bcapscope.tui.screens.traffic import TrafficScreen
-from bcapscope.tui.traffic.feed import Feed
+from bcapscope.tui.app import BcapApp, ScreenEntry
+from bcapscope.tui.screens.traffic_screen import TrafficScreen
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.bench.jobs import generate
 from tests.bench.terminal import ROOT, Terminal
 from tests.bench.traffic import Session
@@ -190,9 +190,9 @@ def grow(path: Path) -> None:
 
 def follow(path: Path) -> None:
     """Show a capture that grows."""
-    feed = Feed(path=str(path), follow=True)
+    feed = TrafficFeed(path=str(path), follow=True)
     settings = path.with_name("screen.yaml")
-    Scope([Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, path.name))], settings).run()
+    BcapApp([ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, path.name))], settings).run()
     feed.close()
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
-from bcapscope.protocol.variant import EMPTY
+from bcapscope.protocol.codec.variant import EMPTY
 from tests.bench.trips import (
     ECHO_PORT,
     EXECUTE,

@@ -19,9 +19,9 @@ from contextlib import contextmanager
 from statistics import median
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.hresult import hresult_name
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.hresult import hresult_name
 from tests.bench.awake import add_option, awake
 from tests.bench.jobs import ROOT, python
 
@@ -114,7 +114,7 @@ class Line:
     def request(self, function_id: int, *arguments: Variant) -> bytes:
         """Make the next request."""
         self.serial = self.serial % 65535 + 1
-        return encode(self.serial, 0, function_id, arguments)
+        return encode_frame(self.serial, 0, function_id, arguments)
 
     def call(self, function_id: int, *arguments: Variant) -> Variant:
         """Make a call; return its result, EMPTY where there is none."""

@@ -18,18 +18,18 @@ import msgspec
 import numpy as np
 from textual.app import ComposeResult
 
-from bcapscope.client.target import Target
+from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.player.lateness import Spread
-from bcapscope.player.messages import Plan
-from bcapscope.player.trajectory import Source, Trajectory
-from bcapscope.protocol.slavemode import PoseType
-from bcapscope.tui.app import Scope, Spot, scope_of
-from bcapscope.tui.desk.playing import Stage
-from bcapscope.tui.desk.slaverun import SlaveRun
-from bcapscope.tui.screens.place import Place
-from bcapscope.tui.screens.traffic import TrafficScreen
-from bcapscope.tui.tester.slavelive import SlaveLive
-from bcapscope.tui.traffic.feed import Feed
+from bcapscope.player.player_messages import PlayPlan
+from bcapscope.player.trajectory import Trajectory, TrajectorySource
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.tui.app import BcapApp, ScreenEntry, app_of
+from bcapscope.tui.controller_access.playback_run import PlaybackRun
+from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.screens.base_screen import BaseScreen
+from bcapscope.tui.screens.traffic_screen import TrafficScreen
+from bcapscope.tui.tester.playback_view import PlaybackView
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.bench.play import HEAD, Round, has_priority, line, measured, options, play, simulator, wave
 from tests.bench.screen import LIVE_RATE, growing
 from tests.bench.terminal import Terminal
@@ -39,56 +39,56 @@ SIZE = 200, 50
 _POINTS = ("p50", "p99", "p999", "most")
 
 
-class Watching(Place):
+class Watching(BaseScreen):
     """Plays and draws, as the screen of slave mode does."""
 
     NAME = "tester.slave"
     ABOUT = "tester.slave.about"
 
-    def __init__(self, plan: Plan, result: Path) -> None:
+    def __init__(self, plan: PlayPlan, result: Path) -> None:
         super().__init__()
         self._plan, self._result = plan, result
 
     def content(self) -> ComposeResult:
         """Show nothing but the run."""
-        yield SlaveLive()
+        yield PlaybackView()
 
     def on_mount(self) -> None:
         """Begin, once the other screen is at work too."""
         self.run_worker(self._play())
 
     async def _play(self) -> None:
-        app = scope_of(self)
+        app = app_of(self)
         await app.switch_mode("traffic")
         await asyncio.sleep(2.0)
         await app.switch_mode("watching")
-        stage, live = Stage(), self.query_one(SlaveLive)
-        trajectory = Trajectory(PoseType.J, np.array(self._plan.points), Source("wave", "made up"))
-        run = SlaveRun(self._plan, trajectory)
-        await stage.begin(self._plan)
+        stage, live = PlayerSlot(), self.query_one(PlaybackView)
+        trajectory = Trajectory(PoseType.J, np.array(self._plan.points), TrajectorySource("wave", "made up"))
+        run = PlaybackRun(self._plan, trajectory)
+        await stage.start_player(self._plan)
         while run.ended is None:
-            for message in await stage.messages():
-                answer = run.take(message)
+            for message in await stage.next_messages():
+                answer = run.on_message(message)
                 if answer is not None or run.question is not None:
-                    stage.answer(answer or "yes")
-            live.show(run)
-        await stage.end()
+                    stage.answer_question(answer or "yes")
+            live.show_run(run)
+        await stage.end_player()
         self._result.write_bytes(msgspec.json.encode(run.ended.lateness))
         await app.action_quit()
 
 
 def watch(plan: Path, capture: Path, result: Path) -> None:
     """Be the screen."""
-    wanted = msgspec.json.decode(plan.read_bytes(), type=Plan)
-    feed = Feed(path=str(capture), follow=True)
+    wanted = msgspec.json.decode(plan.read_bytes(), type=PlayPlan)
+    feed = TrafficFeed(path=str(capture), follow=True)
     spots = [
-        Spot("watching", "f2", "tester.slave", lambda: Watching(wanted, result)),
-        Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, capture.name)),
+        ScreenEntry("watching", "f2", "tester.slave", lambda: Watching(wanted, result)),
+        ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, capture.name)),
     ]
-    Scope(spots, result.with_name("screen.yaml")).run()
+    BcapApp(spots, result.with_name("screen.yaml")).run()
 
 
-def watched(plan: Plan, folder: Path, limit: float) -> Spread:
+def watched(plan: PlayPlan, folder: Path, limit: float) -> Spread:
     """Play with a screen that is busy."""
     paths = folder / "plan.json", folder / "growing.pcap", folder / "lateness.json"
     paths[0].write_bytes(msgspec.json.encode(plan))
@@ -98,7 +98,7 @@ def watched(plan: Plan, folder: Path, limit: float) -> Spread:
     return msgspec.json.decode(paths[2].read_bytes(), type=Spread)
 
 
-def measure(target: Target, seconds: float, rounds: int, folder: Path) -> None:
+def measure(target: ControllerTarget, seconds: float, rounds: int, folder: Path) -> None:
     """Play with and without, in alternation, and print both."""
     priority = has_priority()
     plan = wave(target, PERIOD, round(seconds * 1e9 / PERIOD), priority)

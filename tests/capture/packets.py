@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 
 CLIENT, SERVER = bytes((10, 0, 0, 2)), bytes((10, 0, 0, 1))
 CLIENT_PORT, SERVER_PORT = 50001, 5007
@@ -16,17 +16,17 @@ START = 1_700_000_000 * SECOND
 
 def request(serial: int, function_id: int = 22, handle: int = 1) -> bytes:
     """A call of a function that takes a handle only; by default Controller_GetTag."""
-    return encode(serial, 0, function_id, [Variant(VT.I4, handle)])
+    return encode_frame(serial, 0, function_id, [Variant(VT.I4, handle)])
 
 
 def reply(serial: int, hresult: int = 0, value: int = 7) -> bytes:
     """A result with one number."""
-    return encode(serial, 0, hresult, [Variant(VT.I4, value)])
+    return encode_frame(serial, 0, hresult, [Variant(VT.I4, value)])
 
 
 def service_start(serial: int = 1) -> bytes:
     """The first call of every session."""
-    return encode(serial, 0, 1, [Variant(VT.BSTR, "")])
+    return encode_frame(serial, 0, 1, [Variant(VT.BSTR, "")])
 
 
 def udp(payload: bytes, sport: int = CLIENT_PORT, dport: int = SERVER_PORT, size: int | None = None) -> bytes:

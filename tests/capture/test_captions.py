@@ -2,7 +2,7 @@
 
 import pytest
 
-from bcapscope.capture.captions import LONGEST, caption_direction, tidy
+from bcapscope.capture.captions import LONGEST_CAPTION, caption_direction, shorten_caption
 from bcapscope.traffic.observation import Direction
 
 REQUEST, RESPONSE = Direction.REQUEST, Direction.RESPONSE
@@ -46,8 +46,8 @@ def test_the_last_sentence_of_a_paragraph_decides() -> None:
     [("- SendData:", "SendData"), ("  ## RX = ", "RX"), ("", ""), ("One. " * 40 + "The last", "The last")],
 )
 def test_captions_are_kept_short(words: str, short: str) -> None:
-    assert tidy(words) == short
+    assert shorten_caption(words) == short
 
 
 def test_a_long_sentence_keeps_its_end() -> None:
-    assert tidy("x" * 500 + "y") == "x" * (LONGEST - 1) + "y"
+    assert shorten_caption("x" * 500 + "y") == "x" * (LONGEST_CAPTION - 1) + "y"

@@ -16,12 +16,12 @@ from scapy.sessions import TCPSession
 from scapy.utils import rdpcap, wrpcap
 
 from bcapscope.capture.layer import BCAP
-from bcapscope.protocol.frame import Frame, Framing, encode
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from tests.capture.packets import reply, request, service_start
 
 HANDLE = Variant(VT.I4, 1)
-CALL = encode(5, 4, 64, [HANDLE, Variant(VT.BSTR, "slvMove"), Variant.array(VT.R8, (1.5, 2.5))])
+CALL = encode_frame(5, 4, 64, [HANDLE, Variant(VT.BSTR, "slvMove"), Variant.array(VT.R8, (1.5, 2.5))])
 
 
 def client(data: bytes, seq: int, flags: str = "PA") -> Ether:
@@ -52,7 +52,7 @@ def test_dissects_into_fields() -> None:
 def test_builds_what_our_codec_builds() -> None:
     args = [HANDLE, Variant(VT.BSTR, "slvMove"), Variant.array(VT.R8, (1.5, 2.5))]
     assert bytes(BCAP(serial=5, reserved=4, function_id=64, args=args)) == CALL
-    assert bytes(BCAP(serial=7, hresult=0x80000900)) == encode(7, 0, 0x80000900)
+    assert bytes(BCAP(serial=7, hresult=0x80000900)) == encode_frame(7, 0, 0x80000900)
     assert bytes(BCAP(args=[""])) == service_start()
 
 
@@ -81,7 +81,7 @@ def test_what_is_dissected_is_built_again(
     serial: int, code: int, args: list[object], framing: Framing
 ) -> None:
     arguments = [argument.variant for argument in BCAP(bytes(BCAP(args=args))).frame.arguments]
-    raw = encode(serial, framing is Framing.VERSION_1, code, arguments, framing)
+    raw = encode_frame(serial, framing is Framing.VERSION_1, code, arguments, framing)
     packet = BCAP(raw + b"behind")
     assert packet[Padding].load == b"behind"
     packet = BCAP(raw)
@@ -103,17 +103,17 @@ def test_a_changed_field_is_built_anew() -> None:
     packet.serial = 6
     packet.args = [*packet.args[:2], EMPTY]
     packet.length = packet.argc = None
-    assert bytes(packet) == encode(6, 4, 64, [HANDLE, Variant(VT.BSTR, "slvMove"), EMPTY])
+    assert bytes(packet) == encode_frame(6, 4, 64, [HANDLE, Variant(VT.BSTR, "slvMove"), EMPTY])
 
 
 def test_the_port_tells_calls_from_results() -> None:
-    doubtful = encode(1, 0, 1)
+    doubtful = encode_frame(1, 0, 1)
     asked = IP(bytes(IP() / UDP(sport=50001, dport=5007) / doubtful))
     answered = IP(bytes(IP() / UDP(sport=5007, dport=50001) / doubtful))
     assert asked[BCAP].function_id == 1
     assert answered[BCAP].hresult == 1
     assert BCAP(doubtful).function_id == 1
-    assert BCAP(encode(1, 0, 0x0F200501)).hresult == 0x0F200501
+    assert BCAP(encode_frame(1, 0, 0x0F200501)).hresult == 0x0F200501
 
 
 def test_what_is_no_frame_stays_raw() -> None:
@@ -132,7 +132,7 @@ def test_answers() -> None:
     assert result(reply(9)).hashret() == asked.hashret()
     assert result(reply(9, 0x83500121)).answers(asked)
     assert not result(reply(8)).answers(asked)
-    assert not result(encode(9, 0, 0x900)).answers(asked)
+    assert not result(encode_frame(9, 0, 0x900)).answers(asked)
     assert not asked.answers(asked)
     assert not result(reply(9)).answers(result(reply(9)))
     assert not BCAP(reply(9)).answers(Raw(b""))
@@ -140,7 +140,7 @@ def test_answers() -> None:
 
 def test_summaries_cannot_harm_a_terminal() -> None:
     name = Variant(VT.BSTR, "\x1b[31m\u202e[/foo]\n")
-    packet = BCAP(encode(5, 0, 64, [HANDLE, name, EMPTY]))
+    packet = BCAP(encode_frame(5, 0, 64, [HANDLE, name, EMPTY]))
     assert packet.mysummary() == "b-CAP Robot_Execute '\\x1b[31m\\u202e[/foo]\\n' serial 5"
     assert "\x1b" not in packet.show(dump=True)
     assert BCAP(reply(7)).mysummary() == "b-CAP S_OK serial 7"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from scapy.utils import RawPcapReader, RawPcapWriter
 
-from bcapscope.capture.file import CaptureFile, open_capture
+from bcapscope.capture.capture_file import CaptureFile, open_capture
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.pcap import RECORD_LIMIT
 from bcapscope.errors import CaptureError

@@ -9,7 +9,7 @@ import pytest
 from scapy.packet import Raw
 from scapy.utils import RawPcapNgReader, wrpcapng
 
-from bcapscope.capture.file import open_capture
+from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.pcapng import BLOCK_LIMIT, INTERFACES_LIMIT
 from bcapscope.errors import CaptureError

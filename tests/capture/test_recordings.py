@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.observer import Observer
-from bcapscope.protocol.frame import Frame
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.observation import Direction
 
 pytestmark = pytest.mark.interop
@@ -30,9 +30,9 @@ def test_every_packet_of_a_recording_is_understood(
     path = FOLDER / name
     if not path.exists():
         pytest.skip(f"no recording {name} beside the project")
-    observer = Observer()
+    observer = PacketDecoder()
     with open_capture(path) as capture:
-        found = list(observer.observe(capture))
+        found = list(observer.decode(capture))
     assert observer.counts.packets == packets
     assert observer.counts.not_ip == observer.counts.not_bcap == observer.counts.broken == 0
     assert all(isinstance(each.item, Frame) and not each.item.problems for each in found)
@@ -40,4 +40,4 @@ def test_every_packet_of_a_recording_is_understood(
     assert (sides.count(Direction.REQUEST), sides.count(Direction.RESPONSE)) == (requests, responses)
     (conversation,) = observer.conversations
     assert conversation.server.port == port
-    assert not conversation.side_known_by.startswith("a guess")
+    assert not conversation.server_known_by.startswith("a guess")

@@ -8,12 +8,12 @@ import io
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.capture.file import CaptureFile
-from bcapscope.capture.link import LINKS
-from bcapscope.capture.observer import Observer
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.link_layer import IP_OFFSET_FINDERS
 from bcapscope.capture.packet import Interface, Packet
+from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
-from bcapscope.protocol.frame import Frame
+from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.observation import Observation
 from tests.capture.packets import (
     enhanced,
@@ -55,10 +55,10 @@ CAPTURES = [
 
 
 def observe(data: bytes) -> list[Observation]:
-    observer = Observer()
+    observer = PacketDecoder()
     found = []
     try:
-        for each in observer.observe(CaptureFile(io.BytesIO(data))):
+        for each in observer.decode(CaptureFile(io.BytesIO(data))):
             found.append(each)
     except CaptureError as error:
         sentence = str(error)
@@ -105,12 +105,13 @@ def test_no_bytes_raise_anything_else(data: bytes) -> None:
 
 
 @given(
-    st.sampled_from([*LINKS, 127]), st.lists(st.binary(max_size=120) | st.sampled_from(PACKETS), max_size=8)
+    st.sampled_from([*IP_OFFSET_FINDERS, 127]),
+    st.lists(st.binary(max_size=120) | st.sampled_from(PACKETS), max_size=8),
 )
 def test_no_packets_raise_anything(linktype: int, packets: list[bytes]) -> None:
     where = Interface(linktype)
     captured: list[Packet] = [(time, data, len(data) + 5, where, ()) for time, data in enumerate(packets)]
-    list(Observer().observe(captured))
+    list(PacketDecoder().decode(captured))
 
 
 def test_every_cut_of_a_capture_gives_frames_of_the_whole() -> None:

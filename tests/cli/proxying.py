@@ -12,11 +12,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bcapscope.client import Paces, Session, open_session, over_tcp, over_udp
-from bcapscope.errors import BcapError, ExchangeTimeout
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.requester import Answered, Event, Pace, Refused, TimedOut
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.client import RetryPolicies, Session, open_session, over_tcp, over_udp
+from bcapscope.errors import BcapError, CallTimeout
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.retry.requester import (
+    CallAnswered,
+    CallRefused,
+    CallTimedOut,
+    RequesterEvent,
+    RetryPolicy,
+)
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.traffic.observation import Observation
 
 PATIENCE = 30.0
@@ -119,26 +125,26 @@ class Talk:
         """See a frame."""
         (self.sent if seen.flow.direction == "request" else self.heard).append(seen.item.raw)
 
-    def listen(self, event: Event) -> None:
+    def listen(self, event: RequesterEvent) -> None:
         """Hear of an end."""
-        if isinstance(event, Answered | Refused):
+        if isinstance(event, CallAnswered | CallRefused):
             self.calls.append((len(event.attempts), event.reply.code))
-        elif isinstance(event, TimedOut):
+        elif isinstance(event, CallTimedOut):
             self.calls.append((len(event.attempts), None))
 
 
-def talk(port: int, convention: Convention, points: int, timeout: int = 1000) -> Talk:
+def talk(port: int, convention: ReservedConvention, points: int, timeout: int = 1000) -> Talk:
     """Run a session with so many set points; tries after `timeout` ms, eight at most."""
-    tcp = convention in (Convention.TCP0, Convention.TCP1)
+    tcp = convention in (ReservedConvention.TCP0, ReservedConvention.TCP1)
     seen = Talk()
-    pace = Pace(timeout * 1_000_000, 7)
+    pace = RetryPolicy(timeout * 1_000_000, 7)
 
     async def play() -> None:
         opener = (over_tcp if tcp else over_udp)("127.0.0.1", port)
         session = open_session(
             opener,
             convention=convention,
-            paces=Paces(pace, pace, pace),
+            retry_policies=RetryPolicies(pace, pace, pace),
             observer=seen.observe,
             listener=seen.listen,
         )
@@ -162,7 +168,7 @@ async def drive(session: Session, points: int, is_strict: bool = False) -> None:
     controller = reply.arguments[0].variant.value
     robot = (await session.invoke("Controller_GetRobot", controller, "Arm", "")).arguments[0].variant.value
     if is_strict:
-        await session.exchange(17, (Variant(VT.I4, controller), Variant(VT.BSTR, "ClearError"), EMPTY))
+        await session.perform_call(17, (Variant(VT.I4, controller), Variant(VT.BSTR, "ClearError"), EMPTY))
     await session.invoke("Robot_Execute", robot, "TakeArm", [0, 0])
     await session.invoke("Robot_Execute", robot, "Motor", [1, 0])
     await session.invoke("Robot_Execute", robot, "slvChangeMode", Variant(VT.I4, SLAVE_MODE))
@@ -171,14 +177,16 @@ async def drive(session: Session, points: int, is_strict: bool = False) -> None:
             await session.invoke(
                 "Robot_Execute", robot, "slvMove", [0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0]
             )
-        except ExchangeTimeout:
+        except CallTimeout:
             if is_strict:
                 raise
         except BcapError:  # the controller refuses what comes too fast or too late; that is an answer, too
             continue
 
 
-def persistent_talk(port: int, convention: Convention, points: int, timeout: int, again: bool = True) -> Talk:
+def persistent_talk(
+    port: int, convention: ReservedConvention, points: int, timeout: int, again: bool = True
+) -> Talk:
     """Send so many set points over TCP, in a new session whenever the old one breaks or is not answered.
 
     Args:
@@ -190,13 +198,13 @@ def persistent_talk(port: int, convention: Convention, points: int, timeout: int
     """
     seen = Talk()
     # The motor takes 400 ms; in one session alone nothing must break off because a machine is slow.
-    pace, others = Pace(timeout * 1_000_000, 0), Pace(500_000_000 if again else 800_000_000, 0)
+    pace, others = RetryPolicy(timeout * 1_000_000, 0), RetryPolicy(500_000_000 if again else 800_000_000, 0)
 
     async def play() -> None:
         async with open_session(
             over_tcp("127.0.0.1", port),
             convention=convention,
-            paces=Paces(others, pace, pace),
+            retry_policies=RetryPolicies(others, pace, pace),
             observer=seen.observe,
             listener=seen.listen,
         ) as link:

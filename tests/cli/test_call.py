@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
-from bcapscope.protocol.hresult import E_HANDLE, S_OK
-from bcapscope.protocol.simulated import SIMULATOR_TEXT
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.hresult import E_HANDLE, S_OK
+from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT
 from tests.cli.run import Ran, run_here
 from tests.client.peer import Peer
 from tests.client.server import udp_server
@@ -44,7 +44,7 @@ def _call(*words: str, simulator: bool = False) -> tuple[Ran, list[tuple[object,
 
 def test_what_a_function_needs_is_opened_and_released() -> None:
     ran, executed = _call("Robot_Execute", "slvGetMode")
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     assert ran.out.startswith("Robot_Execute slvGetMode S_OK pVal=R8[1.0,2.0]  ")
     assert ran.out.endswith(" ms\n")
     assert executed == [
@@ -72,7 +72,7 @@ def test_a_signal_releases_everything(number: signal.Signals) -> None:
             (peer,) = server.peers.values()
             peer.end()
             program.send_signal(number)
-        assert program.returncode == Exit.INTERRUPTED
+        assert program.returncode == ExitCode.INTERRUPTED
     assert peer.functions[-3:] == ["Robot_Release", "Controller_Disconnect", "Service_Stop"]
 
 
@@ -115,7 +115,7 @@ def test_a_session_of_several_calls(tmp_path: Path) -> None:
         ("Variable_GetValue", 103),
         ("Variable_Release", 103),
     ]
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     assert executed[6] == ("Variable_Release", 102)
 
 
@@ -141,7 +141,7 @@ def test_calls_that_cannot_all_be_made_are_not_begun(calls: list[str], reason: s
     script = tmp_path / "calls.txt"
     script.write_bytes("\n".join(calls).encode(errors="surrogateescape"))
     ran, executed = _call("--script", str(script))
-    assert (ran.code, executed) == (Exit.USAGE, [])
+    assert (ran.code, executed) == (ExitCode.USAGE, [])
     assert reason in ran.err
     assert "Traceback" not in ran.err
 
@@ -205,16 +205,16 @@ _SERVO_ON = ("--robot", "Arm", "Robot_GetVariable", "@Servo_On", "--exec")
 def test_what_energises_or_moves_needs_arming_or_the_simulator(words: tuple[str, ...]) -> None:
     name = "Variable_PutValue" if "Variable_PutValue" in " ".join(words) else words[0]
     ran, executed = _call(*words)
-    assert ran.code == Exit.UNARMED
+    assert ran.code == ExitCode.UNARMED
     assert "may move a robot" in ran.err
     assert "Add --arm" in ran.err
     assert name not in [call[0] for call in executed]
     assert executed[-1] == ("Service_Stop",)
     ran, executed = _call(*words, "--arm")
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     assert "Controller_GetVariable" not in [call[0] for call in executed if call[2:3] != ("I1",)]
     ran, executed = _call(*words, simulator=True)
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     assert name in [call[0] for call in executed]
 
 
@@ -237,7 +237,7 @@ def test_what_energises_or_moves_needs_arming_or_the_simulator(words: tuple[str,
 )
 def test_stopping_switching_off_and_reading_need_no_arming(words: tuple[str, ...]) -> None:
     ran, executed = _call(*words)
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     assert "Controller_GetVariable" not in [call[0] for call in executed]
     assert [call for call in executed if call[0] in (*words, "Variable_PutValue")]
 
@@ -251,11 +251,11 @@ def test_armed_calls_are_logged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     calls = ("--exec", "Robot_Execute CurJnt", "--exec", "Robot_Execute Motor 1", "--exec", "Robot_Halt")
     ran, _ = _call(*calls)
-    assert (ran.code, _logged(tmp_path)) == (Exit.UNARMED, [])
+    assert (ran.code, _logged(tmp_path)) == (ExitCode.UNARMED, [])
     ran, _ = _call(*calls, simulator=True)
-    assert (ran.code, _logged(tmp_path)) == (Exit.OK, [])
+    assert (ran.code, _logged(tmp_path)) == (ExitCode.OK, [])
     ran, _ = _call(*calls, "--arm")
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     sent, received = _logged(tmp_path)
     assert (sent["program"], sent["host"], sent["sent"]) == ("call", "127.0.0.1", "Robot_Execute Motor")
     assert (received["call"], received["received"]) == ("Robot_Execute Motor", "S_OK")
@@ -267,7 +267,7 @@ def test_armed_calls_are_sent_though_the_log_cannot_be_written(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
     ran, executed = _call("--arm", "Robot_Execute", "Motor", "1", "--exec", "Robot_Execute TakeArm")
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     assert len([call for call in executed if call[0] == "Robot_Execute"]) == 2
     assert ran.err.count("cannot write the action log") == 1
     assert "Calls are sent without it." in ran.err
@@ -275,14 +275,14 @@ def test_armed_calls_are_sent_though_the_log_cannot_be_written(
 
 def test_a_refusal() -> None:
     ran, executed = _call("Robot_GetHelp", "--exec", "Robot_GetTag")
-    assert ran.code == Exit.REFUSED
+    assert ran.code == ExitCode.REFUSED
     assert ran.out.startswith("Robot_GetHelp E_HANDLE (")
     assert ("Robot_GetTag", 102) not in executed
 
 
 def test_no_answer_lists_the_tries() -> None:
     ran, _ = _call("Robot_GetName", "--timeout", "400", "--retries", "1")
-    assert ran.code == Exit.UNANSWERED
+    assert ran.code == ExitCode.UNANSWERED
     assert "Robot_GetName was not answered in time, 2 tries:" in ran.err
     first, second = map(int, re.findall(r"serial (\d+), reserved", ran.err))
     assert second == first + 1
@@ -323,15 +323,15 @@ def test_hex() -> None:
 )
 def test_what_makes_no_sense(words: tuple[str, ...], reason: str) -> None:
     ran = run_here("call", "127.0.0.1", *words)
-    assert ran.code == Exit.USAGE
+    assert ran.code == ExitCode.USAGE
     assert reason in ran.err
 
 
 def test_nobody_listens() -> None:
     ran = run_here("call", "127.0.0.1", "--tcp", "--port", "1", "Service_Start")
-    assert ran.code == Exit.UNANSWERED
+    assert ran.code == ExitCode.UNANSWERED
     assert ran.err == "bcapscope: 127.0.0.1:1 over TCP: connection refused\n"
     ran = run_here("call", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "0", "Service_Start")
-    assert ran.code == Exit.UNANSWERED
+    assert ran.code == ExitCode.UNANSWERED
     assert ran.err.startswith("bcapscope: 127.0.0.1:1 over UDP: Service_Start was not answered")
     assert "connection refused at" in ran.err

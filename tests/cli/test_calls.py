@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
-from bcapscope.traffic.fields import FIELDS
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.traffic.filter.field_table import FIELDS
 from tests.cli.run import CAPTURES, run, run_here
 from tests.samples.calls import MS, START, Datagrams, reply, request
 from tests.samples.files import pcap
@@ -71,11 +71,11 @@ def test_a_filter() -> None:
     path = CAPTURES / "slave-mode-lost.pcapng"
     out = run_here("calls", path, "--json", "-f", "outcome == refused and command == slvMove").lines
     assert json.loads(out[0])["hresult_name"] == "0x84201482"
-    assert run_here("calls", path, "-f", "latency > 1h").code == Exit.USAGE
+    assert run_here("calls", path, "-f", "latency > 1h").code == ExitCode.USAGE
 
 
 def test_tree_and_json_exclude_each_other() -> None:
-    assert run_here("calls", RETRIES, "--json", "--tree").code == Exit.USAGE
+    assert run_here("calls", RETRIES, "--json", "--tree").code == ExitCode.USAGE
 
 
 def test_fields_are_listed_with_their_meaning() -> None:
@@ -114,7 +114,7 @@ def test_a_filter_leaves_out_what_belongs_to_no_call() -> None:
 
 def test_a_bad_filter_is_shown_where_it_is_bad() -> None:
     done = run_here("calls", RETRIES, "-f", "latency > 5 and comand == slvMove")
-    assert (done.code, done.out) == (Exit.USAGE, "")
+    assert (done.code, done.out) == (ExitCode.USAGE, "")
     assert "^" in done.err
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run, run_here
 
 GOOD = CAPTURES / "slave-session.pcapng"
@@ -14,7 +14,7 @@ BAD = CAPTURES / "slave-mode-lost.pcapng"
 
 def test_what_went_wrong_stands_first() -> None:
     done = run_here("compare", GOOD, BAD)
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     lines = done.lines
     assert lines[0].startswith(f"good  {GOOD}")
     assert lines[1].startswith(f"bad   {BAD}")
@@ -70,21 +70,21 @@ def test_a_damaged_capture_is_compared_as_far_as_it_goes(tmp_path: Path) -> None
     cut.write_bytes(GOOD.read_bytes()[:20_000])
     for paths in ((cut, BAD), (BAD, cut)):
         done = run_here("compare", *paths)
-        assert done.code == Exit.DAMAGED
+        assert done.code == ExitCode.DAMAGED
         assert "breaks off" in done.err
         assert "notable" in done.lines
 
 
 def test_standard_input_is_one_of_the_two() -> None:
     assert run("compare", GOOD, "-", stdin=GOOD.read_bytes()).lines[2:] == ["", "nothing notable differs"]
-    assert run_here("compare", "-", "-").code == Exit.USAGE
+    assert run_here("compare", "-", "-").code == ExitCode.USAGE
 
 
 def test_what_cannot_be_read_is_not_compared() -> None:
     for paths in ((GOOD, CAPTURES / "missing.pcap"), (CAPTURES / "README.md", BAD)):
         done = run_here("compare", *paths)
-        assert (done.code, done.out) == (Exit.UNREADABLE, "")
-    assert run_here("compare", GOOD).code == Exit.USAGE
+        assert (done.code, done.out) == (ExitCode.UNREADABLE, "")
+    assert run_here("compare", GOOD).code == ExitCode.USAGE
 
 
 def test_colours_and_hostile_names() -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run, run_here
 
 SESSION = CAPTURES / "slave-session.pcapng"
@@ -26,7 +26,7 @@ ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sample_is_read_to_its_end(path: Path) -> None:
     done = run_here("decode", path)
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     assert done.err.splitlines()[-1].startswith(f"{len(done.lines) - _malformed(done.lines)} frames in ")
 
 
@@ -68,7 +68,7 @@ def test_tree_and_hexdump() -> None:
 
 def test_hex_goes_with_text_only() -> None:
     done = run_here("decode", RETRIES, "--hex", "--json")
-    assert done.code == Exit.USAGE
+    assert done.code == ExitCode.USAGE
     assert "--hex goes with lines and trees" in done.err
 
 
@@ -81,7 +81,7 @@ def test_a_filter_keeps_numbers_and_pairing() -> None:
 
 def test_a_bad_filter_is_told_with_a_caret() -> None:
     done = run_here("decode", RETRIES, "-f", "serail == 5")
-    assert done.code == Exit.USAGE
+    assert done.code == ExitCode.USAGE
     assert "did you mean 'serial'?" in done.err
     assert done.err.splitlines()[-1].strip() == "^"
     assert done.out == ""
@@ -153,7 +153,7 @@ def test_a_truncated_capture_gives_all_before_the_cut(tmp_path: Path, kept: int)
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes(SESSION.read_bytes()[:-kept])
     whole, done = run_here("decode", SESSION), run_here("decode", cut)
-    assert done.code == Exit.DAMAGED
+    assert done.code == ExitCode.DAMAGED
     assert done.lines == whole.lines[: len(done.lines)]
     assert len(done.lines) >= len(whole.lines) - 2
     (sentence,) = [line for line in done.err.splitlines() if line.startswith(str(cut))]
@@ -166,7 +166,7 @@ def test_a_full_disk_is_told_in_one_sentence(style: list[str]) -> None:
     argv = [sys.executable, "-m", "bcapscope", "decode", str(SESSION), *style]
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
-    assert done.returncode == Exit.UNWRITABLE
+    assert done.returncode == ExitCode.UNWRITABLE
     assert done.stderr == b"Error: standard output: no space left on device\n"
 
 
@@ -174,7 +174,7 @@ def test_a_truncated_compressed_capture_gives_all_before_the_cut(tmp_path: Path)
     cut = tmp_path / "cut.pcapng.gz"
     cut.write_bytes(gzip.compress(SESSION.read_bytes())[:-1000])
     whole, done = run_here("decode", SESSION), run_here("decode", cut)
-    assert done.code == Exit.DAMAGED
+    assert done.code == ExitCode.DAMAGED
     assert done.lines
     assert done.lines == whole.lines[: len(done.lines)]
     assert f"{cut}: the compressed file ends in the middle" in done.err
@@ -185,7 +185,7 @@ def test_what_is_no_capture_is_told_in_one_sentence(tmp_path: Path, data: bytes)
     path = tmp_path / "what"
     path.write_bytes(data)
     done = run_here("decode", path)
-    assert done.code == Exit.UNREADABLE
+    assert done.code == ExitCode.UNREADABLE
     assert done.out == ""
     assert done.err.startswith(f"{path}: ")
     assert "Traceback" not in done.err
@@ -199,7 +199,7 @@ def test_of_a_missing_file_nothing_is_counted(tmp_path: Path) -> None:
 
 def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
     done = run_here("decode", tmp_path / "none.pcap", RETRIES)
-    assert done.code == Exit.UNREADABLE
+    assert done.code == ExitCode.UNREADABLE
     assert len(done.lines) == 6
     assert "No such file" in done.err
 
@@ -207,7 +207,7 @@ def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", ["decode", "calls"])
 def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
     done = run_here(command)
-    assert done.code == Exit.USAGE
+    assert done.code == ExitCode.USAGE
     assert "name a capture, - for standard input, or an interface with -i" in done.err
 
 
@@ -216,7 +216,7 @@ def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
 )
 def test_what_cannot_listen_does_not_speak_of_interfaces(line: list[str]) -> None:
     done = run_here(*line)
-    assert done.code == Exit.USAGE
+    assert done.code == ExitCode.USAGE
     assert "Missing argument 'PATH...'" in done.err
 
 
@@ -274,7 +274,7 @@ def test_comments_of_the_capture_are_shown_and_stay_escaped() -> None:
 
 def test_pasted_hex_is_read_and_what_is_wrong_with_it_said(golden: Callable[[str, bytes], None]) -> None:
     done = run_here("decode", "--text", CAPTURES / "damaged-dumps.txt")
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     assert done.err == "17 packets found in the text\n"
     shown = "".join(f"{line}\n" for line in done.lines)
     golden("damaged-dumps.txt", shown.encode())
@@ -289,26 +289,27 @@ def test_pasted_hex_is_read_and_what_is_wrong_with_it_said(golden: Callable[[str
 @pytest.mark.parametrize("text", [b"no hex at all\n", b"", b"\xff\xfe\x00"])
 def test_a_text_without_hex_is_said(text: bytes) -> None:
     done = run("decode", "--text", "-", stdin=text)
-    assert done.code == Exit.UNREADABLE
+    assert done.code == ExitCode.UNREADABLE
     assert "there is no hex in this text" in done.err
 
 
 def test_one_source_at_a_time() -> None:
-    assert run_here("decode", RETRIES, "-i", "lo").code == Exit.USAGE
-    assert run_here("decode", "--text", "-", "-i", "lo").code == Exit.USAGE
+    assert run_here("decode", RETRIES, "-i", "lo").code == ExitCode.USAGE
+    assert run_here("decode", "--text", "-", "-i", "lo").code == ExitCode.USAGE
 
 
 def test_an_unknown_interface_is_said() -> None:
     done = run_here("decode", "-i", "nosuch0")
-    assert done.code == Exit.UNREADABLE
+    assert done.code == ExitCode.UNREADABLE
     assert "there is no interface nosuch0" in done.err
 
 
 @pytest.mark.lifecycle
 @pytest.mark.parametrize(
-    ("redirection", "code"), [(">&-", Exit.UNWRITABLE), ("2>&-", Exit.UNWRITABLE), ("<&-", Exit.USAGE)]
+    ("redirection", "code"),
+    [(">&-", ExitCode.UNWRITABLE), ("2>&-", ExitCode.UNWRITABLE), ("<&-", ExitCode.USAGE)],
 )
-def test_closed_standard_streams_end_in_order(redirection: str, code: Exit) -> None:
+def test_closed_standard_streams_end_in_order(redirection: str, code: ExitCode) -> None:
     command = f"{sys.executable} -m bcapscope decode - {redirection}"
     done = subprocess.run(["sh", "-c", command], capture_output=True, check=False, input=b"")
     assert done.returncode == code
@@ -325,5 +326,5 @@ def test_closed_standard_streams_end_in_order(redirection: str, code: Exit) -> N
 )
 def test_styles_that_do_not_go_together_are_told(words: tuple[str, ...], told: str) -> None:
     done = run_here("decode", CAPTURES / "retry-story.pcapng", *words)
-    assert (done.code, done.out) == (Exit.USAGE, "")
+    assert (done.code, done.out) == (ExitCode.USAGE, "")
     assert told in done.err

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run, run_here
 
 LOST = CAPTURES / "slave-mode-lost.pcapng"
@@ -17,7 +17,7 @@ ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
 
 def test_the_first_cause_comes_first(golden: Callable[[str, bytes], None]) -> None:
     done = run_here("diagnose", LOST)
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     assert done.err == "70 frames in 70 packets\n"
     golden("diagnose.txt", done.out.encode())
 
@@ -36,7 +36,7 @@ def test_json_is_an_object_a_line() -> None:
 
 def test_a_clean_capture_says_so() -> None:
     done = run_here("diagnose", CAPTURES / "vlan-ipv6.pcap")
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     assert done.lines == ["No problem found in 14 frames, 7 calls, 1 client, 61 ms"]
     assert run_here("diagnose", CAPTURES / "vlan-ipv6.pcap", "--json").lines == []
 
@@ -44,7 +44,7 @@ def test_a_clean_capture_says_so() -> None:
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sample_can_be_diagnosed(path: Path) -> None:
     done = run_here("diagnose", path)
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     assert "Traceback" not in done.err
     assert all(line.isprintable() for line in done.lines)
 
@@ -53,7 +53,7 @@ def test_a_broken_capture_is_diagnosed_up_to_the_damage(tmp_path: Path) -> None:
     broken = tmp_path / "broken.pcapng"
     broken.write_bytes(LOST.read_bytes()[:-30])
     done = run_here("diagnose", broken, "--json")
-    assert done.code == Exit.DAMAGED
+    assert done.code == ExitCode.DAMAGED
     assert json.loads(done.lines[0])["rule"] == "set-point-gap"
 
 
@@ -65,10 +65,10 @@ def test_other_ports_and_standard_input() -> None:
 
 def test_no_capture_is_told_in_a_sentence(tmp_path: Path) -> None:
     done = run_here("diagnose", tmp_path / "none.pcap")
-    assert done.code == Exit.UNREADABLE
+    assert done.code == ExitCode.UNREADABLE
     assert done.lines == []
     assert done.err.endswith("none.pcap: cannot be opened: No such file or directory\n")
-    assert run_here("diagnose").code == Exit.USAGE
+    assert run_here("diagnose").code == ExitCode.USAGE
 
 
 def test_a_filter_chooses_calls() -> None:
@@ -81,4 +81,4 @@ def test_a_filter_chooses_calls() -> None:
     done = run_here("diagnose", LOST, "-f", "call == 5")
     told = "No problem found in what concerns 1 call that fits the filter, of 70 frames, 35 calls, 1 client, "
     assert [line[: len(told)] for line in done.lines] == [told]
-    assert run_here("diagnose", LOST, "-f", "laytency > 5ms").code == Exit.USAGE
+    assert run_here("diagnose", LOST, "-f", "laytency > 5ms").code == ExitCode.USAGE

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.analysis.scenes import Story
 from tests.cli.run import CAPTURES, run_here
 
@@ -38,7 +38,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_a_session(tmp_path: Path) -> None:
     out = tmp_path / "way.csv"
     ran = run_here("extract", SESSION, "-o", out)
-    assert (ran.code, ran.out) == (Exit.OK, "")
+    assert (ran.code, ran.out) == (ExitCode.OK, "")
     assert f"{out}: 240 set points in 1.885 s, J type, mode 0x202, 192.168.0.10:50001" in ran.err
     (*_, last) = found = rows(out)
     assert len(found) == 240
@@ -80,7 +80,7 @@ def test_more_stays_than_files_may_be_open(tmp_path: Path) -> None:
     command = ["extract", str(capture), "-o", str(tmp_path / "way.csv")]
     argv = [sys.executable, "-c", _LIMITED, str(MOST_OPEN), *command]
     done = subprocess.run(argv, capture_output=True, check=False)
-    assert done.returncode == Exit.OK, done.stderr.decode()
+    assert done.returncode == ExitCode.OK, done.stderr.decode()
     assert len(list(tmp_path.glob("way-*.csv"))) == MOST_OPEN
 
 
@@ -96,7 +96,7 @@ def test_one_client_of_several(tmp_path: Path, client: str) -> None:
     assert rows(tmp_path / "way.csv")[1]["J1_deg"] == "-0.25"
     ran = run_here("extract", ROBOTS, "-o", tmp_path / "none.csv", "--client", "10.9.8.7")
     assert (ran.code, ran.err.splitlines()[-1]) == (
-        Exit.NOTHING,
+        ExitCode.NO_DATA,
         "no set points (slvMove) by 10.9.8.7, so there is no trajectory",
     )
 
@@ -106,14 +106,14 @@ def test_a_filter_chooses_set_points(tmp_path: Path) -> None:
     assert len(rows(tmp_path / "way.csv")) == 9
     assert "left out: 231 not asked for\n" in ran.err
     ran = run_here("extract", SESSION, "-o", tmp_path / "none.csv", "-f", "call < 3")
-    assert ran.code == Exit.NOTHING
+    assert ran.code == ExitCode.NO_DATA
     assert "240 set points, none of which is part of a trajectory" in ran.err
     assert not (tmp_path / "none.csv").exists()
 
 
 def test_without_slave_mode(tmp_path: Path) -> None:
     ran = run_here("extract", NO_SLAVE_MODE, "-o", tmp_path / "way.csv")
-    assert ran.code == Exit.NOTHING
+    assert ran.code == ExitCode.NO_DATA
     assert ran.err.splitlines()[-1] == "no set points (slvMove), so there is no trajectory"
     assert list(tmp_path.iterdir()) == []
 
@@ -122,20 +122,20 @@ def test_without_slave_mode(tmp_path: Path) -> None:
 def test_nothing_is_overwritten_unless_told(tmp_path: Path, there: str) -> None:
     (tmp_path / there).write_text("mine")
     ran = run_here("extract", ROBOTS, "-o", tmp_path / "way.csv")
-    assert ran.code == Exit.UNWRITABLE
+    assert ran.code == ExitCode.UNWRITABLE
     assert f"{there}: exists already; --force overwrites it" in ran.err
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
-    assert run_here("extract", ROBOTS, "-o", tmp_path / "way.csv", "--force").code == Exit.OK
+    assert run_here("extract", ROBOTS, "-o", tmp_path / "way.csv", "--force").code == ExitCode.OK
     assert len(rows(tmp_path / "way-2.csv")) == 12
 
 
 def test_what_cannot_be_written_is_said(tmp_path: Path) -> None:
     ran = run_here("extract", SESSION, "-o", tmp_path / "nowhere" / "way.csv")
-    assert ran.code == Exit.UNWRITABLE
+    assert ran.code == ExitCode.UNWRITABLE
     assert "no such file or directory" in ran.err
     assert "Traceback" not in ran.err
     (tmp_path / "dir.csv").mkdir()
-    assert run_here("extract", SESSION, "-o", tmp_path / "dir.csv", "--force").code == Exit.UNWRITABLE
+    assert run_here("extract", SESSION, "-o", tmp_path / "dir.csv", "--force").code == ExitCode.UNWRITABLE
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
@@ -157,17 +157,17 @@ def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path) -> No
         finally:
             process.kill()
     assert begun
-    assert (process.returncode, told) == (Exit.INTERRUPTED, b"")
+    assert (process.returncode, told) == (ExitCode.INTERRUPTED, b"")
     assert list(tmp_path.iterdir()) == [pipe]
 
 
 def test_the_name_tells_the_format(tmp_path: Path) -> None:
-    assert run_here("extract", SESSION, "-o", tmp_path / "way.txt").code == Exit.USAGE
+    assert run_here("extract", SESSION, "-o", tmp_path / "way.txt").code == ExitCode.USAGE
 
 
 def test_a_damaged_capture_is_written_up_to_the_damage(tmp_path: Path) -> None:
     whole = SESSION.read_bytes()
     (tmp_path / "cut.pcapng").write_bytes(whole[: len(whole) // 2])
     ran = run_here("extract", tmp_path / "cut.pcapng", "-o", tmp_path / "way.csv")
-    assert ran.code == Exit.DAMAGED
+    assert ran.code == ExitCode.DAMAGED
     assert 50 < len(rows(tmp_path / "way.csv")) < 240

@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.cli import cli
-from bcapscope.cli.exits import Exit
-from bcapscope.protocol.numerals import LONGEST_NUMBER, read_integer, read_number
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
 from tests.cli.run import run
 
 LARGEST = 2**64
@@ -98,7 +98,7 @@ def check_message(refusal: click.UsageError, parameter: click.Parameter, text: s
     assert len(message) < 600 + 2 * len(text)
     assert "set_int_max_str_digits" not in message
     assert parameter.human_readable_name.upper() in message or parameter.opts[-1] in message
-    assert refusal.exit_code == Exit.USAGE
+    assert refusal.exit_code == ExitCode.USAGE
     if isinstance(parameter.type, NUMBERS):
         assert len(message) < 200
         assert "\n" not in message
@@ -132,7 +132,7 @@ def test_numeric_options_name_their_bounds(path: tuple[str, ...], parameter: cli
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 def test_a_message_is_short_whatever_was_typed(text: str) -> None:
     done = run("sim", "--scenario", text)
-    assert done.code == Exit.USAGE
+    assert done.code == ExitCode.USAGE
     assert len(done.err) < 3000
 
 
@@ -145,28 +145,28 @@ def test_the_command_tree_has_numeric_options() -> None:
 
 @given(st.text())
 def test_any_text_is_a_bounded_number_or_none(text: str) -> None:
-    integer, number = read_integer(text, -5, 5), read_number(text, -5.0, 5.0)
+    integer, number = parse_integer(text, -5, 5), parse_number(text, -5.0, 5.0)
     assert integer is None or -5 <= integer <= 5
     assert number is None or -5 <= number <= 5
 
 
 @given(st.integers(-(2**64), 2**64))
 def test_integers_are_read(number: int) -> None:
-    assert read_integer(f" {number} ", -(2**64), 2**64) == number
-    assert read_integer(f"{number:+}", number, number) == number
+    assert parse_integer(f" {number} ", -(2**64), 2**64) == number
+    assert parse_integer(f"{number:+}", number, number) == number
     if number >= 0:
-        assert read_integer(f"0x{number:x}", 0, 2**64) == number
-    assert read_integer(f"{number}", number + 1, number + 2) is None
+        assert parse_integer(f"0x{number:x}", 0, 2**64) == number
+    assert parse_integer(f"{number}", number + 1, number + 2) is None
 
 
 @given(st.floats(-1e30, 1e30))
 def test_numbers_are_read(number: float) -> None:
-    assert read_number(repr(number), -1e30, 1e30) == number
-    assert read_number(f"{number:.3e}", -1e31, 1e31) == float(f"{number:.3e}")
+    assert parse_number(repr(number), -1e30, 1e30) == number
+    assert parse_number(f"{number:.3e}", -1e31, 1e31) == float(f"{number:.3e}")
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 def test_hostile_numbers_are_none(text: str) -> None:
-    assert read_integer(text, -(10**30), 10**30) is None
-    assert read_number(text, -1e30, 1e30) is None
-    assert math.isfinite(read_number("9" * LONGEST_NUMBER, 0, 1e300) or 0)
+    assert parse_integer(text, -(10**30), 10**30) is None
+    assert parse_number(text, -1e30, 1e30) is None
+    assert math.isfinite(parse_number("9" * LONGEST_NUMBER, 0, 1e300) or 0)

@@ -11,12 +11,12 @@ import time
 
 import pytest
 
-from bcapscope.cli.exits import Exit
-from bcapscope.protocol.functions import ID
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.guard import needs_arming
-from bcapscope.protocol.hresult import E_INVALIDARG, S_OK
-from bcapscope.protocol.simulated import SIMULATOR_TEXT
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.hresult import E_INVALIDARG, S_OK
+from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT
 from tests.cli.run import run_here
 from tests.client.peer import Answer, Peer
 from tests.client.server import breaking_server, udp_server
@@ -30,7 +30,7 @@ def test_what_is_there_and_how_fast() -> None:
 
     with udp_server(prepare) as server:
         ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     first, calls, spread, *verdicts = ran.lines
     said = "1.2\\x1b[31m"
     assert first == (
@@ -78,7 +78,7 @@ def test_a_controller_that_refuses_the_connection_answers_all_the_same() -> None
 
     with udp_server(prepare) as server:
         ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
-    assert ran.code == Exit.OK
+    assert ran.code == ExitCode.OK
     assert "not connected to: Controller_Connect was refused: E_INVALIDARG" in ran.out
     assert "5 calls, 0 lost" in ran.out
 
@@ -90,7 +90,7 @@ def test_losses_are_counted_and_not_repeated() -> None:
     with udp_server(prepare) as server:
         words = ("--timeout", "250", *_FEW)
         ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *words)
-    assert ran.code == Exit.UNANSWERED
+    assert ran.code == ExitCode.UNANSWERED
     assert "5 calls, 5 lost" in ran.lines
     assert ran.lines[-1] == "not fit for set points each 1 ms: nothing was answered"
 
@@ -98,7 +98,7 @@ def test_losses_are_counted_and_not_repeated() -> None:
 def test_what_was_found_is_shown_if_the_connection_breaks() -> None:
     with breaking_server("Controller_GetAttribute", 3) as port:
         ran = run_here("ping", "127.0.0.1", "--port", str(port), "--tcp", *_FEW)
-    assert ran.code == Exit.UNANSWERED
+    assert ran.code == ExitCode.UNANSWERED
     assert "ended before all calls were made: the " in ran.out
     assert ran.lines[1] in (
         "2 calls, 0 lost",
@@ -133,7 +133,7 @@ def test_after_a_long_wait_calls_do_not_hurry() -> None:
 
 def test_nobody_is_there() -> None:
     ran = run_here("ping", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "1")
-    assert ran.code == Exit.UNANSWERED
+    assert ran.code == ExitCode.UNANSWERED
     assert "Service_Start was not answered in time, 2 tries" in ran.err
     assert ran.out == ""
 
@@ -153,7 +153,7 @@ def test_a_signal_releases_everything_and_what_was_found_is_shown(number: signal
             program.send_signal(number)
             out, _ = program.communicate()
     (peer,) = server.peers.values()
-    assert program.returncode == Exit.INTERRUPTED
+    assert program.returncode == ExitCode.INTERRUPTED
     assert b" calls, 0 lost\nround trip, ms: p50 " in out
     assert peer.functions[-3:] == ["Robot_Release", "Controller_Disconnect", "Service_Stop"]
 
@@ -167,5 +167,5 @@ def test_a_signal_before_the_first_answer_makes_no_controller_of_nobody() -> Non
                 threading.Event().wait(0.02)
             program.send_signal(signal.SIGTERM)
             out, _ = program.communicate()
-    assert program.returncode == Exit.INTERRUPTED
+    assert program.returncode == ExitCode.INTERRUPTED
     assert out.decode() == f"127.0.0.1:{server.port} over UDP: nothing was answered\n"

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.cli.run import CAPTURES, Ran, run_here
 from tests.cli.test_sim import simulator
 from tests.client.peer import Peer

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.observer import Observer
-from bcapscope.cli.exits import Exit
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.errors import CaptureError
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import SMALLEST_FRAME, Frame, encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.proxy.control_client import ControlClient
 from bcapscope.traffic.observation import Observation
 from tests.cli.proxying import PATIENCE, persistent_talk, proxy, recording, simulator, talk
@@ -36,7 +36,13 @@ POINTS = int(os.environ.get("BCAPSCOPE_POINTS", "60"))
 PAUSE = 0.002
 """Seconds between calls where it does not matter how many there are."""
 
-CONVENTIONS = (Convention.SEED, Convention.OWN, Convention.CHAIN, Convention.TCP0, Convention.TCP1)
+CONVENTIONS = (
+    ReservedConvention.SEED,
+    ReservedConvention.OWN,
+    ReservedConvention.CHAIN,
+    ReservedConvention.TCP0,
+    ReservedConvention.TCP1,
+)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +61,7 @@ def observed(path: Path, ports: set[int]) -> list[Observation]:
     found: list[Observation] = []
     # Where a kill came in the middle of a write, the last block breaks off.
     with open_capture(str(path)) as capture, suppress(CaptureError):
-        found.extend(Observer(frozenset(ports)).observe(capture))
+        found.extend(PacketDecoder(frozenset(ports)).decode(capture))
     return found
 
 
@@ -135,7 +141,7 @@ def test_drops_retries_and_the_count_of_the_client_agree(
     to, _ = controller
     path = tmp_path / "loss.pcapng"
     with proxy(to, "-q", "--fault", "loss=10%", "--seed", "7", *recording(path)) as process:
-        client = talk(process.port, Convention.SEED, POINTS, timeout=30)
+        client = talk(process.port, ReservedConvention.SEED, POINTS, timeout=30)
         port, told = process.port, process.end(signal.SIGTERM)
     seen = observed(path, {port, to})
     (asked, heard), (passed, answered) = said(seen, port), said(seen, to)
@@ -147,7 +153,7 @@ def test_drops_retries_and_the_count_of_the_client_agree(
     assert len(client.sent) == dropped + len(heard)  # each that got through both ways was heard
 
 
-ON_TCP = (Convention.TCP0, Convention.TCP1)
+ON_TCP = (ReservedConvention.TCP0, ReservedConvention.TCP1)
 
 
 @pytest.mark.parametrize(
@@ -161,7 +167,9 @@ ON_TCP = (Convention.TCP0, Convention.TCP1)
     ],
     ids=["late and twice", "closed", "damaged", "half-open tcp0", "half-open tcp1"],
 )
-def test_streams_with_faults(tmp_path: Path, conventions: tuple[Convention, ...], faults: list[str]) -> None:
+def test_streams_with_faults(
+    tmp_path: Path, conventions: tuple[ReservedConvention, ...], faults: list[str]
+) -> None:
     path, at_the_controller = tmp_path / "faults.pcapng", tmp_path / "controller.pcapng"
     words = [word for fault in faults for word in ("--fault", fault)]
     again = "half-open" not in faults[0]
@@ -196,7 +204,7 @@ def flood(port: int, seconds: float, pause: float = 0.0) -> tuple[int, float]:
         until, count = time.time() + seconds, 0
         while time.time() < until:
             count += 1
-            sock.send(encode(count % 65535 + 1, 0, 17))
+            sock.send(encode_frame(count % 65535 + 1, 0, 17))
             sock.recv(4096)
             if pause:
                 time.sleep(pause)
@@ -223,7 +231,7 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
         if whom == "watcher":
             process.wait_for("watching has ended; the relay goes on")
             assert flood(process.port, 0.2)[0]
-            told = process.end(signal.SIGINT, Exit.UNWRITABLE)
+            told = process.end(signal.SIGINT, ExitCode.UNWRITABLE)
             assert f"{path} is incomplete: the recorder ended early" in told
         else:
             wait_for_end(watcher)
@@ -304,7 +312,7 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
             flood(process.port, 0.1, PAUSE)
         process.wait_for("standard output is closed")
         assert flood(process.port, 0.1)[0]
-        process.end(signal.SIGINT, Exit.UNWRITABLE)
+        process.end(signal.SIGINT, ExitCode.UNWRITABLE)
     assert run_here("decode", path).code == 0  # whole blocks only
 
 
@@ -346,7 +354,7 @@ def test_ctrl_c_while_it_starts_ends_it_without_a_word() -> None:
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=PATIENCE)
     if process.returncode:  # else it was ready by then, and sums up
-        assert (process.returncode, out, err) == (Exit.INTERRUPTED, b"", b"")
+        assert (process.returncode, out, err) == (ExitCode.INTERRUPTED, b"", b"")
     assert b"Traceback" not in err
     assert b"leaked" not in err
 
@@ -365,8 +373,8 @@ def test_a_ring_of_files(controller: tuple[int, Path], tmp_path: Path) -> None:
 
 def test_a_stop_that_is_held_when_the_proxy_ends_is_sent_and_a_motion_is_not() -> None:
     robot = Variant(VT.I4, 1)
-    halt = encode(9, 0, 70, (robot, Variant(VT.BSTR, "")))
-    move = encode(8, 0, 64, (robot, Variant(VT.BSTR, "slvMove"), Variant.array(VT.R4, (1.0,))))
+    halt = encode_frame(9, 0, 70, (robot, Variant(VT.BSTR, "")))
+    move = encode_frame(8, 0, 64, (robot, Variant(VT.BSTR, "slvMove"), Variant.array(VT.R4, (1.0,))))
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as server:
         server.bind(("127.0.0.1", 0))
         server.settimeout(PATIENCE)
@@ -377,7 +385,7 @@ def test_a_stop_that_is_held_when_the_proxy_ends_is_sent_and_a_motion_is_not() -
                 for raw in (move, halt):
                     client.sendto(raw, ("127.0.0.1", process.port))
                 until = time.monotonic() + PATIENCE
-                while control.ask({"do": "stats"})["ruled"] < 2:
+                while control.request({"do": "stats"})["ruled"] < 2:
                     assert time.monotonic() < until
             told = process.end(signal.SIGINT)
         assert server.recv(4096) == halt
@@ -392,7 +400,7 @@ def answers(port: int, seconds: float) -> bool:
         until = time.time() + seconds
         while time.time() < until:
             with suppress(OSError):
-                sock.send(encode(1, 0, 17))
+                sock.send(encode_frame(1, 0, 17))
                 return bool(sock.recv(4096))
         return False
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run
 from tests.cli.test_sim import simulator
 
@@ -45,7 +45,7 @@ def test_as_client_to_the_simulator() -> None:
     words = ("--json", "-f", "not command == slvMove")
     with simulator("-q") as (_, port):
         done = run("replay", SESSION, "127.0.0.1", "--as", "client", "--port", str(port), *words)
-    assert done.code == Exit.OK, done.err
+    assert done.code == ExitCode.OK, done.err
     records = [json.loads(line) for line in done.lines]
     assert [record["command"] for record in records].count("slvChangeMode") == 2
     assert len(records) == 17
@@ -57,11 +57,11 @@ def test_as_client_and_as_server_at_once() -> None:
     with recorded_controller(SESSION, "--no-delay", "-q") as (process, port):
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
         refused = run(*words)
-        assert refused.code == Exit.UNARMED
+        assert refused.code == ExitCode.UNARMED
         assert "the recording was not sent. It may move a robot or energise it" in refused.err
         assert "Add --arm" in refused.err
         done = run(*words, "--arm", "-f", "function != Robot_Execute")
-        assert (done.code, len(done.lines)) == (Exit.OK, 7)
+        assert (done.code, len(done.lines)) == (ExitCode.OK, 7)
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=30)
     assert process.returncode == 0
@@ -89,7 +89,7 @@ def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
         chosen = ("-f", "command != slvChangeMode and function != Service_Stop and call < 40")
         ended = run(*words, *chosen)
         went_on = run(*words, *chosen, "--keep-going")
-    assert ended.code == went_on.code == Exit.REFUSED
+    assert ended.code == went_on.code == ExitCode.REFUSED
     assert "recorded: S_OK" in ended.lines[-1]
     assert len(ended.lines) < len(went_on.lines)
 
@@ -97,15 +97,21 @@ def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        ((SESSION, "--as", "client"), Exit.USAGE, "which HOST is to be called?"),
-        ((SESSION, "127.0.0.1", "--as", "server"), Exit.USAGE, "leave HOST out"),
-        ((SESSION,), Exit.USAGE, "--as"),
-        ((CAPTURES / "none.pcap", "--as", "server"), Exit.UNREADABLE, "cannot be opened"),
-        ((SESSION, "127.0.0.1", "--as", "client", "--client", "1.2.3.4"), Exit.NOTHING, "no calls"),
-        ((SESSION, "--as", "server", "--listen", "300.1.1.1"), Exit.UNREADABLE, "cannot listen on 300.1.1.1"),
+        ((SESSION, "--as", "client"), ExitCode.USAGE, "which HOST is to be called?"),
+        ((SESSION, "127.0.0.1", "--as", "server"), ExitCode.USAGE, "leave HOST out"),
+        ((SESSION,), ExitCode.USAGE, "--as"),
+        ((CAPTURES / "none.pcap", "--as", "server"), ExitCode.UNREADABLE, "cannot be opened"),
+        ((SESSION, "127.0.0.1", "--as", "client", "--client", "1.2.3.4"), ExitCode.NO_DATA, "no calls"),
+        (
+            (SESSION, "--as", "server", "--listen", "300.1.1.1"),
+            ExitCode.UNREADABLE,
+            "cannot listen on 300.1.1.1",
+        ),
     ],
 )
-def test_what_cannot_be_is_told_in_a_sentence(words: tuple[str | Path, ...], code: Exit, told: str) -> None:
+def test_what_cannot_be_is_told_in_a_sentence(
+    words: tuple[str | Path, ...], code: ExitCode, told: str
+) -> None:
     done = run("replay", *words)
     assert (done.code, "Traceback" in done.err) == (code, False)
     assert told in done.err
@@ -116,13 +122,13 @@ def test_set_points_that_are_not_fit_to_be_played_are_not_sent() -> None:
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client", "--arm")
         done = run(*words, "--limit", "J1.speed=1")
         wrong = run(*words, "--limit", "J1.sped=1")
-    assert (done.code, done.lines) == (Exit.UNFIT, [])
+    assert (done.code, done.lines) == (ExitCode.UNFIT, [])
     assert "J1 reaches" in done.err
     assert "not fit to play" in done.err
-    assert (wrong.code, "is no limit" in wrong.err) == (Exit.USAGE, True)
+    assert (wrong.code, "is no limit" in wrong.err) == (ExitCode.USAGE, True)
 
 
 def test_nobody_there() -> None:
     done = run("replay", STORY, "127.0.0.1", "--as", "client", "--arm", "--port", "9", "--timeout", "50")
-    assert done.code == Exit.UNANSWERED
+    assert done.code == ExitCode.UNANSWERED
     assert "Traceback" not in done.err

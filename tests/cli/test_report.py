@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run, run_here
 
 LOST = CAPTURES / "slave-mode-lost.pcapng"
@@ -20,7 +20,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 def test_a_page_is_written(tmp_path: Path) -> None:
     out = tmp_path / "report.html"
     ran = run_here("report", LOST, "-o", out)
-    assert (ran.code, ran.out) == (Exit.OK, "")
+    assert (ran.code, ran.out) == (ExitCode.OK, "")
     page = out.read_text("utf-8")
     assert page.startswith("<!DOCTYPE html>")
     assert "<title>b-CAP report: slave-mode-lost.pcapng</title>" in page
@@ -40,7 +40,7 @@ def test_no_room_for_the_page_is_told_in_a_sentence() -> None:
     with Path("/dev/full").open("wb") as full:
         argv = [sys.executable, "-m", "bcapscope", "report", str(LOST), "-o", "-"]
         done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
-    assert done.returncode == Exit.UNWRITABLE
+    assert done.returncode == ExitCode.UNWRITABLE
     assert done.stderr.decode().splitlines()[-1] == "Error: standard output: no space left on device"
 
 
@@ -48,9 +48,9 @@ def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:
     out = tmp_path / "report.html"
     out.write_text("mine")
     ran = run_here("report", LOST, "-o", out)
-    assert (ran.code, out.read_text()) == (Exit.UNWRITABLE, "mine")
+    assert (ran.code, out.read_text()) == (ExitCode.UNWRITABLE, "mine")
     assert "exists already; --force overwrites it" in ran.err
-    assert run_here("report", LOST, "-o", out, "--force").code == Exit.OK
+    assert run_here("report", LOST, "-o", out, "--force").code == ExitCode.OK
     assert out.read_text("utf-8").startswith("<!DOCTYPE html>")
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
@@ -71,7 +71,7 @@ def test_a_damaged_capture_is_told_on_the_page(tmp_path: Path) -> None:
     cut = tmp_path / "cut.pcapng"
     cut.write_bytes(LOST.read_bytes()[:5000])
     ran = run_here("report", cut, "-o", "-")
-    assert ran.code == Exit.DAMAGED
+    assert ran.code == ExitCode.DAMAGED
     assert "Not all captures could be read to their end" in ran.out
 
 
@@ -79,11 +79,11 @@ def test_without_bcap_there_is_no_page(tmp_path: Path) -> None:
     empty = tmp_path / "empty.pcap"
     empty.write_bytes(bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000"))
     ran = run_here("report", empty, "-o", tmp_path / "report.html")
-    assert ran.code == Exit.NOTHING
+    assert ran.code == ExitCode.NO_DATA
     assert ran.err.splitlines()[-1] == "no b-CAP was seen, so there is no report"
     assert not (tmp_path / "report.html").exists()
     ran = run_here("report", tmp_path / "missing.pcap", "-o", tmp_path / "report.html")
-    assert ran.code == Exit.UNREADABLE
+    assert ran.code == ExitCode.UNREADABLE
 
 
 def test_without_plotly_it_says_how_to_get_it(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_without_plotly_it_says_how_to_get_it(tmp_path: Path) -> None:
     (tmp_path / "plotly" / "__init__.py").write_text(missing)
     root = str(Path(__file__).parent.parent.parent)
     ran = run("report", LOST, "-o", tmp_path / "report.html", PYTHONPATH=f"{tmp_path}:{root}")
-    assert ran.code == Exit.NOT_INSTALLED
+    assert ran.code == ExitCode.NOT_INSTALLED
     assert ran.err == ("a report needs plotly, which is not installed: pip install 'bcapscope[report]'\n")
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.variant import EMPTY
-from bcapscope.simulator.values import bstr
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import EMPTY
+from bcapscope.simulator.argument_values import bstr
 from tests.cli.run import run, run_here
 
 
@@ -40,7 +40,7 @@ def simulator(*words: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
 def ask(port: int) -> Frame:
     """Start a service session."""
     with socket.create_connection(("127.0.0.1", port), 20) as sock:
-        sock.sendall(encode(1, 0, 1, [bstr(",WDT=400")]))
+        sock.sendall(encode_frame(1, 0, 1, [bstr(",WDT=400")]))
         return Frame(sock.recv(4096))
 
 
@@ -74,7 +74,7 @@ def test_it_ends_in_order_as_soon_as_it_listens(number: signal.Signals) -> None:
 
 
 def test_a_stdout_that_nobody_reads_holds_no_client_up() -> None:
-    request = encode(1, 0, 1, [bstr(",WDT=400" + " " * 200)])
+    request = encode_frame(1, 0, 1, [bstr(",WDT=400" + " " * 200)])
     longest = 0.0
     with simulator() as (process, port), socket.create_connection(("127.0.0.1", port), 20) as sock:
         for _ in range(1000):  # lines of more than 100 characters, where a pipe holds 64 kB
@@ -111,7 +111,7 @@ def test_it_goes_on_when_the_reader_of_its_log_has_gone() -> None:
 def test_commands_are_taken_while_it_runs() -> None:
     with simulator("-q") as (process, port):
         with socket.create_connection(("127.0.0.1", port), 20) as sock:
-            sock.sendall(encode(1, 0, 1, [bstr("")]))
+            sock.sendall(encode_frame(1, 0, 1, [bstr("")]))
             assert sock.recv(4096)
             assert process.stdin is not None
             process.stdin.write("reset\n")
@@ -135,7 +135,7 @@ def test_what_passes_is_recorded(tmp_path: Path) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.settimeout(20)
             sock.connect(("127.0.0.1", port))
-            sock.send(encode(1, 0, 1, [bstr("")]))
+            sock.send(encode_frame(1, 0, 1, [bstr("")]))
             assert sock.recv(4096)
         wait_for(lambda: len(run_here("decode", path, "--port", str(port)).lines) == 4)
         process.kill()
@@ -183,7 +183,7 @@ def test_the_detector_of_rc7_is_switched_as_on_its_pendant() -> None:
 def test_stderr_says_why_a_provider_is_refused_also_if_calls_are_not_shown() -> None:
     with simulator("--quiet") as (process, port), socket.create_connection(("127.0.0.1", port), 20) as sock:
         texts = ("", "CaoProv.Canon.N10-W02\x1b[31m", "", "Server=192.168.0.90")
-        for request in (encode(1, 0, 1, [bstr("")]), encode(2, 0, 3, [*map(bstr, texts)])):
+        for request in (encode_frame(1, 0, 1, [bstr("")]), encode_frame(2, 0, 3, [*map(bstr, texts)])):
             sock.sendall(request)
             reply = Frame(sock.recv(4096))
         assert reply.code == 0x80070057
@@ -266,11 +266,11 @@ def test_replies_without_a_value_can_carry_no_argument(words: tuple[str, ...], c
         sock.settimeout(20)
         sock.connect(("127.0.0.1", port))
         texts = ("", "CaoProv.DENSO.VRC", "localhost", "")
-        sock.send(encode(1, 0, 1, [bstr("")]))
+        sock.send(encode_frame(1, 0, 1, [bstr("")]))
         sock.recv(4096)
-        sock.send(encode(2, 0, 3, [*map(bstr, texts)]))
+        sock.send(encode_frame(2, 0, 3, [*map(bstr, texts)]))
         handle = Frame(sock.recv(4096)).variants[0]
-        sock.send(encode(3, 0, 17, [handle, bstr("GetNothing"), EMPTY]))
+        sock.send(encode_frame(3, 0, 17, [handle, bstr("GetNothing"), EMPTY]))
         reply = Frame(sock.recv(4096))
         assert (reply.code, len(reply.variants)) == (0x80010005, count)
 
@@ -283,5 +283,5 @@ def test_defects_can_be_chosen() -> None:
         ):
             sock.settimeout(20)
             sock.connect(("127.0.0.1", port))
-            sock.send(encode(0, 0, 64))
+            sock.send(encode_frame(0, 0, 64))
             assert Frame(sock.recv(4096)).code == code

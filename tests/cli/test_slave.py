@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run_here
 
 SESSION, LOST = CAPTURES / "slave-session.pcapng", CAPTURES / "slave-mode-lost.pcapng"
@@ -20,7 +20,7 @@ RECORDINGS = Path(__file__).parents[3] / "shared" / "captures"
 @pytest.mark.parametrize("path", [SESSION, LOST], ids=lambda path: path.stem)
 def test_text(path: Path, golden: Callable[[str, bytes], None]) -> None:
     done = run_here("slave", path, "--window", "0.5")
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     golden(f"slave-{path.stem}.txt", done.out.encode())
     assert all(unicodedata.normalize("NFC", line) == line and len(line) <= 100 for line in done.lines)
 
@@ -28,7 +28,7 @@ def test_text(path: Path, golden: Callable[[str, bytes], None]) -> None:
 @pytest.mark.parametrize("path", ALL, ids=lambda path: path.name)
 def test_every_sample(path: Path) -> None:
     text, data = run_here("slave", path), run_here("slave", path, "--json")
-    assert (text.code, data.code) == (Exit.OK, Exit.OK)
+    assert (text.code, data.code) == (ExitCode.OK, ExitCode.OK)
     stays = [json.loads(line) for line in data.lines]
     assert [f"Stay {stay['stay']}" for stay in stays] == [
         line.split("  ")[0] for line in text.lines if line.startswith("Stay ")
@@ -40,7 +40,7 @@ def test_every_sample(path: Path) -> None:
 def test_of_what_could_not_be_read_nothing_is_said(command: list[str], tmp_path: Path) -> None:
     path = tmp_path / "none.pcap"
     done = run_here(*command, path)
-    assert done.code == Exit.UNREADABLE
+    assert done.code == ExitCode.UNREADABLE
     assert done.err == f"{path}: cannot be opened: No such file or directory\n"
 
 
@@ -77,7 +77,7 @@ def test_a_filter_chooses_set_points() -> None:
     stay = json.loads(line)
     assert (stay["set_points"]["sent"], stay["exit"]["reason"]) == (236, "left")
     none = run_here("slave", SESSION, "-f", "latency > 5s")
-    assert (none.out, none.code) == ("", Exit.OK)
+    assert (none.out, none.code) == ("", ExitCode.OK)
     assert "no set point fits the filter" in none.err
 
 

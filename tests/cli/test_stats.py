@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.bench.traffic import write
 from tests.cli.run import CAPTURES, Ran, run, run_here
 
@@ -24,7 +24,7 @@ def records(done: Ran) -> list[dict[str, Any]]:
 
 def test_a_table_for_people() -> None:
     done = run_here("stats", LOST)
-    assert done.code == Exit.OK
+    assert done.code == ExitCode.OK
     assert done.err == "70 frames in 70 packets\n"
     assert done.lines[0] == "2023-11-14T22:13:19.984000000Z, 0.553 s"
     (row,) = [line.split() for line in done.lines if line.startswith("Robot_Execute slvMove  ")]
@@ -98,7 +98,7 @@ def test_windows(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("window", ["0", "0.01", "-1", "long"])
 def test_no_window(window: str) -> None:
-    assert run_here("stats", LOST, "--window", window).code == Exit.USAGE
+    assert run_here("stats", LOST, "--window", window).code == ExitCode.USAGE
 
 
 def test_a_filter() -> None:
@@ -106,21 +106,21 @@ def test_a_filter() -> None:
     assert record["total"]["calls"] == record["total"]["refused"] == 4
     assert run_here("stats", LOST, "-f", "call > 1000000").out == ""
     done = run_here("stats", LOST, "-f", "comand == slvMove")
-    assert done.code == Exit.USAGE
+    assert done.code == ExitCode.USAGE
     assert "command" in done.err
     assert "^" in done.err
 
 
 def test_a_capture_that_breaks_off() -> None:
     done = run("stats", "-", "--json", stdin=LOST.read_bytes()[:5000])
-    assert done.code == Exit.DAMAGED
+    assert done.code == ExitCode.DAMAGED
     assert records(done)[0]["total"]["calls"] > 5
 
 
 def test_nothing_to_read() -> None:
-    assert run_here("stats").code == Exit.USAGE
+    assert run_here("stats").code == ExitCode.USAGE
     done = run_here("stats", CAPTURES / "missing.pcap")
-    assert (done.code, done.out) == (Exit.UNREADABLE, "")
+    assert (done.code, done.out) == (ExitCode.UNREADABLE, "")
 
 
 def test_colours() -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from bcapscope.protocol.frame import Frame, parse_datagram
-from bcapscope.protocol.functions import FUNCTIONS, ResultKind, function_name
-from bcapscope.protocol.hresult import S_OK
-from bcapscope.protocol.responder import Responder, Verdict
-from bcapscope.protocol.stream import Splitter
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.transport.memory import MemoryLink
+from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.responder import RequestKind, Responder
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind, function_name
+from bcapscope.protocol.tables.hresult import S_OK
+from bcapscope.transport.memory_link import MemoryLink
 
 Answer: TypeAlias = tuple[int, Sequence[Variant]]
 
@@ -35,8 +35,8 @@ class Peer:
     def __init__(self, link: MemoryLink) -> None:
         link.receiver = self
         self._link = link
-        self._responder = Responder(retries=link.datagrams)
-        self._splitter = Splitter()
+        self._responder = Responder(expects_retries=link.datagrams)
+        self._splitter = StreamSplitter()
         self._handles = 100
         self.executed: list[tuple[object, ...]] = []
         self.answers: dict[str, Answer | None] = {}
@@ -46,35 +46,35 @@ class Peer:
         """Names of the functions that were executed."""
         return [call[0] for call in self.executed]
 
-    def received(self, data: bytes) -> None:
+    def on_data(self, data: bytes) -> None:
         if self._link.datagrams:
             items = list(parse_datagram(data))
         else:
             items = [piece.item for piece in self._splitter.feed(data)]
         for item in items:
             assert isinstance(item, Frame)
-            decision = self._responder.receive(item)
+            decision = self._responder.receive_request(item)
             if decision.reply is not None:
                 self._link.send(decision.reply)
-            elif decision.verdict is Verdict.NEW:
+            elif decision.kind is RequestKind.NEW:
                 self._execute(item)
 
-    def trouble(self, text: str) -> None:
+    def on_send_error(self, text: str) -> None:
         raise AssertionError(text)
 
-    def lost(self, reason: str) -> None:
+    def on_link_lost(self, reason: str) -> None:
         self.executed.append(("lost", reason))
 
     def end(self) -> None:
         """End the call that is being executed without sending its answer."""
-        self._responder.answer(S_OK)
+        self._responder.answer_call(S_OK)
 
     def _execute(self, frame: Frame) -> None:
         name = function_name(frame.code)
         self.executed.append((name, *(argument.variant.value for argument in frame.arguments)))
         answer = self.answers.get(name, self._success(frame.code))
         if answer is not None:
-            self._link.send(self._responder.answer(*answer))
+            self._link.send(self._responder.answer_call(*answer))
 
     def _success(self, function_id: int) -> Answer:
         kind = FUNCTIONS[function_id].result

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 
-from bcapscope.transport.memory import MemoryLink
+from bcapscope.transport.memory_link import MemoryLink
 from tests.client.peer import Answer, Peer
 
 
@@ -47,7 +47,7 @@ class UdpServer:
             if address not in self.peers:
                 self.peers[address] = Peer(_End(True, partial(self._send, address)))
                 self._prepare(self.peers[address])
-            self.peers[address].received(data)
+            self.peers[address].on_data(data)
 
     def _send(self, address: tuple[str, int], raw: bytes) -> None:
         self._sock.sendto(raw, address)
@@ -81,7 +81,7 @@ def breaking_server(function: str, times: int) -> Iterator[int]:
         with listener.accept()[0] as sock:
             peer = Peer(_End(False, sock.sendall))
             while peer.functions.count(function) < times and (data := sock.recv(2048)):
-                peer.received(data)
+                peer.on_data(data)
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.settimeout(20)

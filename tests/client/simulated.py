@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable
 
-from bcapscope.capture.recording import Address, Recording
-from bcapscope.simulator.server import Answerer
-from bcapscope.simulator.simulator import Output
-from bcapscope.transport.clock import Clock
-from bcapscope.transport.memory import MemoryLink
+from bcapscope.capture.socket_recording import Address, SocketRecording
+from bcapscope.simulator.simulator import SimulatorOutput
+from bcapscope.simulator.simulator_server import ControllerModel
+from bcapscope.transport.loop_clock import LoopClock
+from bcapscope.transport.memory_link import MemoryLink
 from tests.samples.calls import CLIENT, SERVER, START
 
 _SERVER: Address = (SERVER.ip, SERVER.port)
@@ -21,10 +21,10 @@ class Controller:
     What passes can be recorded as a socket of the simulator would see it, each client with a port of its own.
     """
 
-    def __init__(self, simulator: Answerer, recording: Recording | None = None) -> None:
+    def __init__(self, simulator: ControllerModel, recording: SocketRecording | None = None) -> None:
         self._simulator = simulator
         self._recording = recording
-        self._clock = Clock(asyncio.get_running_loop())
+        self._clock = LoopClock(asyncio.get_running_loop())
         self._links: dict[str, MemoryLink] = {}
         self._addresses: dict[str, Address] = {}
         self._timer: asyncio.TimerHandle | None = None
@@ -36,7 +36,7 @@ class Controller:
         self._addresses.setdefault(name, (CLIENT.ip, CLIENT.port + len(self._addresses)))
         self._links[name] = link
         link.receiver = _Socket(self, name)
-        if not link.datagrams and not self._simulator.connect(name, self._clock.now()):
+        if not link.datagrams and not self._simulator.on_connect(name, self._clock.now()):
             self._links.pop(name).close()
         self._look()
 
@@ -44,14 +44,14 @@ class Controller:
         """Take what came from a client."""
         now, link = self._clock.now(), self._links[name]
         self._record(self._addresses[name], _SERVER, link, data)
-        take = self._simulator.datagram if link.datagrams else self._simulator.segment
+        take = self._simulator.on_datagram if link.datagrams else self._simulator.on_segment
         self._give(take(name, data, now))
 
     def hang_up(self, name: str) -> None:
         """Take notice that a connection has ended."""
-        self._simulator.disconnect(name, self._clock.now())
+        self._simulator.on_disconnect(name, self._clock.now())
 
-    def _give(self, outputs: Iterable[Output]) -> None:
+    def _give(self, outputs: Iterable[SimulatorOutput]) -> None:
         for peer, data in outputs:
             name = str(peer)
             link = self._links.get(name)
@@ -68,12 +68,12 @@ class Controller:
             self._timer.cancel()
         due = self._simulator.due(self._clock.now())
         self._timer = (
-            None if due is None else self._clock.wake_at(max(due, self._clock.now() + 1), self._wake)
+            None if due is None else self._clock.call_at(max(due, self._clock.now() + 1), self._wake)
         )
 
     def _record(self, source: Address, target: Address, link: MemoryLink, data: bytes) -> None:
         if self._recording is not None:
-            write = self._recording.datagram if link.datagrams else self._recording.segment
+            write = self._recording.write_datagram if link.datagrams else self._recording.write_segment
             write(source, target, data, START + self._clock.now())
 
     def _wake(self) -> None:
@@ -85,11 +85,11 @@ class _Socket:
         self._controller = controller
         self._name = name
 
-    def received(self, data: bytes) -> None:
+    def on_data(self, data: bytes) -> None:
         self._controller.take(self._name, data)
 
-    def trouble(self, text: str) -> None:
+    def on_send_error(self, text: str) -> None:
         raise AssertionError(text)
 
-    def lost(self, reason: str) -> None:
+    def on_link_lost(self, reason: str) -> None:
         self._controller.hang_up(self._name)

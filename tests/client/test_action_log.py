@@ -13,11 +13,11 @@ from typing import Any
 import orjson
 import pytest
 
-from bcapscope.client.action_log import WAIT, ActionLog, LoggedConnection
-from bcapscope.client.armed_calls import ArmedCalls
+from bcapscope.client.action_log import LINE_TIMEOUT, ActionLog, LoggedConnection
+from bcapscope.client.armed_call_logger import ArmedCallLogger
 from bcapscope.client.log_files import LogFiles
-from bcapscope.protocol.frame import Frame, encode, parse_datagram
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 
 TIME = 1_700_000_000_123_456_000
 ROBOT = LoggedConnection("192.0.2.1", 5007, "udp")
@@ -40,16 +40,16 @@ class Disk:
 
 
 def execute(command: str, parameter: Variant, serial: int = 1) -> Frame:
-    return Frame(encode(serial, 0, 64, (HANDLE, Variant(VT.BSTR, command), parameter)))
+    return Frame(encode_frame(serial, 0, 64, (HANDLE, Variant(VT.BSTR, command), parameter)))
 
 
 def test_a_call_and_its_result(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
     request = execute("Motor", Variant.array(VT.I4, (1, 0)), serial=7)
-    disk.log.sent(ROBOT, request, TIME, "user")
-    disk.log.received(ROBOT, Frame(encode(8, 0, 0, ())), TIME)
-    disk.log.received(ROBOT._replace(port=5008), Frame(encode(7, 0, 0, ())), TIME)
-    disk.log.received(ROBOT, Frame(encode(7, 0, 0x83500120, ())), TIME + 1_000_000)
+    disk.log.log_request(ROBOT, request, TIME, "user")
+    disk.log.log_reply(ROBOT, Frame(encode_frame(8, 0, 0, ())), TIME)
+    disk.log.log_reply(ROBOT._replace(port=5008), Frame(encode_frame(7, 0, 0, ())), TIME)
+    disk.log.log_reply(ROBOT, Frame(encode_frame(7, 0, 0x83500120, ())), TIME + 1_000_000)
     sent, received = disk.lines()
     assert {key: sent[key] for key in ("program", "pid", "who", "host", "port", "transport", "serial")} == {
         "program": "call",
@@ -71,7 +71,7 @@ def test_a_call_and_its_result(tmp_path: Path) -> None:
 
 def test_a_call_that_needs_arming_is_written_before_it_returns(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
-    disk.log.sent(ROBOT, execute("Motor", Variant(VT.I4, 1)), TIME, "user")
+    disk.log.log_request(ROBOT, execute("Motor", Variant(VT.I4, 1)), TIME, "user")
     (path,) = tmp_path.iterdir()
     assert path.read_bytes().endswith(b"}\n")
     disk.log.close()
@@ -82,8 +82,8 @@ def test_hostile_text_is_escaped_and_shortened(tmp_path: Path) -> None:
     text = '\x1b]0;x\x07\x7f\n"}\u202e\ud800\u3042' + "x" * 100_000
     values = (Variant.array(VT.R8, (math.nan, math.inf)), Variant.array(VT.UI1, b"\xff" * 5000))
     nested = Variant.array(VT.VARIANT, (Variant.array(VT.I4, tuple(range(5000))),))
-    disk.log.sent(
-        ROBOT, Frame(encode(1, 0, 64, (HANDLE, Variant(VT.BSTR, text), *values, nested))), TIME, "user"
+    disk.log.log_request(
+        ROBOT, Frame(encode_frame(1, 0, 64, (HANDLE, Variant(VT.BSTR, text), *values, nested))), TIME, "user"
     )
     disk.log.close()
     (path,) = tmp_path.iterdir()
@@ -101,8 +101,8 @@ def test_hostile_text_is_escaped_and_shortened(tmp_path: Path) -> None:
 def test_bytes_that_are_no_frame(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
     for item in parse_datagram(b"\x01\x02\x03"):
-        disk.log.sent(ROBOT, item, TIME, "user")
-        disk.log.received(ROBOT, item, TIME)
+        disk.log.log_request(ROBOT, item, TIME, "user")
+        disk.log.log_reply(ROBOT, item, TIME)
     (line,) = disk.lines()
     assert (line["sent"], line["hex"]) == (None, "010203")
 
@@ -110,7 +110,7 @@ def test_bytes_that_are_no_frame(tmp_path: Path) -> None:
 def test_lines_after_the_end_are_written(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
     for serial in (1, 2):
-        disk.log.sent(ROBOT, execute("CurJnt", EMPTY, serial), TIME, "user")
+        disk.log.log_request(ROBOT, execute("CurJnt", EMPTY, serial), TIME, "user")
         assert len(disk.lines()) == serial
     assert disk.troubles == []
 
@@ -122,7 +122,7 @@ def test_a_log_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     disk = Disk(tmp_path / "file")
     for serial in range(3):
-        disk.log.sent(ROBOT, execute("Motor", Variant(VT.I4, 1), serial), TIME, "user")
+        disk.log.log_request(ROBOT, execute("Motor", Variant(VT.I4, 1), serial), TIME, "user")
     disk.log.close()
     ((path, error),) = disk.troubles
     assert path == tmp_path / "file"
@@ -136,18 +136,18 @@ def test_a_disk_that_hangs_delays_one_call_a_little_and_no_stop(tmp_path: Path) 
     for _ in range(2):
         for command, value in (("slvChangeMode", 0), ("Motor", 1)):
             began = datetime.now()
-            disk.log.sent(ROBOT, execute(command, Variant(VT.I4, value)), TIME, "user")
+            disk.log.log_request(ROBOT, execute(command, Variant(VT.I4, value)), TIME, "user")
             times.append((datetime.now() - began).total_seconds())
     assert [error for _, error in disk.troubles] == ["[Errno 0] the disk does not answer"]
-    assert times[1] >= WAIT
-    assert max(times[0], times[2], times[3]) < WAIT / 2
+    assert times[1] >= LINE_TIMEOUT
+    assert max(times[0], times[2], times[3]) < LINE_TIMEOUT / 2
     with open(next(tmp_path.iterdir()), "rb") as reader:
         disk.log.close()
         assert reader.read().count(b"\n") == 4
 
 
 def test_a_file_is_bounded_and_the_oldest_go(tmp_path: Path) -> None:
-    files = LogFiles(tmp_path, "actions", largest=100, most=350)
+    files = LogFiles(tmp_path, "actions", max_file_size=100, max_total_size=350)
     stranger = tmp_path / "sent-2020-01-01.jsonl"
     stranger.write_bytes(b"x" * 1000)
     for number in range(100):
@@ -156,7 +156,7 @@ def test_a_file_is_bounded_and_the_oldest_go(tmp_path: Path) -> None:
     assert sum(path.stat().st_size for path in found) <= 350
     assert b"%040d\n" % 99 in found[-1].read_bytes()
     assert stranger.exists()
-    again = LogFiles(tmp_path, "actions", largest=100, most=350)
+    again = LogFiles(tmp_path, "actions", max_file_size=100, max_total_size=350)
     again.append(b"again\n")
     assert again.path == files.path
 
@@ -175,7 +175,7 @@ def test_a_line_that_was_torn_does_not_spoil_the_next(
 
 def test_several_programs_write_whole_lines(tmp_path: Path) -> None:
     def write(name: str) -> None:
-        files = LogFiles(tmp_path, "actions", largest=5000)
+        files = LogFiles(tmp_path, "actions", max_file_size=5000)
         for _ in range(200):
             files.append(name.encode() * 50 + b"\n")
 
@@ -194,7 +194,7 @@ def test_several_programs_write_whole_lines(tmp_path: Path) -> None:
 
 def test_only_armed_calls_are_logged_and_set_points_are_counted(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
-    calls = ArmedCalls(disk.log, ROBOT)
+    calls = ArmedCallLogger(disk.log, ROBOT)
     point = Variant.array(VT.R8, (0.0,) * 8)
     frames = [
         execute("CurJnt", EMPTY, 1),
@@ -207,7 +207,7 @@ def test_only_armed_calls_are_logged_and_set_points_are_counted(tmp_path: Path) 
     ]
     for frame in frames:
         calls.add_frame(True, frame.raw, TIME)
-        calls.add_frame(False, encode(frame.serial, 0, 0, ()), TIME)
+        calls.add_frame(False, encode_frame(frame.serial, 0, 0, ()), TIME)
     calls.add_frame(True, b"\x01", TIME)
     calls.add_frame(True, execute("slvMove", Variant(VT.I4, 1), 107).raw, TIME)
     calls.add_frame(True, execute("slvMove", Variant(VT.I4, 1), 108).raw, TIME)

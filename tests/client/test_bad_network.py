@@ -13,15 +13,23 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.requester import Answered, Event, Pace, Refused, Requester, Settled, TimedOut
-from bcapscope.protocol.variant import EMPTY, VT, Variant
-from bcapscope.simulator.context import Context
-from bcapscope.simulator.functions import METHODS, Arguments, Handler
-from bcapscope.simulator.outcome import Outcome
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.retry.requester import (
+    CallAnswered,
+    CallRefused,
+    CallTimedOut,
+    Requester,
+    RequesterEvent,
+    RequesterOutcome,
+    RetryPolicy,
+)
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.simulator.call_context import CallContext
+from bcapscope.simulator.call_outcome import CallOutcome
+from bcapscope.simulator.function_handlers import FUNCTION_HANDLERS, Arguments, FunctionHandler
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import Output, Simulator
+from bcapscope.simulator.simulator import Simulator, SimulatorOutput
 
 US, MS = 1_000, 1_000_000
 START, CONNECT, GET_ROBOT, GET_VARIABLE, EXECUTE, MOVE, GET_VALUE, PUT_VALUE = 1, 3, 7, 9, 64, 72, 101, 102
@@ -32,7 +40,7 @@ LIFE = 6
 anew. Networks deliver within milliseconds, or never."""
 
 NAMES = st.sampled_from(["a", "b"])
-UDP = [Convention.SEED, Convention.OWN, Convention.CHAIN]
+UDP = [ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN]
 
 
 class Packet(NamedTuple):
@@ -46,15 +54,17 @@ class Packet(NamedTuple):
 class Program:
     """A program that calls, and what became of its calls."""
 
-    def __init__(self, convention: Convention, serial: int) -> None:
+    def __init__(self, convention: ReservedConvention, serial: int) -> None:
         self.requester = Requester(convention, serial)
         self.identity: int | None = None
-        self.settled: list[Settled] = []
+        self.settled: list[RequesterOutcome] = []
 
-    def events(self) -> list[Event]:
+    def events(self) -> list[RequesterEvent]:
         """Take what happened; at most one thing ends the call."""
-        events = self.requester.events()
-        self.settled += [event for event in events if isinstance(event, Answered | Refused | TimedOut)]
+        events = self.requester.drain_events()
+        self.settled += [
+            event for event in events if isinstance(event, CallAnswered | CallRefused | CallTimedOut)
+        ]
         return events
 
 
@@ -80,25 +90,25 @@ class BadNetwork(RuleBasedStateMachine):
         self.programs: dict[str, Program] = {}
         self.handles: dict[str, tuple[Variant, Variant]] = {}
         self.simulator = Simulator(PROFILES["rc8"])
-        counting = dict(METHODS)
+        counting = dict(FUNCTION_HANDLERS)
         for each in COUNTED:
-            owner, run = METHODS[each]
+            owner, run = FUNCTION_HANDLERS[each]
             assert run is not None
             counting[each] = owner, self.counting(run)
-        self.counted = patch("bcapscope.simulator.client.METHODS", counting)
+        self.counted = patch("bcapscope.simulator.client_session.FUNCTION_HANDLERS", counting)
         self.counted.start()
 
-    def counting(self, run: Handler) -> Handler:
+    def counting(self, run: FunctionHandler) -> FunctionHandler:
         """Return the same function, which counts how often it runs for each number."""
 
-        def counted(context: Context, arguments: Arguments) -> Outcome:
+        def counted(context: CallContext, arguments: Arguments) -> CallOutcome:
             self.ran[_number(arguments)] += 1
             return run(context, arguments)
 
         return counted
 
     @initialize(conventions=st.tuples(*[st.sampled_from(UDP)] * 2), serial=st.sampled_from([1, 65520]))
-    def open(self, conventions: tuple[Convention, Convention], serial: int) -> None:
+    def open(self, conventions: tuple[ReservedConvention, ReservedConvention], serial: int) -> None:
         """Begin with a network without faults."""
         for name, convention in zip("ab", conventions, strict=True):
             self.start(name, convention, serial)
@@ -106,7 +116,7 @@ class BadNetwork(RuleBasedStateMachine):
             self.ask("a", EXECUTE, self.handles["a"][0], bstr(command), parameter)
         self.pass_time(500 * MS)
 
-    def start(self, name: str, convention: Convention, serial: int) -> None:
+    def start(self, name: str, convention: ReservedConvention, serial: int) -> None:
         """Start a program that opens a robot and a variable."""
         self.programs[name] = Program(convention, serial)
         self.ask(name, START, bstr(",WDT=80"))
@@ -116,17 +126,17 @@ class BadNetwork(RuleBasedStateMachine):
 
     def ask(self, name: str, function_id: int, *arguments: Variant) -> Variant:
         """Make a call over a network without faults; return its result."""
-        self.call(name, function_id, *arguments, pace=Pace(1000 * MS, 4))
-        while self.programs[name].requester.calling:
+        self.call(name, function_id, *arguments, pace=RetryPolicy(1000 * MS, 4))
+        while self.programs[name].requester.call_in_progress:
             while self.packets[name]:
                 self.arrive(name, self.packets[name].pop(0))
             self.pass_time(1 * MS)
         (settled,) = self.programs[name].settled
-        assert isinstance(settled, Answered), settled
+        assert isinstance(settled, CallAnswered), settled
         values = settled.reply.arguments
         return values[0].variant if values else EMPTY
 
-    def call(self, name: str, function_id: int, *arguments: Variant, pace: Pace) -> None:
+    def call(self, name: str, function_id: int, *arguments: Variant, pace: RetryPolicy) -> None:
         """Begin a call."""
         self.end(name)
         program = self.programs[name]
@@ -134,18 +144,18 @@ class BadNetwork(RuleBasedStateMachine):
         self.begun[name] += 1
         alive = self.begun[name] - LIFE
         self.packets[name] = [packet for packet in self.packets[name] if packet.call >= alive]
-        program.requester.call(function_id, arguments, pace, self.now)
+        program.requester.start_call(function_id, arguments, pace, self.now)
         self.pump(name)
 
     def end(self, name: str) -> None:
         """See how the last call ended: in one way; what was answered has run."""
         program = self.programs[name]
         if self.begun[name]:
-            assert not program.requester.calling
+            assert not program.requester.call_in_progress
             assert len(program.settled) <= 1
         if program.identity is not None:
             (settled,) = program.settled
-            assert not isinstance(settled, Answered) or self.ran[program.identity] == 1
+            assert not isinstance(settled, CallAnswered) or self.ran[program.identity] == 1
             program.identity = None
 
     def pump(self, name: str) -> None:
@@ -158,12 +168,12 @@ class BadNetwork(RuleBasedStateMachine):
     def arrive(self, name: str, packet: Packet) -> None:
         """Let a packet arrive."""
         if packet.up:
-            self.put_on_the_way(self.simulator.datagram(name, packet.data, self.now))
+            self.put_on_the_way(self.simulator.on_datagram(name, packet.data, self.now))
         else:
-            self.programs[name].requester.receive(Frame(packet.data), self.now)
+            self.programs[name].requester.receive_item(Frame(packet.data), self.now)
             self.pump(name)
 
-    def put_on_the_way(self, outputs: list[Output]) -> None:
+    def put_on_the_way(self, outputs: list[SimulatorOutput]) -> None:
         """Send what the simulator sends."""
         for peer, data in outputs:
             name = str(peer)
@@ -173,12 +183,15 @@ class BadNetwork(RuleBasedStateMachine):
         """Let time pass, stopping at every moment at which something is due."""
         end = self.now + span
         while self.now < end:
-            dues = [self.simulator.due(self.now), *(each.requester.due for each in self.programs.values())]
+            dues = [
+                self.simulator.due(self.now),
+                *(each.requester.deadline for each in self.programs.values()),
+            ]
             due = min((each for each in dues if each is not None), default=end)
             self.now = min(max(due, self.now + 10 * US), end)
             self.put_on_the_way(self.simulator.advance(self.now))
             for name, program in self.programs.items():
-                program.requester.wake(self.now)
+                program.requester.handle_timeout(self.now)
                 self.pump(name)
 
     @rule(
@@ -187,7 +200,7 @@ class BadNetwork(RuleBasedStateMachine):
     def begin(self, name: str, what: int, retries: int) -> None:
         """Begin a call; where one is under way, it is time for its next try."""
         program = self.programs[name]
-        if program.requester.calling:
+        if program.requester.call_in_progress:
             self.pass_time(2 * MS)
             return
         robot, variable = self.handles[name]
@@ -197,7 +210,7 @@ class BadNetwork(RuleBasedStateMachine):
             arguments = (variable, Variant(VT.I4, self.asked))
         elif what == MOVE:
             arguments = (robot, Variant(VT.I4, 1), bstr(f"J(0,0,90,0,90,{self.asked})"), bstr(""))
-        self.call(name, what, *arguments, pace=Pace(2 * MS, retries))
+        self.call(name, what, *arguments, pace=RetryPolicy(2 * MS, retries))
         program.identity = None if what == GET_VALUE else self.asked
 
     @rule(name=NAMES, index=st.integers(0, 30), fate=st.sampled_from(["arrive", "arrive", "double", "lose"]))
@@ -227,7 +240,7 @@ class BadNetwork(RuleBasedStateMachine):
 
     @precondition(lambda self: self.asked % 6 == 5)
     @rule(name=NAMES, convention=st.sampled_from(UDP))
-    def restart(self, name: str, convention: Convention) -> None:
+    def restart(self, name: str, convention: ReservedConvention) -> None:
         """Let another program begin at the same port; what was on the way is gone until it does."""
         self.packets[name].clear()
         self.programs.pop(name)
@@ -242,7 +255,7 @@ class BadNetwork(RuleBasedStateMachine):
         """Let time pass until every call has ended."""
         for name in self.programs:
             for _ in range(100):
-                if not self.programs[name].requester.calling:
+                if not self.programs[name].requester.call_in_progress:
                     break
                 self.packets[name].clear()
                 self.pass_time(20 * MS)

@@ -7,15 +7,15 @@ import asyncio
 import pytest
 
 from bcapscope.client import Blocking, connect, over_link
-from bcapscope.transport.clock import VirtualLoop
-from bcapscope.transport.memory import memory_pair
+from bcapscope.transport.loop_clock import VirtualTimeLoop
+from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Peer
 
 
 def test_steps_are_waited_for_and_blocks_left() -> None:
-    near, far = memory_pair()
+    near, far = memory_link_pair()
     peer = Peer(far)
-    with Blocking(asyncio.Runner(loop_factory=VirtualLoop)) as wait:
+    with Blocking(asyncio.Runner(loop_factory=VirtualTimeLoop)) as wait:
         service = wait.enter(connect(over_link(near), ",WDT=400"))
         controller = wait(service.connect())
         assert wait(controller.get_name()) == "text"
@@ -29,11 +29,11 @@ def test_steps_are_waited_for_and_blocks_left() -> None:
 
 
 def test_blocks_are_left_when_something_fails() -> None:
-    near, far = memory_pair()
+    near, far = memory_link_pair()
     peer = Peer(far)
 
     def fail() -> None:
-        with Blocking(asyncio.Runner(loop_factory=VirtualLoop)) as wait:
+        with Blocking(asyncio.Runner(loop_factory=VirtualTimeLoop)) as wait:
             wait.enter(connect(over_link(near)))
             raise ZeroDivisionError
 

@@ -16,20 +16,29 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import parse_datagram
-from bcapscope.protocol.hresult import E_HANDLE
-from bcapscope.protocol.requester import Answered, Event, Executing, Late, Pace, Refused, Requester, TimedOut
-from bcapscope.protocol.variant import Variant
-from bcapscope.simulator.conversation import Report
+from bcapscope.protocol.codec.frame import parse_datagram
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.retry.requester import (
+    CallAnswered,
+    CallExecuting,
+    CallRefused,
+    CallTimedOut,
+    LateReply,
+    Requester,
+    RequesterEvent,
+    RetryPolicy,
+)
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.tables.hresult import E_HANDLE
+from bcapscope.simulator.argument_values import bstr, i4
+from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import Output, Peer, Simulator
-from bcapscope.simulator.values import bstr, i4
+from bcapscope.simulator.simulator import Peer, Simulator, SimulatorOutput
 
 MS = 1_000_000
 _START, _CONNECT, _PUT_TAG, _GET_TAG = 1, 3, 23, 22
 _WRONG = 999
-_UDP = [Convention.SEED, Convention.OWN, Convention.CHAIN]
+_UDP = [ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN]
 
 
 class Packet(NamedTuple):
@@ -60,11 +69,11 @@ class Weather(NamedTuple):
 class Program:
     """A client program on one port; `life` counts how often it was started there."""
 
-    def __init__(self, name: str, convention: Convention, retries: int, life: int = 1) -> None:
+    def __init__(self, name: str, convention: ReservedConvention, retries: int, life: int = 1) -> None:
         self.name = name
         self.life = life
         self.requester = Requester(convention)
-        self.pace = Pace(4 * MS, retries)
+        self.pace = RetryPolicy(4 * MS, retries)
         self.started = False
         self.handle: Variant | None = None
         self.asked: tuple[int, object] = (0, None)
@@ -103,29 +112,29 @@ class Lives(RuleBasedStateMachine):
 
     @precondition(lambda self: len(self.programs) < 3)
     @rule(convention=st.sampled_from(_UDP), retries=st.integers(0, 7))
-    def program_starts(self, convention: Convention, retries: int) -> None:
+    def program_starts(self, convention: ReservedConvention, retries: int) -> None:
         name = f"client {len(self.programs)}"
         self.programs[name] = Program(name, convention, retries)
 
     @precondition(lambda self: self.programs)
     @rule(which=st.integers(0, 2), convention=st.sampled_from(_UDP))
-    def program_is_killed_and_starts_again(self, which: int, convention: Convention) -> None:
+    def program_is_killed_and_starts_again(self, which: int, convention: ReservedConvention) -> None:
         # No process starts as fast as a packet is on its way.
         self.time_passes(12)
         old = self._program(which)
-        self.killed += old.requester.calling
+        self.killed += old.requester.call_in_progress
         self.programs[old.name] = Program(old.name, convention, old.pace.retries, old.life + 1)
 
     @precondition(lambda self: self.programs)
     @rule(which=st.integers(0, 2), what=st.sampled_from(["put", "put", "get", "wrong"]))
     def program_calls(self, which: int, what: str) -> None:
         program = self._program(which)
-        if program.requester.calling:
+        if program.requester.call_in_progress:
             return
         function, arguments, value = self._call(program, what)
         program.asked = function, value
         self.begun += 1
-        program.requester.call(function, arguments, program.pace, self.now)
+        program.requester.start_call(function, arguments, program.pace, self.now)
         self._settle(program)
 
     @rule(ms=st.floats(0.1, 60))
@@ -145,11 +154,11 @@ class Lives(RuleBasedStateMachine):
             return
         # The longest call has eight tries of 4 ms, and its last packet is on its way for 12.
         self.time_passes(200)
-        assert not any(program.requester.calling for program in self.programs.values())
+        assert not any(program.requester.call_in_progress for program in self.programs.values())
         assert self.begun == self.ended + self.killed
         assert not self.network
 
-    def _note(self, _: Peer, report: Report) -> None:
+    def _note(self, _: Peer, report: CallReport) -> None:
         if report.function_id == _PUT_TAG:
             self.ran[report.arguments[1].value] += 1
 
@@ -170,7 +179,7 @@ class Lives(RuleBasedStateMachine):
         return _PUT_TAG, (i4(_WRONG) if what == "wrong" else program.handle, value), self.values
 
     def _due(self) -> int | None:
-        times = [program.requester.due for program in self.programs.values()]
+        times = [program.requester.deadline for program in self.programs.values()]
         times += [self.simulator.due(self.now), self.network[0].due if self.network else None]
         return min((time for time in times if time is not None), default=None)
 
@@ -180,19 +189,19 @@ class Lives(RuleBasedStateMachine):
             self._arrive(heapq.heappop(self.network))
         self._reply(self.simulator.advance(self.now))
         for program in list(self.programs.values()):
-            program.requester.wake(self.now)
+            program.requester.handle_timeout(self.now)
             self._settle(program)
 
     def _arrive(self, packet: Packet) -> None:
         if packet.to_controller:
-            self._reply(self.simulator.datagram(packet.peer, packet.data, self.now))
+            self._reply(self.simulator.on_datagram(packet.peer, packet.data, self.now))
             return
         program = self.programs[packet.peer]
         for item in parse_datagram(packet.data):
-            program.requester.receive(item, self.now)
+            program.requester.receive_item(item, self.now)
         self._settle(program)
 
-    def _reply(self, outputs: list[Output]) -> None:
+    def _reply(self, outputs: list[SimulatorOutput]) -> None:
         for peer, data in outputs:
             self._send(str(peer), False, data)
 
@@ -207,28 +216,28 @@ class Lives(RuleBasedStateMachine):
     def _settle(self, program: Program) -> None:
         for raw in program.requester.data_to_send():
             self._send(program.name, True, raw)
-        for event in program.requester.events():
+        for event in program.requester.drain_events():
             self._hear(program, event)
 
-    def _hear(self, program: Program, event: Event) -> None:
+    def _hear(self, program: Program, event: RequesterEvent) -> None:
         function, value = program.asked
-        if isinstance(event, Late | Executing):
+        if isinstance(event, LateReply | CallExecuting):
             return
-        if isinstance(event, TimedOut):
+        if isinstance(event, CallTimedOut):
             self.ended += 1
             assert len(event.attempts) == program.pace.retries + 1
             if value is not None:
                 program.doubtful.add(value)
-        elif isinstance(event, Answered):
+        elif isinstance(event, CallAnswered):
             self.ended += 1
             self._check_answer(program, function, value, event)
-        elif isinstance(event, Refused):
+        elif isinstance(event, CallRefused):
             self.ended += 1
             assert event.reply.code == E_HANDLE or not program.is_new
         else:
             assert not program.is_new, f"{event} has a serial that was never asked with"
 
-    def _check_answer(self, program: Program, function: int, value: object, event: Answered) -> None:
+    def _check_answer(self, program: Program, function: int, value: object, event: CallAnswered) -> None:
         if function == _START:
             program.started = True
         elif function == _CONNECT and not program.is_new:

@@ -9,19 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client import Paces, Session, connect, open_session, over_link
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.requester import Answered, Pace, Refused, TimedOut
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.conversation import Report
+from bcapscope.client import RetryPolicies, Session, connect, open_session, over_link
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, CallTimedOut, RetryPolicy
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Peer, Simulator
-from bcapscope.transport.clock import run_virtually
-from bcapscope.transport.memory import memory_pair
+from bcapscope.transport.loop_clock import run_in_virtual_time
+from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
 
 _PUT_TAG, _GET_TAG = 23, 22
-_UDP = [Convention.SEED, Convention.OWN, Convention.CHAIN]
+_UDP = [ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN]
 
 
 @pytest.mark.parametrize("profile", sorted(PROFILES))
@@ -29,7 +29,7 @@ _UDP = [Convention.SEED, Convention.OWN, Convention.CHAIN]
 def test_a_session(profile: str, datagrams: bool) -> None:
     async def play() -> None:
         simulator = Simulator(PROFILES[profile])
-        near, far = memory_pair(datagrams=datagrams)
+        near, far = memory_link_pair(datagrams=datagrams)
         Controller(simulator).plug("client", far)
         async with connect(over_link(near)) as service:
             provider = "CaoProv.DENSO.VRC9" if profile == "rc9" else "CaoProv.DENSO.VRC"
@@ -40,7 +40,7 @@ def test_a_session(profile: str, datagrams: bool) -> None:
             await variable.put_value(7)
             assert await variable.get_value() == 7
 
-    run_virtually(play())
+    run_in_virtual_time(play())
 
 
 class _Network:
@@ -60,7 +60,7 @@ _ACTIONS = st.lists(st.sampled_from(["put", "put", "put", "get", "restart"]), mi
 
 @given(st.sampled_from(_UDP), st.integers(0, 7), _ACTIONS, _FATES, _FATES)
 def test_every_call_ends_in_one_way_and_none_runs_twice(
-    convention: Convention,
+    convention: ReservedConvention,
     retries: int,
     actions: list[str],
     up: list[list[float]],
@@ -68,22 +68,22 @@ def test_every_call_ends_in_one_way_and_none_runs_twice(
 ) -> None:
     ran: Counter[object] = Counter()
 
-    def note(_: Peer, report: Report) -> None:
+    def note(_: Peer, report: CallReport) -> None:
         if report.function_id == _PUT_TAG:
             ran[report.arguments[1].value] += 1
 
-    paces = Paces(others=Pace(2_000_000, retries))
+    paces = RetryPolicies(others=RetryPolicy(2_000_000, retries))
     simulator = Simulator(PROFILES["rc8"], report=note)
     networks = _Network(up), _Network(down)
-    succeeded = run_virtually(_client(simulator, convention, paces, actions, networks))
+    succeeded = run_in_virtual_time(_client(simulator, convention, paces, actions, networks))
     assert all(times == 1 for times in ran.values())
     assert succeeded <= set(ran)
 
 
 async def _client(
     simulator: Simulator,
-    convention: Convention,
-    paces: Paces,
+    convention: ReservedConvention,
+    paces: RetryPolicies,
     actions: list[str],
     networks: tuple[_Network, _Network],
 ) -> set[object]:
@@ -92,9 +92,9 @@ async def _client(
     todo = list(enumerate(actions))
     put: set[object] = set()
     while todo:
-        near, far = memory_pair(networks[0].fate, networks[1].fate)
+        near, far = memory_link_pair(networks[0].fate, networks[1].fate)
         controller.plug("client", far)
-        async with open_session(over_link(near), convention=convention, paces=paces) as session:
+        async with open_session(over_link(near), convention=convention, retry_policies=paces) as session:
             handle = await _begin(session)
             while todo and todo[0][1] != "restart":
                 number, action = todo.pop(0)
@@ -102,9 +102,9 @@ async def _client(
                 function, arguments = (
                     (_PUT_TAG, (handle, value)) if action == "put" else (_GET_TAG, (handle,))
                 )
-                settled = await session.exchange(function, arguments)
-                assert isinstance(settled, Answered | Refused | TimedOut)
-                if isinstance(settled, Answered) and action == "put":
+                settled = await session.perform_call(function, arguments)
+                assert isinstance(settled, CallAnswered | CallRefused | CallTimedOut)
+                if isinstance(settled, CallAnswered) and action == "put":
                     put.add(number)
             todo = todo[1:]
     return put
@@ -112,9 +112,9 @@ async def _client(
 
 async def _begin(session: Session) -> Variant:
     """Start and connect; return the handle, a wrong one where that did not succeed."""
-    await session.exchange(1, (Variant(VT.BSTR, ""),))
+    await session.perform_call(1, (Variant(VT.BSTR, ""),))
     names = ("", "CaoProv.DENSO.VRC", "localhost", "")
-    settled = await session.exchange(3, [Variant(VT.BSTR, name) for name in names])
-    if isinstance(settled, Answered) and settled.reply.arguments:
+    settled = await session.perform_call(3, [Variant(VT.BSTR, name) for name in names])
+    if isinstance(settled, CallAnswered) and settled.reply.arguments:
         return settled.reply.arguments[0].variant
     return Variant(VT.I4, -1)

@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client import Paces, Robot, Session, connect, open_session, over_link
-from bcapscope.errors import ControllerError, ExchangeTimeout, LocalProtocolError
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import function_name
-from bcapscope.protocol.hresult import E_HANDLE
-from bcapscope.protocol.requester import Event, Late, Pace
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.client import RetryPolicies, Robot, Session, connect, open_session, over_link
+from bcapscope.errors import CallTimeout, ControllerError, LocalProtocolError
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.requester import LateReply, RequesterEvent, RetryPolicy
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import E_HANDLE
 from bcapscope.traffic.observation import Direction, Observation, Transport
-from bcapscope.transport.clock import run_virtually
-from bcapscope.transport.memory import Weather, calm, memory_pair
+from bcapscope.transport.loop_clock import run_in_virtual_time
+from bcapscope.transport.memory_link import NetworkModel, memory_link_pair, perfect_network
 from tests.client.peer import Peer
 
 
@@ -45,33 +45,33 @@ def _moment() -> float:
 )
 def test_the_pace_is_that_of_the_slides(command: str, mode: int, tries: int, seconds: float) -> None:
     async def play() -> None:
-        near, far = memory_pair()
+        near, far = memory_link_pair()
         peer = Peer(far)
         async with open_session(over_link(near)) as session:
             robot = Robot(session, 7)
             await robot.slv_change_mode(mode)
             peer.answers["Robot_Execute"] = None
             began = _moment()
-            with pytest.raises(ExchangeTimeout, match=f"Robot_Execute {command} was not") as caught:
+            with pytest.raises(CallTimeout, match=f"Robot_Execute {command} was not") as caught:
                 await robot.execute(command)
             assert len(caught.value.attempts) == tries
             assert _moment() - began == pytest.approx(seconds)
 
-    run_virtually(play())
+    run_in_virtual_time(play())
 
 
 def test_tcp_tries_once_and_waits_as_long() -> None:
     async def play() -> None:
-        near, far = memory_pair(datagrams=False)
+        near, far = memory_link_pair(datagrams=False)
         peer = Peer(far)
         peer.answers["Robot_Execute"] = None
         async with open_session(over_link(near)) as session:
-            with pytest.raises(ExchangeTimeout) as caught:
+            with pytest.raises(CallTimeout) as caught:
                 await Robot(session, 7).execute("slvMove")
             assert [attempt.serial for attempt in caught.value.attempts] == [1]
             assert _moment() == pytest.approx(5.0)
 
-    run_virtually(play())
+    run_in_virtual_time(play())
 
 
 @pytest.mark.parametrize(
@@ -84,23 +84,23 @@ def test_tcp_tries_once_and_waits_as_long() -> None:
 )
 def test_how_often_other_calls_are_tried(retries: int, mode: int, tries: int) -> None:
     async def play() -> None:
-        near, far = memory_pair()
+        near, far = memory_link_pair()
         peer = Peer(far)
-        paces = Paces(others=Pace(1_000_000_000, retries))
-        async with open_session(over_link(near), paces=paces) as session:
+        paces = RetryPolicies(others=RetryPolicy(1_000_000_000, retries))
+        async with open_session(over_link(near), retry_policies=paces) as session:
             robot = Robot(session, 7)
             await robot.slv_change_mode(0x101)
             await robot.slv_change_mode(mode)
             peer.answers["Robot_Execute"] = None
-            with pytest.raises(ExchangeTimeout) as caught:
+            with pytest.raises(CallTimeout) as caught:
                 await robot.execute("CurJnt")
             assert len(caught.value.attempts) == tries
 
-    run_virtually(play())
+    run_in_virtual_time(play())
 
 
 def test_what_is_open_is_let_go_newest_first_when_the_block_fails() -> None:
-    near, far = memory_pair()
+    near, far = memory_link_pair()
     peer = Peer(far)
 
     async def fail() -> None:
@@ -114,7 +114,7 @@ def test_what_is_open_is_let_go_newest_first_when_the_block_fails() -> None:
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        run_virtually(fail())
+        run_in_virtual_time(fail())
     assert peer.executed[-4:] == [
         ("Robot_Execute", 102, "slvChangeMode", 0),
         ("Robot_Release", 102),
@@ -124,7 +124,7 @@ def test_what_is_open_is_let_go_newest_first_when_the_block_fails() -> None:
 
 
 def test_what_is_open_is_let_go_when_the_task_is_cancelled_in_a_call() -> None:
-    near, far = memory_pair()
+    near, far = memory_link_pair()
     peer = Peer(far)
 
     async def use() -> None:
@@ -141,16 +141,18 @@ def test_what_is_open_is_let_go_when_the_task_is_cancelled_in_a_call() -> None:
         with pytest.raises(asyncio.CancelledError):
             await task
 
-    run_virtually(play())
+    run_in_virtual_time(play())
     assert peer.functions[-2:] == ["Controller_Disconnect", "Service_Stop"]
 
 
 def test_who_never_answered_is_not_waited_for_any_longer() -> None:
-    near, far = memory_pair(up=_lost, down=_lost)
+    near, far = memory_link_pair(to_server=_lost, to_client=_lost)
     Peer(far)
 
     async def use() -> None:
-        async with connect(over_link(near), paces=Paces(others=Pace(60_000_000_000, 4))):
+        async with connect(
+            over_link(near), retry_policies=RetryPolicies(others=RetryPolicy(60_000_000_000, 4))
+        ):
             pass
 
     async def play() -> float:
@@ -161,7 +163,7 @@ def test_who_never_answered_is_not_waited_for_any_longer() -> None:
             await task
         return _moment()
 
-    assert run_virtually(play()) < 4.5
+    assert run_in_virtual_time(play()) < 4.5
 
 
 @pytest.mark.parametrize(
@@ -177,7 +179,7 @@ def test_who_never_answered_is_not_waited_for_any_longer() -> None:
 def test_what_may_have_begun_when_it_was_given_up_is_ended(
     hangs: str, expected: list[tuple[object, ...]]
 ) -> None:
-    near, far = memory_pair()
+    near, far = memory_link_pair()
     peer = Peer(far)
     peer.answers[hangs] = None
 
@@ -196,12 +198,12 @@ def test_what_may_have_begun_when_it_was_given_up_is_ended(
         with pytest.raises(asyncio.CancelledError):
             await task
 
-    run_virtually(play())
+    run_in_virtual_time(play())
     assert peer.executed == expected
 
 
 def test_a_slave_mode_that_is_refused_is_not_left() -> None:
-    near, far = memory_pair()
+    near, far = memory_link_pair()
     peer = Peer(far)
     peer.answers["Robot_Execute"] = E_HANDLE, ()
 
@@ -210,7 +212,7 @@ def test_a_slave_mode_that_is_refused_is_not_left() -> None:
             with pytest.raises(ControllerError):
                 await Robot(session, 7).slv_change_mode(0x102)
 
-    run_virtually(play())
+    run_in_virtual_time(play())
     assert len(peer.executed) == 1
 
 
@@ -221,7 +223,7 @@ def test_a_peer_that_is_gone_is_not_asked_to_release_everything() -> None:
         def up(_: bytes) -> Iterable[float]:
             return () if gone else (0.0,)
 
-        near, far = memory_pair(up=up)
+        near, far = memory_link_pair(to_server=up)
         Peer(far)
         async with connect(over_link(near)) as service:
             await service.connect()
@@ -229,7 +231,7 @@ def test_a_peer_that_is_gone_is_not_asked_to_release_everything() -> None:
             gone = True
         return _moment()
 
-    assert run_virtually(play()) == pytest.approx(5.0, abs=0.01)
+    assert run_in_virtual_time(play()) == pytest.approx(5.0, abs=0.01)
 
 
 @pytest.mark.parametrize("datagrams", [True, False])
@@ -237,15 +239,15 @@ def test_who_is_busy_longer_than_is_waited_for_is_told_of_the_end(datagrams: boo
     told: list[object] = []
 
     async def play() -> None:
-        near, far = memory_pair(datagrams=datagrams)
+        near, far = memory_link_pair(datagrams=datagrams)
         peer = Peer(far)
         async with connect(over_link(near), observer=lambda seen: told.append(seen.item)) as service:
             controller = await service.connect()
             peer.answers["Controller_GetHelp"] = None
             await controller.get_help()
 
-    with pytest.raises(ExchangeTimeout):
-        run_virtually(play())
+    with pytest.raises(CallTimeout):
+        run_in_virtual_time(play())
     last = told[-1]
     assert isinstance(last, Frame)
     assert function_name(last.code) == "Service_Stop"
@@ -253,7 +255,7 @@ def test_who_is_busy_longer_than_is_waited_for_is_told_of_the_end(datagrams: boo
 
 def test_a_stream_that_ends_fails_the_call_and_all_after_it() -> None:
     async def play() -> None:
-        near, far = memory_pair(datagrams=False)
+        near, far = memory_link_pair(datagrams=False)
         peer = Peer(far)
         peer.answers["Service_Start"] = None
         async with open_session(over_link(near)) as session:
@@ -263,31 +265,31 @@ def test_a_stream_that_ends_fails_the_call_and_all_after_it() -> None:
                     await session.invoke("Service_Start", "")
             assert _moment() == 1
 
-    run_virtually(play())
+    run_in_virtual_time(play())
 
 
 def test_calls_of_several_tasks_wait_for_each_other() -> None:
     async def play() -> None:
-        near, far = memory_pair(up=lambda _: (0.25,), down=lambda _: (0.25,))
+        near, far = memory_link_pair(to_server=lambda _: (0.25,), to_client=lambda _: (0.25,))
         peer = Peer(far)
         async with open_session(over_link(near)) as session:
             await asyncio.gather(*(session.invoke("Controller_GetHelp", handle) for handle in range(3)))
             assert _moment() == pytest.approx(1.5)
         assert peer.executed == [("Controller_GetHelp", handle) for handle in range(3)]
 
-    run_virtually(play())
+    run_in_virtual_time(play())
 
 
 def test_the_observer_sees_every_frame() -> None:
     seen: list[Observation] = []
 
     async def play() -> None:
-        near, far = memory_pair(up=lambda raw: (0.0,) if Frame(raw).reserved else ())
+        near, far = memory_link_pair(to_server=lambda raw: (0.0,) if Frame(raw).reserved else ())
         Peer(far)
         async with open_session(over_link(near), observer=seen.append) as session:
             await session.invoke("Controller_GetHelp", 7)
 
-    run_virtually(play())
+    run_in_virtual_time(play())
     request, retry, reply = seen
     assert [item.number for item in seen] == [1, 2, 3]
     assert [item.flow.direction for item in seen] == [*[Direction.REQUEST] * 2, Direction.RESPONSE]
@@ -296,73 +298,73 @@ def test_the_observer_sees_every_frame() -> None:
     assert retry.time - request.time == pytest.approx(1e9, abs=1000)
     assert isinstance(retry.item, Frame)
     assert (retry.item.serial, retry.item.reserved) == (2, 1)
-    assert reply.began == reply.time
+    assert reply.first_byte_time == reply.time
 
 
 def test_a_listener_hears_of_late_replies() -> None:
-    heard: list[Event] = []
+    heard: list[RequesterEvent] = []
 
     async def play() -> None:
-        near, far = memory_pair(down=lambda raw: (1.5 if Frame(raw).serial == 1 else 0.6,))
+        near, far = memory_link_pair(to_client=lambda raw: (1.5 if Frame(raw).serial == 1 else 0.6,))
         Peer(far)
         async with open_session(over_link(near), listener=heard.append) as session:
             await session.invoke("Controller_GetHelp", 7)
 
-    run_virtually(play())
+    run_in_virtual_time(play())
     assert [type(event).__name__ for event in heard] == ["Late", "Answered"]
-    assert isinstance(heard[0], Late)
+    assert isinstance(heard[0], LateReply)
 
 
 def test_too_large_for_udp_leaves_the_session_usable() -> None:
     async def play() -> None:
-        near, far = memory_pair()
+        near, far = memory_link_pair()
         Peer(far)
         async with open_session(over_link(near)) as session:
             with pytest.raises(LocalProtocolError, match="connect over TCP"):
                 await session.invoke("Variable_PutValue", 7, bytes(500))
             await session.invoke("Variable_PutValue", 7, b"")
 
-    run_virtually(play())
+    run_in_virtual_time(play())
 
 
 _DELAYS = st.lists(st.sampled_from([0.0, 0.0005, 0.0015, 0.003, 0.009]), max_size=2)
 
 
 @given(
-    convention=st.sampled_from([Convention.SEED, Convention.OWN, Convention.CHAIN]),
+    convention=st.sampled_from([ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN]),
     up=st.lists(_DELAYS, max_size=40),
     down=st.lists(_DELAYS, max_size=40),
     retries=st.integers(0, 3),
 )
 def test_each_call_ends_in_one_way_and_none_is_executed_twice(
-    convention: Convention, up: list[list[float]], down: list[list[float]], retries: int
+    convention: ReservedConvention, up: list[list[float]], down: list[list[float]], retries: int
 ) -> None:
     async def play() -> tuple[Counter[object], list[object]]:
-        near, far = memory_pair(up=_forecast(up), down=_forecast(down))
+        near, far = memory_link_pair(to_server=_forecast(up), to_client=_forecast(down))
         peer = Peer(far)
-        paces = Paces(others=Pace(2_000_000, retries))
+        paces = RetryPolicies(others=RetryPolicy(2_000_000, retries))
         answered: list[object] = []
-        async with open_session(over_link(near), convention=convention, paces=paces) as session:
+        async with open_session(over_link(near), convention=convention, retry_policies=paces) as session:
             for number in range(8):
                 if await _ends(session, number):
                     answered.append(number)
             await asyncio.sleep(0.1)
         return Counter(call[1] for call in peer.executed), answered
 
-    executed, answered = run_virtually(play())
+    executed, answered = run_in_virtual_time(play())
     assert all(times == 1 for times in executed.values())
     assert set(answered) <= set(executed)
 
 
-def _forecast(weather: list[list[float]]) -> Weather:
+def _forecast(weather: list[list[float]]) -> NetworkModel:
     """Let the packets have these fates in order, and the rest arrive."""
     fates = iter(weather)
-    return lambda raw: next(fates, calm(raw))
+    return lambda raw: next(fates, perfect_network(raw))
 
 
 async def _ends(session: Session, number: int) -> bool:
     try:
         await session.call(23, (Variant(VT.I4, number), Variant(VT.I4, number)))
-    except (ExchangeTimeout, ControllerError):
+    except (CallTimeout, ControllerError):
         return False
     return True

@@ -9,12 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.faults.document import DocumentError, RuleFile, convert, fault_of, plain, read_document
-from bcapscope.faults.fault import ACTIONS, Answer, AnyFault, Delay, Drop, Rewrite
-from bcapscope.faults.notation import read_fault
-from bcapscope.faults.quantities import Condition, Duration, ResultCode, Share, Span
+from bcapscope.faults.document import (
+    DocumentError,
+    RuleFile,
+    convert_data,
+    fault_from,
+    read_document,
+    to_plain_data,
+)
+from bcapscope.faults.fault import ACTIONS, AnswerFault, AnyFault, DelayFault, DropFault, RewriteFault
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.faults.quantities import Duration, FrameCondition, HresultQuantity, Share, Span
 from bcapscope.traffic.observation import Direction
-from tests.faults.test_notation import TABLE
+from tests.faults.test_fault_notation import TABLE
 
 SAMPLE = """\
 faults:
@@ -35,15 +42,15 @@ faults:
 
 def test_a_rule_file_is_read() -> None:
     assert read_document(SAMPLE, RuleFile).faults == (
-        Drop(
+        DropFault(
             probability=Share(0.05),
             direction=Direction.RESPONSE,
             attempt=1,
-            when=Condition.read("command == slvMove"),
+            when=FrameCondition.read("command == slvMove"),
         ),
-        Delay(time=Duration(3_000_000), name="slow", lasts=Duration(10_000_000_000)),
-        Answer(hresult=ResultCode(0x83500121)),
-        Rewrite(set={"arg[2][0]": 10}, limit={"arg[2]": Span.read("..90")}),
+        DelayFault(time=Duration(3_000_000), name="slow", lasts=Duration(10_000_000_000)),
+        AnswerFault(hresult=HresultQuantity(0x83500121)),
+        RewriteFault(set={"arg[2][0]": 10}, limit={"arg[2]": Span.read("..90")}),
     )
 
 
@@ -119,7 +126,7 @@ def test_other_documents_have_faults_and_quantities_too() -> None:
 @pytest.mark.parametrize("text", [text for text, _ in TABLE])
 def test_plain_data_becomes_the_same_fault(text: str) -> None:
     fault = read_fault(text)
-    assert fault_of(plain(fault)) == fault
+    assert fault_from(to_plain_data(fault)) == fault
 
 
 def test_the_table_has_every_action() -> None:
@@ -145,4 +152,4 @@ def test_the_table_has_every_action() -> None:
 )
 def test_any_data_is_taken_or_refused(data: object) -> None:
     with suppress(DocumentError):
-        assert len(convert({"faults": [data]}, RuleFile).faults) == 1
+        assert len(convert_data({"faults": [data]}, RuleFile).faults) == 1

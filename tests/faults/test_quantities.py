@@ -10,9 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.faults.quantities import Condition, Duration, Rate, ResultCode, Share, Span, read_path
-from bcapscope.protocol.hresult import E_ACCESSDENIED, E_FAIL
-from bcapscope.traffic.filters import FilterError
+from bcapscope.faults.quantities import (
+    Duration,
+    FrameCondition,
+    HresultQuantity,
+    Rate,
+    Share,
+    Span,
+    read_path,
+)
+from bcapscope.protocol.tables.hresult import E_ACCESSDENIED, E_FAIL
+from bcapscope.traffic.filter.compiler import FilterError
 
 
 @pytest.mark.parametrize(
@@ -32,11 +40,11 @@ from bcapscope.traffic.filters import FilterError
         (Rate, "8kB/s", 8000.0),
         (Rate, "1.5Mbit/s", 187_500.0),
         (Rate, "100B/s", 100.0),
-        (ResultCode, "E_FAIL", E_FAIL),
-        (ResultCode, "e_accessdenied", E_ACCESSDENIED),
-        (ResultCode, "0x80004005", E_FAIL),
-        (ResultCode, -2147467259, E_FAIL),
-        (ResultCode, "-2147467259", E_FAIL),
+        (HresultQuantity, "E_FAIL", E_FAIL),
+        (HresultQuantity, "e_accessdenied", E_ACCESSDENIED),
+        (HresultQuantity, "0x80004005", E_FAIL),
+        (HresultQuantity, -2147467259, E_FAIL),
+        (HresultQuantity, "-2147467259", E_FAIL),
     ],
 )
 def test_reading(kind: Any, written: object, value: float) -> None:
@@ -60,11 +68,11 @@ def test_reading(kind: Any, written: object, value: float) -> None:
         (Rate, "64", "is no rate"),
         (Rate, "0B/s", "less than a byte a second"),
         (Rate, 64, "is no rate"),
-        (ResultCode, "E_FAL", "did you mean 'E_FAIL'"),
-        (ResultCode, 1 << 32, "is no HRESULT"),
-        (ResultCode, 1.5, "is no HRESULT"),
-        (Condition, 5, "is no filter"),
-        (Condition, "comand == 1", "did you mean 'command'"),
+        (HresultQuantity, "E_FAL", "did you mean 'E_FAIL'"),
+        (HresultQuantity, 1 << 32, "is no HRESULT"),
+        (HresultQuantity, 1.5, "is no HRESULT"),
+        (FrameCondition, 5, "is no filter"),
+        (FrameCondition, "comand == 1", "did you mean 'command'"),
         (Span, "5", "is no span"),
         (Span, "..", "is no span"),
         (Span, "9..1", "nothing is within"),
@@ -80,8 +88,8 @@ def test_refusing(kind: Any, written: object, reason: str) -> None:
 
 def test_a_condition_has_the_error_of_its_filter() -> None:
     with pytest.raises(FilterError):
-        Condition.read("comand == 1")
-    assert Condition.read(True).text == "true"
+        FrameCondition.read("comand == 1")
+    assert FrameCondition.read(True).text == "true"
 
 
 @pytest.mark.parametrize(
@@ -117,7 +125,7 @@ def test_shares_are_written_back(value: float) -> None:
 
 @given(st.integers(0, 0xFFFFFFFF))
 def test_codes_are_written_back(value: int) -> None:
-    assert ResultCode.read(ResultCode(value).text) == value
+    assert HresultQuantity.read(HresultQuantity(value).text) == value
 
 
 @given(st.integers(8, 10**12))

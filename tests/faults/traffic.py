@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from bcapscope.faults.message import Closing, Output, Send, Taken
-from bcapscope.faults.notation import read_fault
-from bcapscope.faults.shaper import Shaper
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.faults.fault_injector import FaultInjector
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.faults.wire_message import CloseConnection, FaultOutput, FaultResult, SendBytes
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
 MS = 1_000_000
@@ -37,30 +37,30 @@ def request(serial: int, command: str = "slvMove", reserved: int = 0, values: Se
         Variant(VT.BSTR, command),
         Variant.array(VT.R4, tuple(values or (1.0, 2.0, 3.0))),
     )
-    return encode(serial, reserved, ROBOT_EXECUTE, arguments)
+    return encode_frame(serial, reserved, ROBOT_EXECUTE, arguments)
 
 
 def reply(serial: int, code: int = 0, reserved: int = 0) -> bytes:
     """Make a reply with a value."""
-    return encode(serial, reserved, code, (Variant(VT.I4, 5),))
+    return encode_frame(serial, reserved, code, (Variant(VT.I4, 5),))
 
 
-def shaper(*faults: str, seed: int = 1) -> Shaper:
+def shaper(*faults: str, seed: int = 1) -> FaultInjector:
     """Set up faults at time 0."""
-    return Shaper(map(read_fault, faults), seed=seed, now=0)
+    return FaultInjector(map(read_fault, faults), seed=seed, now=0)
 
 
-def sent(outputs: Iterable[Output]) -> list[bytes]:
+def sent(outputs: Iterable[FaultOutput]) -> list[bytes]:
     """Give the bytes of all that is sent."""
-    return [output.data for output in outputs if isinstance(output, Send)]
+    return [output.data for output in outputs if isinstance(output, SendBytes)]
 
 
-def closed(outputs: Iterable[Output]) -> list[Closing]:
+def closed(outputs: Iterable[FaultOutput]) -> list[CloseConnection]:
     """Give the connections that are ended."""
-    return [output for output in outputs if isinstance(output, Closing)]
+    return [output for output in outputs if isinstance(output, CloseConnection)]
 
 
-def run_dry(machine: Shaper, now: int) -> list[tuple[int, bytes]]:
+def run_dry(machine: FaultInjector, now: int) -> list[tuple[int, bytes]]:
     """Let time pass until nothing is held; give what is sent with its time."""
     found = []
     while (due := machine.due()) is not None:
@@ -70,7 +70,7 @@ def run_dry(machine: Shaper, now: int) -> list[tuple[int, bytes]]:
 
 
 def arrivals(
-    machine: Shaper, flow: Flow, messages: Sequence[bytes], every: int = MS
+    machine: FaultInjector, flow: Flow, messages: Sequence[bytes], every: int = MS
 ) -> list[tuple[int, bytes]]:
     """Let messages pass, one after each `every` ns; give what arrives with its time."""
     found: list[tuple[int, bytes]] = []
@@ -78,7 +78,7 @@ def arrivals(
     for message in messages:
         while (due := machine.due()) is not None and due <= now:
             found += [(due, data) for data in sent(machine.advance(due))]
-        taken: Taken = machine.take(flow, message, now)
+        taken: FaultResult = machine.process_message(flow, message, now)
         found += [(now, data) for data in sent(taken.outputs)]
         now += every
     return found + run_dry(machine, 0)

@@ -7,15 +7,15 @@ import socket
 from collections.abc import Callable
 from contextlib import suppress
 
-from bcapscope.protocol.commands import commands
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.functions import ObjectClass, function_by_name
-from bcapscope.protocol.hresult import E_NOTIMPL, S_EXECUTING
-from bcapscope.protocol.variables import VARIABLES, VariableKind
-from bcapscope.protocol.variant import ARRAY, EMPTY, NUMBER_FORMATS, VT, Variant
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, NUMBER_FORMATS, VT, Variant
+from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.function_table import ObjectClass, function_by_name
+from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
+from bcapscope.protocol.tables.variables import VARIABLES, VariableKind
+from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.refusals import INVALID_COMMAND
-from bcapscope.simulator.values import boolean, bstr, i4, r8, row, variants
+from bcapscope.simulator.result_codes import INVALID_COMMAND
 
 PATIENCE = 0.3
 """Seconds that the client waits for a reply before it leaves; motions take longer."""
@@ -32,10 +32,10 @@ VOCABULARY: tuple[tuple[str, str], ...] = (
     *(
         (target, known.name)
         for target, function_id in _EXECUTES.items()
-        for known in commands(function_id)
+        for known in commands_of(function_id)
         if known.controllers not in _OTHER_PROVIDERS and known.name.casefold() not in _LACKS
     ),
-    *((known.controllers, known.name) for known in commands(28) if known.controllers in _EXTENSIONS),
+    *((known.controllers, known.name) for known in commands_of(28) if known.controllers in _EXTENSIONS),
 )
 """Every command of an RC8 that the catalogue knows, with the object that takes it."""
 
@@ -69,11 +69,13 @@ def parameter(chance: random.Random, depth: int = 0) -> Variant:
         lambda: r8(chance.choice((*_NUMBERS, 0.5, 1e300, float("nan"), float("-inf")))),
         lambda: boolean(chance.random() < 0.5),
         lambda: EMPTY,
-        lambda: row(VT.R8, [chance.uniform(-200, 600) for _ in range(chance.randrange(12))]),
+        lambda: float_array(VT.R8, [chance.uniform(-200, 600) for _ in range(chance.randrange(12))]),
         lambda: _odd_numbers(chance),
     ]
     if depth < 3:
-        makers += [lambda: variants(*(parameter(chance, depth + 1) for _ in range(chance.randrange(10))))] * 3
+        makers += [
+            lambda: variant_array(*(parameter(chance, depth + 1) for _ in range(chance.randrange(10))))
+        ] * 3
     return chance.choice(makers)()
 
 
@@ -127,7 +129,7 @@ class Commander:
 
     def _use_variable(self, session: _Session, kind: VariableKind) -> None:
         owner = {ObjectClass.ROBOT: "robot", ObjectClass.TASK: "task"}.get(kind.owner, "controller")
-        number = self._chance.choice(("0", "99", "100", "999999999", "*")) if kind.numbered else ""
+        number = self._chance.choice(("0", "99", "100", "999999999", "*")) if kind.is_numbered else ""
         getter = f"{owner.capitalize()}_GetVariable"
         reply = session.call(getter, session.handles[owner], bstr(kind.name + number), bstr(""))
         if reply.code == 0:
@@ -159,7 +161,7 @@ class _Session:
         """Make motions possible; the motor is on a little later."""
         self.execute("controller", "ClearError", EMPTY)
         self.execute("robot", "TakeArm", EMPTY)
-        self.execute("robot", "Motor", variants(i4(1), i4(1)))
+        self.execute("robot", "Motor", variant_array(i4(1), i4(1)))
 
     def execute(self, target: str, command: str, value: Variant) -> Frame:
         """Call a command of an object."""
@@ -175,7 +177,7 @@ class _Session:
     def _exchange(self, function_id: int, *arguments: Variant) -> Frame:
         self._serial += 1
         self._counts.calls += 1
-        self._sock.sendall(encode(self._serial, 0, function_id, arguments))
+        self._sock.sendall(encode_frame(self._serial, 0, function_id, arguments))
         while (frame := self._frame()).code == S_EXECUTING:
             pass
         assert frame.serial == self._serial

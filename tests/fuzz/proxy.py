@@ -15,19 +15,19 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bcapscope.cli.exits import Exit
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.bench.proxy import private_memory
 from tests.cli.proxying import PATIENCE, Process, proxy
 from tests.proxy.relaying import datagrams, listening, port_of
-from tests.proxy.test_tcp import cut, receive
+from tests.proxy.test_tcp_session import cut, receive
 
 _SOUND = [
-    encode(7, 0, 1, (Variant(VT.BSTR, ",WDT=400"),)),
-    encode(8, 7, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove"), Variant(VT.R8, 0.5))),
-    encode(8, 0, 0, (Variant(VT.I4, 1),)),
-    encode(9, 0, 0x80004005),
+    encode_frame(7, 0, 1, (Variant(VT.BSTR, ",WDT=400"),)),
+    encode_frame(8, 7, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove"), Variant(VT.R8, 0.5))),
+    encode_frame(8, 0, 0, (Variant(VT.I4, 1),)),
+    encode_frame(9, 0, 0x80004005),
 ]
 
 _OPENING = _SOUND[0]
@@ -126,7 +126,7 @@ def end(process: Process) -> str:
     process.popen.send_signal(signal.SIGINT)
     code = process.popen.wait(PATIENCE)
     process.close()
-    wanted = Exit.UNWRITABLE if "passed unseen and unrecorded" in process.err else Exit.OK
+    wanted = ExitCode.UNWRITABLE if "passed unseen and unrecorded" in process.err else ExitCode.OK
     assert code == wanted, process.err[-3000:]
     return process.err
 

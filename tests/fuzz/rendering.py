@@ -7,16 +7,16 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bcapscope.protocol import layout as layouts
-from bcapscope.protocol.frame import Frame, Malformed, Problem, parse_datagram
-from bcapscope.protocol.variant import VT, vt_name
+from bcapscope.protocol.codec import frame_template as layouts
+from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_datagram
+from bcapscope.protocol.codec.variant import VT, vt_name
+from bcapscope.render.csv_table import COLUMNS, CsvTableRenderer
+from bcapscope.render.frame_line import FrameLineRenderer
+from bcapscope.render.frame_record import FrameRecordRenderer
+from bcapscope.render.frame_tree import FrameTreeRenderer
 from bcapscope.render.hexdump import hexdump
-from bcapscope.render.line import LineRenderer
-from bcapscope.render.record import RecordRenderer
-from bcapscope.render.table import COLUMNS, TableRenderer
-from bcapscope.render.tree import TreeRenderer
+from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
-from bcapscope.traffic.question import COMMAND_FUNCTIONS, Question, Questions
 
 _CONVERSATION = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("::1", 5007), Transport.UDP, "port 5007")
 _FLOWS = tuple(Flow(_CONVERSATION, direction) for direction in Direction)
@@ -38,9 +38,9 @@ def render(data: bytes) -> None:
         assert all(char.isprintable() or char == "\u3000" for char in line)
 
 
-def observed(head: int, raw: bytes) -> Iterator[tuple[Observation, Question | None]]:
+def observed(head: int, raw: bytes) -> Iterator[tuple[Observation, CallKind | None]]:
     """Tell what is seen and what it is about."""
-    about = Questions().about
+    about = RecentRequests().kind_of
     flow = _FLOWS[head & 1]
     for number, item in enumerate(parse_datagram(raw), 1):
         noted = Frame(item.raw, _NOTE) if head & 2 and isinstance(item, Frame) else item
@@ -51,17 +51,17 @@ def observed(head: int, raw: bytes) -> Iterator[tuple[Observation, Question | No
         yield seen, question
 
 
-def asked(frame: Frame) -> Question:
+def asked(frame: Frame) -> CallKind:
     """Tell what a request asks by its arguments alone."""
     second = frame.arguments[1].variant.value if len(frame.arguments) > 1 else None
     command = second if frame.code in COMMAND_FUNCTIONS and isinstance(second, str) else None
-    return Question(frame.code, command)
+    return CallKind(frame.code, command)
 
 
-def written(observations: list[tuple[Observation, Question | None]]) -> list[str]:
+def written(observations: list[tuple[Observation, CallKind | None]]) -> list[str]:
     """Write observations in every way there is; check what a program would read."""
-    lines, records, table = LineRenderer(), RecordRenderer(), TableRenderer()
-    trees = [TreeRenderer(), TreeRenderer(full=True, dump=True)]
+    lines, records, table = FrameLineRenderer(), FrameRecordRenderer(), CsvTableRenderer()
+    trees = [FrameTreeRenderer(), FrameTreeRenderer(full=True, dump=True)]
     found: list[str] = []
     for seen, question in observations:
         record = records.record(seen, question).decode()
@@ -95,7 +95,7 @@ def check_record(record: str, seen: Observation) -> None:
 def nothing_shared() -> Iterator[None]:
     """Forget for a while what is known about frames of one form."""
     kept = layouts._STORE, layouts._FINDERS
-    fresh = layouts._Store()
+    fresh = layouts._TemplateStore()
     layouts._STORE, layouts._FINDERS = fresh, fresh.finders
     try:
         yield

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.faults.notation import read_fault
-from bcapscope.faults.quantities import Condition
-from bcapscope.faults.shaper import Shaper
+from bcapscope.faults.fault_injector import FaultInjector
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.faults.quantities import FrameCondition
 from bcapscope.proxy.addons import PassingMessage
-from bcapscope.proxy.guard import Guard
-from bcapscope.proxy.hook import Action, LateDecision, Send
 from bcapscope.proxy.intercept import Intercept
-from bcapscope.proxy.rules import Rules
+from bcapscope.proxy.policy import LateDecision, PolicyAction, SendAction
+from bcapscope.proxy.request_guard import RequestGuard
+from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 from tests.proxy.scripting import Here
 
@@ -66,42 +66,42 @@ def rules(data: bytes) -> None:
             came[side] += content
             _take(made.receive(1, side, content, now).actions, left)
         elif what == 2 and made.intercept.held:
-            made.send_on(made.intercept.held[0].number, now, content or None)
+            made.forward_held(made.intercept.held[0].number, now, content or None)
         elif what == 3:
-            made.changed(now)
+            made.on_rules_changed(now)
             if here is not None and later == 1:
-                made.lose_scripts(now)
+                made.on_scripts_ended(now)
         if here is not None and later != 2:
             here.answer(made, now)
-        _take(made.take(now), left)
+        _take(made.pop_due_actions(now), left)
         due = made.due()
         assert due is None or due >= now or due == 0
     for side in Direction:
-        _take(made.ended(1, side, now), left)
+        _take(made.on_stream_end(1, side, now), left)
     if here is not None:
         here.answer(made, now)
-        _take(made.take(now), left)
+        _take(made.pop_due_actions(now), left)
     if faults is IDLE and not data[0] & (GUARDED | HELD | SHOWN):
         assert left == came
         assert made.due() is None
-    made.gone(1, now)
+    made.remove_client(1, now)
     made.close(now)
-    assert list(made.take(now + 10**13)) == []
+    assert list(made.pop_due_actions(now + 10**13)) == []
     assert made.due() is None
 
 
-def _set_up(choice: int) -> tuple[Rules, tuple[str, ...], Here | None]:
+def _set_up(choice: int) -> tuple[RulePolicy, tuple[str, ...], Here | None]:
     faults = FAULTS[(choice >> 4) % len(FAULTS)]
     here = Here(_Addon()) if choice & SHOWN else None
-    made = Rules(
-        Shaper(map(read_fault, faults), seed=1, now=0),
-        Guard(read_only=True) if choice & GUARDED else None,
-        Intercept(Condition.read("serial < 5"), 20 * MS) if choice & HELD else None,
+    made = RulePolicy(
+        FaultInjector(map(read_fault, faults), seed=1, now=0),
+        RequestGuard(read_only=True) if choice & GUARDED else None,
+        Intercept(FrameCondition.read("serial < 5"), 20 * MS) if choice & HELD else None,
         None if here is None else here.queue,
     )
     transport = Transport.TCP if choice & TCP else Transport.UDP
     ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
-    made.opened(1, Conversation(*ends, transport, "the proxy"), 0)
+    made.add_client(1, Conversation(*ends, transport, "the proxy"), 0)
     return made, faults, here
 
 
@@ -117,9 +117,9 @@ def _steps(data: bytes) -> Iterator[tuple[int, int, bytes]]:
 def _take(actions: object, left: dict[Direction, bytes]) -> None:
     assert isinstance(actions, list | tuple)
     for action in actions:
-        taken: Action = action
+        taken: PolicyAction = action
         assert taken.client == 1
         if isinstance(taken, LateDecision):
             _take(taken.actions, left)
-        elif isinstance(taken, Send):
+        elif isinstance(taken, SendAction):
             left[taken.toward] += taken.data

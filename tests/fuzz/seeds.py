@@ -5,9 +5,9 @@ from __future__ import annotations
 import gzip
 from pathlib import Path
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.functions import function_by_name
-from bcapscope.protocol.variant import EMPTY, VT, Variant, encode_argument
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_argument
+from bcapscope.protocol.tables.function_table import function_by_name
 from bcapscope.simulator.profile import PROFILES
 from tests.capture import packets as p
 from tests.dumps import FORMS, window
@@ -43,7 +43,7 @@ def stream_seeds() -> list[bytes]:
 def capture_seeds() -> list[bytes]:
     """Capture files: every form, link layer and way to carry a frame, one at least of each."""
     call, answer = p.request(1), p.reply(1)
-    long = encode(2, 0, 64, [Variant.array(VT.UI1, bytes(range(200)))])
+    long = encode_frame(2, 0, 64, [Variant.array(VT.UI1, bytes(range(200)))])
     to_server = p.ipv4(p.udp(call))
     datagrams = (p.from_client(call), p.from_server(answer), p.from_client(call + call))
     segments = [p.ethernet(p.ipv4(content, protocol=6)) for content in _segments(long)]
@@ -88,7 +88,7 @@ def _segments(long: bytes) -> list[bytes]:
 
 def render_seeds() -> list[bytes]:
     """Datagrams behind the byte that tells who sent them."""
-    hostile = encode(5, 0, 64, [HANDLE, Variant(VT.BSTR, "=\x1b[2J\x9b\u202e\u2028\ud800[/foo]\"<b>'")])
+    hostile = encode_frame(5, 0, 64, [HANDLE, Variant(VT.BSTR, "=\x1b[2J\x9b\u202e\u2028\ud800[/foo]\"<b>'")])
     return [bytes((head,)) + data for data in (*frame_seeds(), hostile) for head in (0, 1, 2)]
 
 
@@ -201,15 +201,16 @@ def rules_seeds() -> list[bytes]:
     """A short talk, in pieces, under every kind of rules."""
     handle, pose = Variant(VT.I4, 1), Variant.array(VT.R4, (1.0, 20.0))
     moves = [
-        encode(serial, serial // 2 * 2, 64, (handle, Variant(VT.BSTR, "slvMove"), pose)) for serial in (2, 3)
+        encode_frame(serial, serial // 2 * 2, 64, (handle, Variant(VT.BSTR, "slvMove"), pose))
+        for serial in (2, 3)
     ]
     steps = []
-    for serial, raw in enumerate((*moves, encode(9, 0, 70, (handle,))), 2):
+    for serial, raw in enumerate((*moves, encode_frame(9, 0, 70, (handle,))), 2):
         cut = raw[:30], raw[30:]
         steps += [
             (0, cut[0]),
             (0, cut[1]),
-            (4 * 4 + 1, encode(serial, 0, 0, (pose,))),
+            (4 * 4 + 1, encode_frame(serial, 0, 0, (pose,))),
             (2, b""),
             (4 * 9 + 3, b""),
         ]

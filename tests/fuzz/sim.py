@@ -18,7 +18,7 @@ from bcapscope.client import Blocking, Robot, connect, over_tcp
 from tests.cli.proxying import Process, simulator
 from tests.fuzz.commanding import Commander
 from tests.fuzz.proxy import nonsense, state
-from tests.proxy.test_tcp import cut
+from tests.proxy.test_tcp_session import cut
 
 MOST_OPEN = 12
 """Connections that are left open with half a frame in them; the honest client needs a place."""

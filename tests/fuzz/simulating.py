@@ -11,16 +11,22 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from bcapscope.protocol.frame import LARGEST_UDP_FRAME, SMALLEST_FRAME, Frame, parse_datagram
-from bcapscope.protocol.stream import LARGEST_DOUBTFUL, LARGEST_GARBAGE
-from bcapscope.simulator.alarms import MOST_ACTIVE
-from bcapscope.simulator.controllog import MOST_RECORDS
-from bcapscope.simulator.conversation import MOST_REMEMBERED, MOST_WAITING, Conversation
-from bcapscope.simulator.functions import MOST_FILES
-from bcapscope.simulator.memory import COUNT
-from bcapscope.simulator.objects import MOST_OBJECTS
+from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SMALLEST_FRAME, Frame, parse_datagram
+from bcapscope.protocol.codec.stream_splitter import LARGEST_GARBAGE, LARGEST_UNCONFIRMED
+from bcapscope.simulator.alarms import MAX_ACTIVE
+from bcapscope.simulator.call_executor import MAX_WAITING, MOST_KEPT_REPLIES, CallExecutor
+from bcapscope.simulator.control_log_ring import MAX_RECORDS
+from bcapscope.simulator.function_handlers import MAX_FILES
+from bcapscope.simulator.object_table import MAX_OBJECTS
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import KEPT, LARGEST_REQUEST, MOST_CLIENTS, Output, Simulator
+from bcapscope.simulator.simulator import (
+    LARGEST_REQUEST,
+    MAX_CLIENTS,
+    STOP_CLIENTS,
+    Simulator,
+    SimulatorOutput,
+)
+from bcapscope.simulator.variable_memory import VARIABLES_PER_LETTER
 
 RAW, CALL, RETRY, WAIT, HANG_UP, BUTTON = range(6)
 """Kinds of steps: bytes as they are; a call; the last call again; time; end of a connection; the pendant."""
@@ -85,7 +91,7 @@ class Stage:
         if step.kind == WAIT:
             self.wait(int.from_bytes(step.data[:2], "little"))
         elif step.kind == HANG_UP:
-            self.simulator.disconnect(peer, self.now)
+            self.simulator.on_disconnect(peer, self.now)
         elif step.kind == BUTTON:
             self.press(step.data)
         else:
@@ -108,9 +114,9 @@ class Stage:
     def send(self, peer: object, tcp: bool, data: bytes) -> None:
         """Send bytes, and see that what comes back are frames."""
         if not tcp:
-            self.look(self.simulator.datagram(peer, data, self.now))
-        elif peer in self.simulator._links or self.simulator.connect(peer, self.now):
-            self.look(self.simulator.segment(peer, data, self.now))
+            self.look(self.simulator.on_datagram(peer, data, self.now))
+        elif peer in self.simulator._links or self.simulator.on_connect(peer, self.now):
+            self.look(self.simulator.on_segment(peer, data, self.now))
 
     def wait(self, ms: int) -> None:
         """Let time pass, as a server would."""
@@ -134,7 +140,7 @@ class Stage:
         else:
             machine.emergency = False
 
-    def look(self, outputs: list[Output]) -> None:
+    def look(self, outputs: list[SimulatorOutput]) -> None:
         """Check what is sent: sound frames, small enough for where they go."""
         for peer, data in outputs:
             assert isinstance(peer, tuple)
@@ -150,22 +156,22 @@ class Stage:
     def check(self) -> None:
         """Nothing grows beyond its bound."""
         simulator, machine = self.simulator, self.simulator.machine
-        assert simulator.clients <= 2 * (MOST_CLIENTS + KEPT)
+        assert simulator.client_count <= 2 * (MAX_CLIENTS + STOP_CLIENTS)
         assert set(simulator._running) <= set(simulator._links)
-        assert len(machine.files) <= MOST_FILES
-        assert len(machine.alarms.active) <= MOST_ACTIVE
-        assert len(machine.log.records) <= MOST_RECORDS
+        assert len(machine.files) <= MAX_FILES
+        assert len(machine.alarms.active) <= MAX_ACTIVE
+        assert len(machine.log.records) <= MAX_RECORDS
         assert machine.slave.waiting <= 256
         for table in (machine.memory._numbers, machine.memory._rows, machine.memory._texts):
-            assert len(table) <= 8 * COUNT
+            assert len(table) <= 8 * VARIABLES_PER_LETTER
         for conversation, splitter in simulator._links.values():
             self.check_client(conversation)
-            most = max(LARGEST_REQUEST, LARGEST_GARBAGE + LARGEST_DOUBTFUL)
-            assert splitter is None or splitter.pending <= most
+            most = max(LARGEST_REQUEST, LARGEST_GARBAGE + LARGEST_UNCONFIRMED)
+            assert splitter is None or splitter.pending_bytes <= most
 
-    def check_client(self, conversation: Conversation) -> None:
+    def check_client(self, conversation: CallExecutor) -> None:
         """Neither does what one client leaves."""
-        assert len(conversation.client.objects) <= MOST_OBJECTS
-        assert len(conversation._waiting) <= MOST_WAITING
-        assert len(conversation._responder._calls) <= MOST_REMEMBERED
-        assert (conversation.running is not None) == conversation._responder.running
+        assert len(conversation.session.objects) <= MAX_OBJECTS
+        assert len(conversation._waiting) <= MAX_WAITING
+        assert len(conversation._responder._calls) <= MOST_KEPT_REPLIES
+        assert (conversation.running is not None) == conversation._responder.is_call_running

@@ -6,16 +6,21 @@ import io
 import math
 from collections.abc import Iterable, Iterator
 
-from bcapscope.capture.file import CaptureFile
-from bcapscope.capture.link import ETHERNET
-from bcapscope.capture.observer import Observer
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.link_layer import ETHERNET
 from bcapscope.capture.packet import Packet
+from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
-from bcapscope.protocol.arguments import Argument
-from bcapscope.protocol.content import LARGEST_UNPACKED, Content
-from bcapscope.protocol.frame import Frame, Framing, Malformed, encode, parse_datagram
-from bcapscope.protocol.stream import LARGEST_DOUBTFUL, LARGEST_GARBAGE, Piece, Splitter
-from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
+from bcapscope.protocol.codec.arguments import Argument
+from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_frame, parse_datagram
+from bcapscope.protocol.codec.frame_content import LARGEST_UNPACKED, FrameContent
+from bcapscope.protocol.codec.stream_splitter import (
+    LARGEST_GARBAGE,
+    LARGEST_UNCONFIRMED,
+    StreamPiece,
+    StreamSplitter,
+)
+from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
 from bcapscope.traffic.observation import Observation
 from tests.dumps import packets_in
 
@@ -41,7 +46,7 @@ def check_frame(item: Frame, noted: bool = False) -> None:
         item: the frame.
         noted: the last of its problems is not from its own bytes.
     """
-    fresh = Content(item.raw)
+    fresh = FrameContent(item.raw)
     for _ in range(2):
         assert repr(item.arguments) == repr(fresh.arguments)
         assert (item.problems[:-1] if noted else item.problems) == fresh.problems
@@ -86,10 +91,10 @@ def size_of(value: object) -> int:
 
 
 def check_encoding(item: Frame) -> None:
-    """A sound frame comes out of `encode` as it was, unless two encodings mean the same value."""
+    """A sound frame comes out of `encode_frame` as it was, unless two encodings mean the same value."""
     variants = [argument.variant for argument in item.arguments]
     if not any(map(ambiguous, variants)):
-        made = encode(item.serial, item.reserved, item.code, variants, item.framing)
+        made = encode_frame(item.serial, item.reserved, item.code, variants, item.framing)
         assert made == item.raw
 
 
@@ -137,20 +142,20 @@ def runs_between_gaps(cuts: bytes, payload: bytes) -> list[list[bytes]]:
     return runs
 
 
-def split(runs: list[list[bytes]], in_step: bool, limit: int) -> list[Piece]:
+def split(runs: list[list[bytes]], in_step: bool, limit: int) -> list[StreamPiece]:
     """Give runs of segments to a splitter, a gap of one byte between two runs."""
-    splitter = Splitter(in_step, limit)
-    pieces: list[Piece] = []
+    splitter = StreamSplitter(in_step, limit)
+    pieces: list[StreamPiece] = []
     for index, run in enumerate(runs):
         if index:
-            pieces += splitter.gap(1)
+            pieces += splitter.add_gap(1)
         for segment in run:
             pieces += splitter.feed(segment)
-            assert splitter.pending <= max(limit, LARGEST_GARBAGE + LARGEST_DOUBTFUL)
+            assert splitter.pending_bytes <= max(limit, LARGEST_GARBAGE + LARGEST_UNCONFIRMED)
     return pieces + splitter.close()
 
 
-def check_pieces(pieces: list[Piece], runs: list[list[bytes]]) -> None:
+def check_pieces(pieces: list[StreamPiece], runs: list[list[bytes]]) -> None:
     """Every byte is in one piece, in order."""
     expected = b"?".join(b"".join(run) for run in runs)
     pos = 0
@@ -163,7 +168,7 @@ def check_pieces(pieces: list[Piece], runs: list[list[bytes]]) -> None:
         else:
             assert piece.item.raw == expected[piece.start : piece.stop]
         if isinstance(piece.item, Frame):
-            check_frame(piece.item, noted=piece.item.note is not None)
+            check_frame(piece.item, noted=piece.item.external_problem is not None)
     assert pos == len(expected)
 
 
@@ -190,7 +195,7 @@ def capture(data: bytes) -> None:
     for number, observation in enumerate(found, 1):
         assert observation.number == number
         if isinstance(observation.item, Frame):
-            check_frame(observation.item, noted=observation.item.note is not None)
+            check_frame(observation.item, noted=observation.item.external_problem is not None)
 
 
 class Seen(Observation):
@@ -204,14 +209,14 @@ class Seen(Observation):
 
 def _shown(observation: Observation) -> tuple[object, ...]:
     flow = observation.flow
-    return (*observation[:3], repr(flow), flow.conversation.side_known_by, *observation[4:])
+    return (*observation[:3], repr(flow), flow.conversation.server_known_by, *observation[4:])
 
 
 def observed(packets: Iterable[Packet]) -> tuple[list[Seen], tuple[str, int | None] | None]:
     """Observe `packets`; return what was seen and what ended it early."""
     found: list[Seen] = []
     try:
-        for observation in Observer().observe(packets):
+        for observation in PacketDecoder().decode(packets):
             found.append(Seen(*observation))
     except CaptureError as error:
         return found, (str(error), error.offset)

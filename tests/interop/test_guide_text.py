@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import pytest
 
-from bcapscope.capture.hextext import HexPacket
-from bcapscope.protocol.damage import explain
-from bcapscope.protocol.repair import repair
+from bcapscope.capture.hex_text import HexPacket
+from bcapscope.protocol.dissection.frame_repair import find_repair
+from bcapscope.protocol.dissection.repair_text import damage_problem
 from bcapscope.traffic.observation import Direction
 from tests.dumps import packets_in
 from tests.samples.guide import DUMPS
@@ -110,8 +110,8 @@ def test_nothing_but_the_dumps_is_found() -> None:
 @pytest.mark.parametrize("expected", [e for e in EXPECTED if e.line != 655], ids=lambda e: str(e.line))
 def test_what_is_said_of_it(expected: Expected) -> None:
     packet = PACKETS[expected.line]
-    assert (packet.direction, packet.guessed) == (expected.direction, False)
-    told = explain(packet.data, request_side(packet))
+    assert (packet.direction, packet.is_direction_guessed) == (expected.direction, False)
+    told = damage_problem(packet.data, request_side(packet))
     assert (told is None) is (not expected.words)
     for words in expected.words:
         assert told is not None
@@ -121,15 +121,17 @@ def test_what_is_said_of_it(expected: Expected) -> None:
 @pytest.mark.parametrize("expected", [e for e in FRAMES if e.line != 655], ids=lambda e: str(e.line))
 def test_repaired_it_is_the_frame_that_it_was(expected: Expected) -> None:
     packet = PACKETS[expected.line]
-    mended = repair(packet.data, request_side(packet))
+    mended = find_repair(packet.data, request_side(packet))
     assert expected.vector is not None
     sound = SOUND[expected.vector]
-    assert (mended.raw if mended else packet.data) == sound[: len(sound) - (mended.missing if mended else 0)]
+    assert (mended.raw if mended else packet.data) == sound[
+        : len(sound) - (mended.missing_at_end if mended else 0)
+    ]
 
 
 def test_the_last_page_with_both_dumps_in_one_line() -> None:
     request, reply = (packet for packet in packets_in(GUIDE.read_text()) if packet.line == 655)
-    mended = repair(request.data, True)
+    mended = find_repair(request.data, True)
     assert mended is not None
     assert mended.raw == SOUND["seed_tester_slvMove_tx"]
     assert reply.data == SOUND["seed_tester_slvMove_rx"]

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from bcapscope.protocol.frame import Frame, Framing, encode, parse_datagram
-from bcapscope.protocol.stream import Splitter
-from bcapscope.protocol.variant import ARRAY, VT, Value, Variant, vt_name
+from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame, parse_datagram
+from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant, vt_name
 
 pytestmark = pytest.mark.interop
 
@@ -66,7 +66,7 @@ def vector(request: pytest.FixtureRequest) -> dict[str, Any]:
 
 def test_is_packed_to_the_same_bytes(vector: dict[str, Any]) -> None:
     arguments = list(map(variant_of, vector["args"]))
-    made = encode(vector["serial"], vector["reserved"], code_of(vector), arguments, framing_of(vector))
+    made = encode_frame(vector["serial"], vector["reserved"], code_of(vector), arguments, framing_of(vector))
     assert made.hex() == vector["hex"]
 
 
@@ -84,13 +84,13 @@ def test_is_read_to_the_same_values(vector: dict[str, Any], _: str) -> None:
     expected = list(map(variant_of, vector["args"]))
     assert repr([argument.variant for argument in frame.arguments]) == repr(expected)
     assert [vt_name(argument.variant.vt) for argument in frame.arguments] == [a["vt"] for a in vector["args"]]
-    assert (frame.layout is None) is (frame.framing is Framing.SERIAL_LINE)
+    assert (frame.template_match is None) is (frame.framing is Framing.SERIAL_LINE)
 
 
 def test_all_are_cut_out_of_one_stream() -> None:
     frames = [bytes.fromhex(vector["hex"]) for vector in VECTOR_LIST]
     stream = b"".join(frames)
     for step in (len(stream), 1460, 1):
-        splitter = Splitter()
+        splitter = StreamSplitter()
         pieces = [p for at in range(0, len(stream), step) for p in splitter.feed(stream[at : at + step])]
         assert [piece.item.raw for piece in pieces + splitter.close()] == frames

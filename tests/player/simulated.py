@@ -7,24 +7,33 @@ from collections.abc import Callable, Mapping
 from math import cos, pi
 from random import Random
 
-from bcapscope.client.target import Target
-from bcapscope.player.desk import Desk
-from bcapscope.player.exchanger import run
-from bcapscope.player.journal import Journal
-from bcapscope.player.messages import Ended, Message, Order, Pacing, Plan, Point, Question, Topic
-from bcapscope.player.visit import YES, Visit
-from bcapscope.protocol.commands import call_name
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.slavemode import mode_value
-from bcapscope.simulator.machine import Start
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.player.blocking_caller import run_blocking
+from bcapscope.player.frame_recorder import FrameRecorder
+from bcapscope.player.play_session import YES, PlaySession
+from bcapscope.player.player_messages import (
+    Order,
+    PlayEnded,
+    PlayerMessage,
+    PlayerQuestion,
+    PlayPlan,
+    QuestionTopic,
+    SetPointValues,
+    SlaveModePacing,
+)
+from bcapscope.player.player_pipe import PlayerPipe
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import Output, Simulator
-from bcapscope.transport.link import Address
+from bcapscope.simulator.simulator import Simulator, SimulatorOutput
+from bcapscope.transport.peer_link import Address
 
 MS = 1_000_000
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 _SLVMOVE = "slvMove".encode("utf-16-le")
-TARGET = Target("simulator")
+TARGET = ControllerTarget("simulator")
 
 
 class SimulatedChannel:
@@ -34,7 +43,7 @@ class SimulatedChannel:
         sent: frames that the player sent, with the time.
         points: how many of them are set points, retries included.
         heard: serials of replies that the player took, with the time.
-        arrived: when the last of them came.
+        arrival_time: when the last of them came.
         delay: ns that a packet takes.
         asleep: from when to when the simulator gets no processor; what comes meanwhile waits.
         silent_from: time from which on nothing arrives any more; None for never.
@@ -52,7 +61,7 @@ class SimulatedChannel:
         self.points = 0
         self.heard: list[tuple[int, int]] = []
         self.silent_from: int | None = None
-        self._time = self.arrived = began
+        self._time = self.arrival_time = began
         self.delay = delay
         self.asleep = (0, 0)
         self._loss = loss
@@ -64,11 +73,11 @@ class SimulatedChannel:
     def now(self) -> int:
         return self._time
 
-    def wait(self, until: int) -> None:
+    def wait_until(self, until: int) -> None:
         while self._step(until):
             pass
 
-    rest = wait
+    sleep_until = wait_until
 
     def send(self, data: bytes) -> None:
         self.sent.append((self._time, Frame(data)))
@@ -78,7 +87,7 @@ class SimulatedChannel:
     def receive(self, until: int) -> bytes | None:
         while True:
             if self._down and self._down[0][0] <= self._time:
-                self.arrived, _, data = heapq.heappop(self._down)
+                self.arrival_time, _, data = heapq.heappop(self._down)
                 self.heard.append((Frame(data).serial, self._time))
                 return data
             due = min(until, self._down[0][0]) if self._down else until
@@ -106,16 +115,16 @@ class SimulatedChannel:
         if self._up:
             times.append(max(self._up[0][0], self._time))
         self._time = min(times)
-        outputs: list[Output] = []
+        outputs: list[SimulatorOutput] = []
         while self._up and self._up[0][0] <= self._time:
-            outputs += self.simulator.datagram("player", heapq.heappop(self._up)[2], self._time)
+            outputs += self.simulator.on_datagram("player", heapq.heappop(self._up)[2], self._time)
         outputs += self.simulator.advance(self._time)
         for output in outputs:
             self._push(self._down, output.data)
         return True
 
 
-class ScriptedDesk(Desk):
+class ScriptedPipe(PlayerPipe):
     """Gives orders and answers as a script says.
 
     Attributes:
@@ -123,34 +132,34 @@ class ScriptedDesk(Desk):
         asked: what was asked for.
     """
 
-    def __init__(self, answers: Mapping[Topic, str] | None = None) -> None:
+    def __init__(self, answers: Mapping[QuestionTopic, str] | None = None) -> None:
         self.order: Order | None = None
         self.reason = ""
-        self.orders = 0
-        self.told: list[Message] = []
-        self.asked: list[Topic] = []
+        self.order_count = 0
+        self.told: list[PlayerMessage] = []
+        self.asked: list[QuestionTopic] = []
         self.at_poll: Callable[[int], Order | None] = lambda _: None
         self._polls = 0
-        self._script = {Topic.BEGIN: YES, **(answers or {})}
+        self._script = {QuestionTopic.BEGIN: YES, **(answers or {})}
 
-    def poll(self) -> Order | None:
+    def poll_order(self) -> Order | None:
         self._polls += 1
         order = self.at_poll(self._polls)
         if order is not None:
-            self.note(order, "the script says so")
+            self.set_order(order, "the script says so")
         return self.order
 
-    def tell(self, message: Message) -> bool:
+    def try_send(self, message: PlayerMessage) -> bool:
         self.told.append(message)
         return True
 
-    def deliver(self, message: Message) -> None:
+    def send(self, message: PlayerMessage) -> None:
         self.told.append(message)
 
-    def ask(self, question: Question) -> str:
+    def ask(self, question: PlayerQuestion) -> str:
         self.asked.append(question.topic)
         no = question.choices[0]
-        return no if self.poll() is not None else self._script.get(question.topic, no)
+        return no if self.poll_order() is not None else self._script.get(question.topic, no)
 
 
 class Stage:
@@ -159,18 +168,18 @@ class Stage:
     def __init__(
         self,
         profile: str = "rc8",
-        start: Start | None = None,
+        start: InitialState | None = None,
         loss: float = 0.0,
-        answers: Mapping[Topic, str] | None = None,
+        answers: Mapping[QuestionTopic, str] | None = None,
     ) -> None:
         self.simulator = Simulator(PROFILES[profile], start)
         self.channel = SimulatedChannel(self.simulator, loss)
-        self.desk = ScriptedDesk(answers)
+        self.desk = ScriptedPipe(answers)
 
-    def play(self, plan: Plan) -> Ended:
+    def play(self, plan: PlayPlan) -> PlayEnded:
         """Play a plan to its end."""
-        self.visit = Visit(plan, self.channel, self.desk, Journal(self.desk.deliver, None))
-        return run(self.visit.perform())
+        self.visit = PlaySession(plan, self.channel, self.desk, FrameRecorder(self.desk.send, None))
+        return run_blocking(self.visit.run())
 
     @property
     def said(self) -> list[str]:
@@ -189,17 +198,17 @@ def named(frame: Frame) -> str:
     """Name a call: a command, slvChangeMode with its mode, else the function."""
     arguments = [argument.variant for argument in frame.arguments]
     name = call_name(frame.code, arguments).removeprefix("Robot_Execute ")
-    return f"{name} {mode_value(arguments[2])}" if name == "slvChangeMode" else name
+    return f"{name} {integer_value(arguments[2])}" if name == "slvChangeMode" else name
 
 
-def wave(points: int = 120, height: float = 8.0) -> list[Point]:
+def wave(points: int = 120, height: float = 8.0) -> list[SetPointValues]:
     """Make a way of J1 there and back, at rest at both ends, from HOME."""
     return [(height * (1 - cos(2 * pi * number / (points - 1))), *HOME[1:6]) for number in range(points)]
 
 
-def plan(mode: int | Pacing, **more: object) -> Plan:
+def plan(mode: int | SlaveModePacing, **more: object) -> PlayPlan:
     """Make a plan for the usual way."""
-    return Plan(**{"target": TARGET, "mode": mode, "points": wave(), **more})  # type: ignore[arg-type]
+    return PlayPlan(**{"target": TARGET, "mode": mode, "points": wave(), **more})  # type: ignore[arg-type]
 
 
 def fall_silent(stage: Stage, count: int) -> None:

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from bcapscope.player.channel import SPIN, SocketChannel, open_channel
-from bcapscope.transport.arrival import kernel_time
-from tests.transport.test_udp import two_addresses
+from bcapscope.player.channel import SPIN_TIME, SocketChannel, open_channel
+from bcapscope.transport.receive_timestamps import kernel_timestamp
+from tests.transport.test_udp_link import two_addresses
 
 
 @pytest.fixture
@@ -29,11 +29,11 @@ def closed_port() -> int:
         return port
 
 
-@pytest.mark.parametrize("length", [-SPIN, 0, SPIN // 2, 3 * SPIN])
+@pytest.mark.parametrize("length", [-SPIN_TIME, 0, SPIN_TIME // 2, 3 * SPIN_TIME])
 def test_waiting_ends_on_time_and_not_before(length: int) -> None:
     channel = open_channel("127.0.0.1", closed_port(), tcp=False)
     until = channel.now() + length
-    channel.wait(until)
+    channel.wait_until(until)
     assert channel.now() >= until
     channel.close()
 
@@ -47,7 +47,7 @@ def test_a_name_with_an_address_of_ipv6_before_it_is_reached(monkeypatch: pytest
 
 def test_nothing_comes_until_the_time_is_over() -> None:
     channel = open_channel("127.0.0.1", closed_port(), tcp=False)
-    until = channel.now() + 10 * SPIN
+    until = channel.now() + 10 * SPIN_TIME
     assert channel.receive(until) is None
     assert channel.now() >= until
     assert channel.receive(0) is None
@@ -100,7 +100,7 @@ def ends(tcp: bool) -> Iterator[tuple[SocketChannel, socket.socket]]:
             peer.send(b"hello")
             assert channel.receive(channel.now() + 10_000_000_000) == b"hello"
             until = channel.now() + 1_000_000
-            channel.rest(until)
+            channel.sleep_until(until)
             if channel.now() >= until:
                 break
         try:
@@ -116,11 +116,11 @@ def is_told(channel: SocketChannel, peer: socket.socket) -> bool:
     before = channel.now()
     peer.send(b"abc")
     rested = channel.now() + 20_000_000
-    channel.rest(rested)
+    channel.sleep_until(rested)
     assert channel.now() >= rested  # what came meanwhile woke nobody
     assert channel.receive(rested + 10_000_000_000) == b"abc"
-    assert before - 100_000 <= channel.arrived <= channel.now()
-    return channel.arrived < rested
+    assert before - 100_000 <= channel.arrival_time <= channel.now()
+    return channel.arrival_time < rested
 
 
 @TOLD
@@ -137,17 +137,18 @@ def test_a_clock_that_is_set_moves_nothing(monkeypatch: pytest.MonkeyPatch, step
         time_ns = time.time_ns
         monkeypatch.setattr(time, "time_ns", lambda: time_ns() + step)
         monkeypatch.setattr(
-            "bcapscope.player.channel.kernel_time", lambda control, now: kernel_time(control, now) + step
+            "bcapscope.player.channel.kernel_timestamp",
+            lambda control, now: kernel_timestamp(control, now) + step,
         )
         assert not is_told(channel, peer)
         assert any(is_told(channel, peer) for _ in range(5))
 
 
 def test_nobody_rests_where_nobody_tells_when_something_came(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bcapscope.player.channel.ask_for_times", lambda sock: None)
+    monkeypatch.setattr("bcapscope.player.channel.enable_receive_timestamps", lambda sock: None)
     with ends(tcp=False) as (channel, _):
         until = channel.now() + 3_600_000_000_000
-        channel.rest(until)
+        channel.sleep_until(until)
         assert channel.now() < until
 
 

@@ -9,18 +9,18 @@ from contextlib import contextmanager
 
 import pytest
 
-from bcapscope.client.objects import Robot
-from bcapscope.client.paces import PACES
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.remote_objects import Robot
+from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.session import Session
-from bcapscope.client.target import Target
 from bcapscope.player import __main__ as process
-from bcapscope.player.controllog import read_records
-from bcapscope.player.exchanger import BlockingExchanger, run
-from bcapscope.player.journal import Journal
-from bcapscope.player.messages import Ended, Order, Outcome, Plan
-from bcapscope.player.realtime import Grade
-from bcapscope.protocol.convention import Convention
-from tests.player.simulated import TARGET, ScriptedDesk, Stage
+from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
+from bcapscope.player.control_log import read_log_records
+from bcapscope.player.frame_recorder import FrameRecorder
+from bcapscope.player.player_messages import Order, PlayEnded, PlayOutcome, PlayPlan
+from bcapscope.player.realtime import RealtimeGrant
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from tests.player.simulated import TARGET, ScriptedPipe, Stage
 
 pytestmark = pytest.mark.lifecycle
 
@@ -30,10 +30,10 @@ def test_files_are_written_without_priority(monkeypatch: pytest.MonkeyPatch) -> 
     written: list[bool] = []
 
     @contextmanager
-    def undisturbed(wanted: bool) -> Iterator[Grade]:
+    def undisturbed(wanted: bool) -> Iterator[RealtimeGrant]:
         nonlocal urgent
         urgent = True
-        yield Grade(True, True, "")
+        yield RealtimeGrant(True, True, "")
         urgent = False
 
     class File(io.BytesIO):
@@ -41,12 +41,12 @@ def test_files_are_written_without_priority(monkeypatch: pytest.MonkeyPatch) -> 
             written.append(urgent)
             return super().write(data)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(process, "undisturbed", undisturbed)
+    monkeypatch.setattr(process, "realtime_priority", undisturbed)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent, File() as record:
         silent.bind(("127.0.0.1", 0))
-        target = Target("127.0.0.1", silent.getsockname()[1], timeout=1.0, retries=0)
-        ended = process.play(Plan(target=target, look_only=True), ScriptedDesk(), record, None)
-    assert (ended.outcome, ended.realtime) == (Outcome.UNANSWERED, True)
+        target = ControllerTarget("127.0.0.1", silent.getsockname()[1], timeout=1.0, retries=0)
+        ended = process.play(PlayPlan(target=target, look_only=True), ScriptedPipe(), record, None)
+    assert (ended.outcome, ended.realtime) == (PlayOutcome.UNANSWERED, True)
     assert written
     assert not any(written)
 
@@ -57,23 +57,23 @@ def test_an_order_ends_the_reading_of_the_log(ordered: bool, monkeypatch: pytest
         return 9 if command == "GetLogCount" else f"record {parameter}"
 
     monkeypatch.setattr(Robot, "execute", execute)
-    stage, desk, log = Stage(), ScriptedDesk(), io.BytesIO()
-    desk.note(Order.STOP, "while it played")
+    stage, desk, log = Stage(), ScriptedPipe(), io.BytesIO()
+    desk.set_order(Order.STOP, "while it played")
     desk.at_poll = lambda count: Order.HALT if ordered and count > 5 else None
     session, look = (
-        Session(BlockingExchanger(stage.channel, Convention.SEED), PACES),
-        process.until_ordered(desk),
+        Session(BlockingCaller(stage.channel, ReservedConvention.SEED), DEFAULT_RETRY_POLICIES),
+        process.abort_on_order(desk),
     )
-    ended = process.written(
-        Ended(Outcome.STOPPED),
-        Journal(desk.deliver, None),
+    ended = process.write_files(
+        PlayEnded(PlayOutcome.STOPPED),
+        FrameRecorder(desk.send, None),
         stage.channel,
         log,
-        lambda: run(read_records(session, TARGET, "Arm", look)),
+        lambda: run_blocking(read_log_records(session, TARGET, "Arm", look)),
     )
     assert stage.said[-1] == "Service_Stop"
     if ordered:
         told = "the log could not be written: nobody waited for it"
-        assert (ended.outcome, ended.reason, log.getvalue()) == (Outcome.UNWRITABLE, told, b"")
+        assert (ended.outcome, ended.reason, log.getvalue()) == (PlayOutcome.UNWRITABLE, told, b"")
     else:
-        assert (ended.outcome, ended.logged, log.getvalue()[-9:]) == (Outcome.STOPPED, 9, b"record 8\n")
+        assert (ended.outcome, ended.logged, log.getvalue()[-9:]) == (PlayOutcome.STOPPED, 9, b"record 8\n")

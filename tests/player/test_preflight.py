@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.player.curve import Array
-from bcapscope.player.finding import MOST_NUMBERS, Finding
-from bcapscope.player.limits import SIMULATED, UNKNOWN, Limits, limited
-from bcapscope.player.preflight import Preflight, check
+from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
+from bcapscope.player.preflight import PreflightResult, run_preflight
+from bcapscope.player.preflight_problem import MAX_NUMBERS, PreflightProblem
 from bcapscope.player.resampling import resample
+from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import Column, Trajectory
-from bcapscope.protocol.poses import AXES
-from bcapscope.protocol.slavemode import Generation, PoseType, slave_mode
+from bcapscope.protocol.slave_mode.modes import Generation, PoseType, slave_mode_by_number
+from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.simulator.kinematics import position, trans
 from tests.player.ways import PERIOD, swing, way
 
@@ -30,28 +30,32 @@ def positions() -> Array:
     return np.array([position(tuple(row)) for row in JOINTS.tolist()])
 
 
-def found(preflight: Preflight) -> set[str]:
-    return {finding.check for finding in preflight.findings}
+def found(preflight: PreflightResult) -> set[str]:
+    return {finding.check for finding in preflight.problems}
 
 
-def one(preflight: Preflight, name: str) -> Finding:
-    (finding,) = [each for each in preflight.findings if each.check == name]
+def one(preflight: PreflightResult, name: str) -> PreflightProblem:
+    (finding,) = [each for each in preflight.problems if each.check == name]
     return finding
 
 
 def test_a_good_trajectory_has_no_finding() -> None:
-    preflight = check(way(JOINTS), PERIOD, SIMULATED, present=HOME, mode=slave_mode(0x202), loop=True)
-    assert preflight.findings == ()
-    assert preflight.is_fit
-    assert not preflight.needs_move
+    preflight = run_preflight(
+        way(JOINTS), PERIOD, SIMULATED_ARM, current_pose=HOME, mode=slave_mode_by_number(0x202), loop=True
+    )
+    assert preflight.problems == ()
+    assert preflight.is_playable
+    assert not preflight.needs_approach
     assert preflight.seconds == 2.0
-    assert preflight.distance == (0,) * 6
+    assert preflight.first_point_offsets == (0,) * 6
 
 
 def test_positions_are_checked_as_joints_too() -> None:
-    preflight = check(way(positions(), PoseType.P), PERIOD, SIMULATED, present=position(HOME))
-    assert preflight.findings == ()
-    names = [figures.axis.name for figures in preflight.figures]
+    preflight = run_preflight(
+        way(positions(), PoseType.P), PERIOD, SIMULATED_ARM, current_pose=position(HOME)
+    )
+    assert preflight.problems == ()
+    names = [figures.axis.name for figures in preflight.axis_figures]
     assert names == ["X", "Y", "Z", "Rx", "Ry", "Rz", "J1", "J2", "J3", "J4", "J5", "J6"]
 
 
@@ -64,7 +68,7 @@ class Fault:
     sentence: str
     points: tuple[int, ...]
     count: int
-    preflight: Preflight
+    preflight: PreflightResult
 
 
 def changed(rows: Array, row: int | slice, column: int, value: float) -> Array:
@@ -88,7 +92,7 @@ FAULTS = [
         "2 set points of 251 hold NaN, infinity or a number beyond 1e+09",
         (5, 9),
         2,
-        check(way(changed(changed(JOINTS, 4, 0, np.nan), 8, 5, np.inf)), PERIOD),
+        run_preflight(way(changed(changed(JOINTS, 4, 0, np.nan), 8, 5, np.inf)), PERIOD),
     ),
     Fault(
         "mode",
@@ -96,7 +100,7 @@ FAULTS = [
         "slave mode 0x101 takes P type, the set points are of J type",
         (),
         0,
-        check(way(JOINTS), PERIOD, mode=slave_mode(0x101, Generation.RC7)),
+        run_preflight(way(JOINTS), PERIOD, mode=slave_mode_by_number(0x101, Generation.RC7)),
     ),
     Fault(
         "axes",
@@ -104,7 +108,7 @@ FAULTS = [
         "the robot has 4 axes, the file moves J5 and J6",
         (),
         0,
-        check(way(JOINTS), PERIOD, Limits("a SCARA", axis_count=4)),
+        run_preflight(way(JOINTS), PERIOD, ArmLimits("a SCARA", axis_count=4)),
     ),
     Fault(
         "axes",
@@ -112,7 +116,7 @@ FAULTS = [
         "J7 and J8, not in the file, keep what the robot has now",
         (),
         0,
-        check(way(JOINTS), PERIOD, Limits("a long arm", axis_count=8)),
+        run_preflight(way(JOINTS), PERIOD, ArmLimits("a long arm", axis_count=8)),
     ),
     Fault(
         "axes",
@@ -120,7 +124,7 @@ FAULTS = [
         "Fig, not in the file, keeps what the robot has now",
         (),
         0,
-        check(way(positions()[:, :6], PoseType.P), PERIOD),
+        run_preflight(way(positions()[:, :6], PoseType.P), PERIOD),
     ),
     Fault(
         "fig",
@@ -128,7 +132,7 @@ FAULTS = [
         "Fig changes 1 time, first from 1 to 5: the arm cannot change its posture from one point to the next",
         (101,),
         1,
-        check(way(FIGS, PoseType.P), PERIOD),
+        run_preflight(way(FIGS, PoseType.P), PERIOD),
     ),
     Fault(
         "first-point",
@@ -136,15 +140,15 @@ FAULTS = [
         "the first point has Fig 1, the robot has 5 now",
         (1,),
         1,
-        check(way(positions(), PoseType.P), PERIOD, present=(*position(HOME)[:6], 5.0)),
+        run_preflight(way(positions(), PoseType.P), PERIOD, current_pose=(*position(HOME)[:6], 5.0)),
     ),
     Fault(
         "fig",
         ERROR,
         "Fig is no whole number in 251 set points",
-        tuple(range(1, MOST_NUMBERS + 1)),
+        tuple(range(1, MAX_NUMBERS + 1)),
         251,
-        check(way(changed(positions(), slice(None), 6, 1.5), PoseType.P), PERIOD),
+        run_preflight(way(changed(positions(), slice(None), 6, 1.5), PoseType.P), PERIOD),
     ),
     Fault(
         "directions",
@@ -152,7 +156,7 @@ FAULTS = [
         "orientation and approach are no unit vectors at a right angle in 1 set point",
         (8,),
         1,
-        check(way(changed(TURNED, 7, 3, 2.0), PoseType.T), PERIOD),
+        run_preflight(way(changed(TURNED, 7, 3, 2.0), PoseType.T), PERIOD),
     ),
     Fault(
         "cycle",
@@ -161,7 +165,7 @@ FAULTS = [
         "which would end it",
         (),
         0,
-        check(way(JOINTS, period=0.016), 0.016, mode=slave_mode(0x202)),
+        run_preflight(way(JOINTS, period=0.016), 0.016, mode=slave_mode_by_number(0x202)),
     ),
     Fault(
         "cycle",
@@ -169,7 +173,7 @@ FAULTS = [
         "in slave mode 0x002 a set point is taken each 8 ms, so that this takes 2 times as long",
         (),
         0,
-        check(way(JOINTS, period=0.004), 0.004, mode=slave_mode(0x002, Generation.RC7)),
+        run_preflight(way(JOINTS, period=0.004), 0.004, mode=slave_mode_by_number(0x002, Generation.RC7)),
     ),
     Fault(
         "interval",
@@ -178,7 +182,7 @@ FAULTS = [
         "the speed",
         (),
         0,
-        check(way(JOINTS, period=0.01), PERIOD),
+        run_preflight(way(JOINTS, period=0.01), PERIOD),
     ),
     Fault(
         "interval",
@@ -186,7 +190,7 @@ FAULTS = [
         "the file does not tell the interval, 8 ms is assumed",
         (),
         0,
-        check(way(JOINTS, period=None), PERIOD),
+        run_preflight(way(JOINTS, period=None), PERIOD),
     ),
     Fault(
         "interval",
@@ -194,7 +198,7 @@ FAULTS = [
         "the times are 10 ms to 12 ms apart and slvMove goes each 8 ms",
         (),
         0,
-        check(way([[0]] * 3, period=None, times=[0, 0.01, 0.022]), PERIOD),
+        run_preflight(way([[0]] * 3, period=None, times=[0, 0.01, 0.022]), PERIOD),
     ),
     Fault(
         "gap",
@@ -202,7 +206,7 @@ FAULTS = [
         "1 gap in the times, the longest of 40 ms where 8 ms are usual",
         (4,),
         1,
-        check(way([[0]] * 6, period=None, times=[0, 0.008, 0.016, 0.056, 0.064, 0.072]), PERIOD),
+        run_preflight(way([[0]] * 6, period=None, times=[0, 0.008, 0.016, 0.056, 0.064, 0.072]), PERIOD),
     ),
     Fault(
         "time-order",
@@ -210,7 +214,7 @@ FAULTS = [
         "the time of 2 set points is not later than that of the one before",
         (3, 5),
         2,
-        check(way([[0]] * 5, period=None, times=[0, 1, 1, 2, 1]), PERIOD),
+        run_preflight(way([[0]] * 5, period=None, times=[0, 1, 1, 2, 1]), PERIOD),
     ),
     Fault(
         "range",
@@ -218,7 +222,7 @@ FAULTS = [
         "J1 goes from 0 to 30 deg, its limits are -10 and 20: 51 set points",
         tuple(range(101, 109)),
         51,
-        check(way(JOINTS), PERIOD, limited(UNKNOWN, ["J1=-10..20"])),
+        run_preflight(way(JOINTS), PERIOD, with_limits(UNKNOWN_ARM, ["J1=-10..20"])),
     ),
     Fault(
         "speed",
@@ -226,7 +230,7 @@ FAULTS = [
         "J1 reaches 20 deg/s, its limit is 15: 1 set point",
         (3,),
         1,
-        check(FAST, 0.1, limited(UNKNOWN, ["J1.speed=15"])),
+        run_preflight(FAST, 0.1, with_limits(UNKNOWN_ARM, ["J1.speed=15"])),
     ),
     Fault(
         "speed",
@@ -234,7 +238,7 @@ FAULTS = [
         "J1 reaches 1.25e+04 deg/s, more than any arm does: 2 set points",
         (3, 4),
         2,
-        check(way([[0], [0], [100], [0], [0]]), PERIOD),
+        run_preflight(way([[0], [0], [100], [0], [0]]), PERIOD),
     ),
     Fault(
         "speed",
@@ -242,7 +246,7 @@ FAULTS = [
         "Ox..Az reaches 2.25e+04 deg/s, more than any arm does: 1 set point",
         (3,),
         1,
-        check(way([FACING, FACING, TURNED_ROUND], PoseType.T), PERIOD),
+        run_preflight(way([FACING, FACING, TURNED_ROUND], PoseType.T), PERIOD),
     ),
     Fault(
         "acceleration",
@@ -250,7 +254,7 @@ FAULTS = [
         "J1 accelerates by 50 deg/s², its limit is 40: 1 set point",
         (1,),
         1,
-        check(RETURNING, 0.1, limited(UNKNOWN, ["J1.acceleration=40"]), loop=True),
+        run_preflight(RETURNING, 0.1, with_limits(UNKNOWN_ARM, ["J1.acceleration=40"]), loop=True),
     ),
     Fault(
         "acceleration",
@@ -258,7 +262,7 @@ FAULTS = [
         "J1 accelerates by 100 deg/s², its limit is 99: 4 set points",
         (1, 2, 3, 4),
         4,
-        check(FAST, 0.1, limited(UNKNOWN, ["J1.acceleration=99"])),
+        run_preflight(FAST, 0.1, with_limits(UNKNOWN_ARM, ["J1.acceleration=99"])),
     ),
     Fault(
         "reach",
@@ -266,7 +270,7 @@ FAULTS = [
         "the simulated arm does not reach 1 set point",
         (3,),
         1,
-        check(way(changed(positions(), 2, 0, 4000.0), PoseType.P), PERIOD, SIMULATED),
+        run_preflight(way(changed(positions(), 2, 0, 4000.0), PoseType.P), PERIOD, SIMULATED_ARM),
     ),
     Fault(
         "limits",
@@ -274,7 +278,7 @@ FAULTS = [
         "no limits of this arm are known, so that speeds are told but compared with nothing",
         (),
         0,
-        check(way(JOINTS), PERIOD),
+        run_preflight(way(JOINTS), PERIOD),
     ),
     Fault(
         "rest",
@@ -282,7 +286,7 @@ FAULTS = [
         "the trajectory ends at speed: J1 at 40 deg/s",
         (3,),
         1,
-        check(way([[0], [0], [4]], period=0.1), 0.1),
+        run_preflight(way([[0], [0], [4]], period=0.1), 0.1),
     ),
     Fault(
         "rest",
@@ -290,7 +294,7 @@ FAULTS = [
         "the trajectory begins at speed: J1 at 40 deg/s",
         (1,),
         1,
-        check(way([[0], [4], [4]], period=0.1), 0.1),
+        run_preflight(way([[0], [4], [4]], period=0.1), 0.1),
     ),
     Fault(
         "first-point",
@@ -298,7 +302,7 @@ FAULTS = [
         "the first point is away from where the robot is: J1 -12 deg, J3 +0.1 deg",
         (1,),
         1,
-        check(way(JOINTS), PERIOD, present=(12, 0, 89.9, 0, 90, 0.01, 0, 0)),
+        run_preflight(way(JOINTS), PERIOD, current_pose=(12, 0, 89.9, 0, 90, 0.01, 0, 0)),
     ),
     Fault(
         "first-point",
@@ -306,7 +310,7 @@ FAULTS = [
         "the first point is away from where the robot is: Ox..Az +180 deg",
         (1,),
         1,
-        check(way([FACING] * 3, PoseType.T), PERIOD, present=TURNED_ROUND),
+        run_preflight(way([FACING] * 3, PoseType.T), PERIOD, current_pose=TURNED_ROUND),
     ),
     Fault(
         "rest",
@@ -314,7 +318,7 @@ FAULTS = [
         "the trajectory ends at speed: J1 at 5 deg/s",
         (9,),
         1,
-        check(RETURNING, 0.1, loop=True),
+        run_preflight(RETURNING, 0.1, loop=True),
     ),
     Fault(
         "loop",
@@ -322,7 +326,7 @@ FAULTS = [
         "the last point is away from the first, to which it returns in one step: J1 -1 deg",
         (251, 1),
         2,
-        check(way(JOINTS + np.linspace(0, 1, 251)[:, None] * [1, 0, 0, 0, 0, 0]), PERIOD, loop=True),
+        run_preflight(way(JOINTS + np.linspace(0, 1, 251)[:, None] * [1, 0, 0, 0, 0, 0]), PERIOD, loop=True),
     ),
     Fault(
         "units",
@@ -330,7 +334,7 @@ FAULTS = [
         "no joint goes beyond 1.53: these may be radians, and are taken as degrees",
         (),
         0,
-        check(way(np.radians(JOINTS) / 1.2), PERIOD),
+        run_preflight(way(np.radians(JOINTS) / 1.2), PERIOD),
     ),
     Fault(
         "units",
@@ -338,30 +342,37 @@ FAULTS = [
         "X, Y and Z stay below 0.784: these may be metres, and are taken as mm",
         (),
         0,
-        check(way(positions() / [1000, 1000, 1000, 1, 1, 1, 1], PoseType.P), PERIOD),
+        run_preflight(way(positions() / [1000, 1000, 1000, 1, 1, 1, 1], PoseType.P), PERIOD),
     ),
-    Fault("still", NOTE, "nothing moves: 5 set points, all the same", (), 0, check(way([[1]] * 5), PERIOD)),
+    Fault(
+        "still",
+        NOTE,
+        "nothing moves: 5 set points, all the same",
+        (),
+        0,
+        run_preflight(way([[1]] * 5), PERIOD),
+    ),
 ]
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault.check}-{fault.severity}")
 def test_a_fault_is_told(fault: Fault) -> None:
-    findings = [each for each in fault.preflight.findings if each.check == fault.check]
+    findings = [each for each in fault.preflight.problems if each.check == fault.check]
     assert (fault.severity, fault.sentence, fault.points, fault.count) in [
         (each.severity, each.sentence, each.points, each.count) for each in findings
     ]
-    assert fault.preflight.is_fit is all(each.severity is not ERROR for each in fault.preflight.findings)
+    assert fault.preflight.is_playable is all(each.severity is not ERROR for each in fault.preflight.problems)
 
 
 def test_every_check_has_a_fault() -> None:
     assert {fault.check for fault in FAULTS} >= {
-        finding.check for fault in FAULTS for finding in fault.preflight.findings
+        finding.check for fault in FAULTS for finding in fault.preflight.problems
     }
 
 
 def test_the_gravest_come_first() -> None:
-    preflight = check(FIGS_AND_MORE, PERIOD, SIMULATED, present=(0.0,) * 7)
-    rank = [list(Severity).index(finding.severity) for finding in preflight.findings]
+    preflight = run_preflight(FIGS_AND_MORE, PERIOD, SIMULATED_ARM, current_pose=(0.0,) * 7)
+    rank = [list(Severity).index(finding.severity) for finding in preflight.problems]
     assert rank == sorted(rank)
     assert len(set(rank)) > 1
 
@@ -370,66 +381,75 @@ FIGS_AND_MORE = way(FIGS, PoseType.P, period=0.02)
 
 
 def test_units_that_the_file_tells_are_believed() -> None:
-    preflight = check(way(np.radians(JOINTS), columns=UNITS_KNOWN), PERIOD)
+    preflight = run_preflight(way(np.radians(JOINTS), columns=UNITS_KNOWN), PERIOD)
     assert "units" not in found(preflight)
 
 
 def test_the_first_point_is_near_the_short_way_round() -> None:
     rows = positions()
     rows[:, 3] = 179.99
-    preflight = check(
-        way(rows, PoseType.P), PERIOD, present=(*rows[0, :3].tolist(), -180.0, *rows[0, 4:].tolist())
+    preflight = run_preflight(
+        way(rows, PoseType.P), PERIOD, current_pose=(*rows[0, :3].tolist(), -180.0, *rows[0, 4:].tolist())
     )
-    assert not preflight.needs_move
-    assert preflight.distance is not None
-    assert preflight.distance[3] == pytest.approx(-0.01)
+    assert not preflight.needs_approach
+    assert preflight.first_point_offsets is not None
+    assert preflight.first_point_offsets[3] == pytest.approx(-0.01)
 
 
 @pytest.mark.parametrize(("first", "present"), [(-1, 5), (5, -2), (5, 5)])
 def test_a_posture_that_is_left_to_the_controller_is_no_other(first: float, present: float) -> None:
     here = (400.0, 0.0, 500.0, 0.0, 90.0, 0.0)
-    assert not check(way([[*here, first]], PoseType.P), PERIOD, present=(*here, present)).needs_move
+    assert not run_preflight(
+        way([[*here, first]], PoseType.P), PERIOD, current_pose=(*here, present)
+    ).needs_approach
 
 
 @pytest.mark.parametrize(("mode", "period"), [(0x102, 0.001), (0x102, 0.016), (0x202, 0.008)])
 def test_where_we_set_the_pace_the_cycle_is_ours(mode: int, period: float) -> None:
-    assert "cycle" not in found(check(way(JOINTS, period=period), period, mode=slave_mode(mode)))
+    assert "cycle" not in found(
+        run_preflight(way(JOINTS, period=period), period, mode=slave_mode_by_number(mode))
+    )
 
 
 def test_a_loop_that_is_closed_the_short_way_round() -> None:
     turning = np.zeros((91, 7))
     turning[:, 5] = 180 - np.mod(180 - np.arange(91) * 4.0, 360)
-    assert "loop" not in found(check(way(turning, PoseType.P), PERIOD, loop=True))
+    assert "loop" not in found(run_preflight(way(turning, PoseType.P), PERIOD, loop=True))
 
 
 def test_the_join_of_a_loop_counts_for_speed() -> None:
     rows = way(swing()[:190])
-    assert check(rows, PERIOD).figures[0].speed < check(rows, PERIOD, loop=True).figures[0].speed
+    assert (
+        run_preflight(rows, PERIOD).axis_figures[0].speed
+        < run_preflight(rows, PERIOD, loop=True).axis_figures[0].speed
+    )
 
 
 def test_figures() -> None:
-    (figures,) = check(FAST, 0.1).figures
+    (figures,) = run_preflight(FAST, 0.1).axis_figures
     assert (figures.axis, figures.fastest) == (AXES[PoseType.J][0], 3)
     assert figures[1:6] == pytest.approx((0, 4, 2, 20, 100))
 
 
 def test_speeds_are_those_of_the_file_whatever_slv_move_does() -> None:
-    preflight = check(way(swing(), period=0.016), PERIOD)
-    assert preflight.figures[0].speed == pytest.approx(check(way(swing()), PERIOD).figures[0].speed / 2)
+    preflight = run_preflight(way(swing(), period=0.016), PERIOD)
+    assert preflight.axis_figures[0].speed == pytest.approx(
+        run_preflight(way(swing()), PERIOD).axis_figures[0].speed / 2
+    )
     assert preflight.seconds == 4.0
 
 
 def test_way_points_have_no_speed_yet() -> None:
-    preflight = check(way([[0], [90], [0]], period=None, times=[0, 1, 3]), PERIOD, loop=True)
+    preflight = run_preflight(way([[0], [90], [0]], period=None, times=[0, 1, 3]), PERIOD, loop=True)
     assert found(preflight) == {"axes", "interval", "limits"}
-    assert preflight.figures == ()
+    assert preflight.axis_figures == ()
     assert preflight.seconds == 3
-    far = check(way([[0], [190]], period=None, times=[0, 1]), PERIOD, SIMULATED)
+    far = run_preflight(way([[0], [190]], period=None, times=[0, 1]), PERIOD, SIMULATED_ARM)
     assert "range" in found(far)
 
 
 def test_one_point_is_enough() -> None:
-    preflight = check(way([[1, 2, 3]]), PERIOD, SIMULATED, present=HOME, loop=True)
+    preflight = run_preflight(way([[1, 2, 3]]), PERIOD, SIMULATED_ARM, current_pose=HOME, loop=True)
     assert found(preflight) == {"first-point", "still", "axes"}
     assert preflight.seconds == 0
 
@@ -448,20 +468,20 @@ def anything(draw: st.DrawFn) -> Trajectory:
 
 @given(
     anything(),
-    st.sampled_from([UNKNOWN, SIMULATED]),
+    st.sampled_from([UNKNOWN_ARM, SIMULATED_ARM]),
     st.none() | st.lists(st.floats(-400, 400), max_size=10),
     st.booleans(),
 )
 @pytest.mark.filterwarnings("error")
 def test_no_trajectory_breaks_it(
-    trajectory: Trajectory, limits: Limits, present: list[float] | None, loop: bool
+    trajectory: Trajectory, limits: ArmLimits, present: list[float] | None, loop: bool
 ) -> None:
-    preflight = check(trajectory, PERIOD, limits, present=present, loop=loop)
-    assert preflight.is_fit or preflight.findings
+    preflight = run_preflight(trajectory, PERIOD, limits, current_pose=present, loop=loop)
+    assert preflight.is_playable or preflight.problems
 
 
 @given(st.floats(5, 60), st.floats(0.3, 3), st.sampled_from([0.25, 0.5, 1.0]))
 def test_what_was_resampled_is_checked_as_what_it_is(degrees: float, seconds: float, speed: float) -> None:
     trajectory = resample(way(swing(seconds, degrees)), PERIOD, speed=speed)
-    preflight = check(trajectory, PERIOD, UNKNOWN, loop=True)
+    preflight = run_preflight(trajectory, PERIOD, UNKNOWN_ARM, loop=True)
     assert found(preflight) <= {"limits", "units"}

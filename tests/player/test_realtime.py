@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from bcapscope.player.realtime import PRIORITY, undisturbed
+from bcapscope.player.realtime import FIFO_PRIORITY, realtime_priority
 
 
 def refuse(*_: object) -> None:
@@ -18,7 +18,7 @@ def refuse(*_: object) -> None:
 
 
 def test_garbage_rests_meanwhile() -> None:
-    with undisturbed(wanted=False) as grade:
+    with realtime_priority(is_wanted=False) as grade:
         assert not gc.isenabled()
         assert (grade.realtime, grade.locked) == (False, False)
     assert gc.isenabled()
@@ -26,7 +26,7 @@ def test_garbage_rests_meanwhile() -> None:
 
 
 def test_who_serves_for_long_goes_on_collecting() -> None:
-    with undisturbed(wanted=False, collecting=True):
+    with realtime_priority(is_wanted=False, collect_garbage=True):
         assert gc.isenabled()
         assert gc.get_freeze_count() > 0
     assert gc.get_freeze_count() == 0
@@ -34,7 +34,7 @@ def test_who_serves_for_long_goes_on_collecting() -> None:
 
 def test_priority_is_given_back() -> None:
     before = os.sched_getscheduler(0)
-    with undisturbed() as grade:
+    with realtime_priority() as grade:
         assert (os.sched_getscheduler(0) == os.SCHED_FIFO) is grade.realtime
     assert os.sched_getscheduler(0) == before
 
@@ -42,10 +42,10 @@ def test_priority_is_given_back() -> None:
 def test_without_the_right_it_says_how_to_give_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setenv("USER", "ann")
-    with undisturbed() as grade:
+    with realtime_priority() as grade:
         assert not grade.realtime
     assert grade.text.startswith("no real-time priority (operation not permitted)")
-    assert f"`ann - rtprio {PRIORITY}`" in grade.text
+    assert f"`ann - rtprio {FIFO_PRIORITY}`" in grade.text
     assert "setcap cap_sys_nice+ep /" in grade.text
 
 
@@ -65,7 +65,7 @@ def test_without_priority_it_asks_for_little_at_a_time(monkeypatch: pytest.Monke
         pytest.skip("whoever runs the tests has chosen another policy")
     usual, nice = slice_length(), os.getpriority(os.PRIO_PROCESS, 0)
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with undisturbed():
+    with realtime_priority():
         assert slice_length() == 100_000
         assert os.getpriority(os.PRIO_PROCESS, 0) == nice
     assert slice_length() == usual
@@ -79,7 +79,7 @@ def test_a_kernel_that_throttles_is_told(
     runtime, period = folder / "runtime", folder / "period"
     runtime.write_text("100000\n" if throttled else "950000\n")
     period.write_text("1000000\n")
-    monkeypatch.setattr("bcapscope.player.realtime._THROTTLE", (runtime, period))
+    monkeypatch.setattr("bcapscope.player.realtime._THROTTLE_FILES", (runtime, period))
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
-    with undisturbed() as grade:
+    with realtime_priority() as grade:
         assert ("allows it only 100000 of 1000000 µs" in grade.text) is throttled

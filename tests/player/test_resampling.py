@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.player.curve import Array
-from bcapscope.player.limits import SIMULATED, Limits
-from bcapscope.player.motion import excess
-from bcapscope.player.resampling import RAMP, resample, stop_after
-from bcapscope.player.trajectory import MOST_POINTS, Trajectory, TrajectoryError
-from bcapscope.protocol.slavemode import PoseType
+from bcapscope.player.arm_limits import SIMULATED_ARM, ArmLimits
+from bcapscope.player.resampling import DEFAULT_RAMP, resample, stop_after
+from bcapscope.player.smooth_curve import Array
+from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
+from bcapscope.player.trajectory_motion import limit_excess
+from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.simulator.kinematics import AxisLimit
 from tests.player.ways import PERIOD, swing, way
 
-GENTLE = Limits("a gentle arm", {f"J{axis}": AxisLimit(-360, 360, 200, 1500) for axis in range(1, 9)})
+GENTLE = ArmLimits("a gentle arm", {f"J{axis}": AxisLimit(-360, 360, 200, 1500) for axis in range(1, 9)})
 
 
 @st.composite
@@ -42,7 +42,7 @@ def steps_per_second(trajectory: Trajectory) -> float:
     return float((np.abs(np.diff(trajectory.points, axis=0)) / np.diff(knots)[:, None]).max())
 
 
-@given(ways(), st.sampled_from([0.25, 1.0, 2.0]), st.sampled_from([0.0, 0.05, RAMP]))
+@given(ways(), st.sampled_from([0.25, 1.0, 2.0]), st.sampled_from([0.0, 0.05, DEFAULT_RAMP]))
 def test_ends_stay_and_speed_is_bounded(trajectory: Trajectory, speed: float, ramp: float) -> None:
     found = resample(trajectory, PERIOD, speed=speed, ramp=ramp)
     assert found.points[0].tolist() == trajectory.points[0].tolist()
@@ -71,7 +71,7 @@ def test_speed_stretches_time(speed: float, seconds: float) -> None:
     found = resample(way(swing()), PERIOD, speed=speed, ramp=0)
     assert (len(found) - 1) * PERIOD == pytest.approx(seconds)
     assert (len(resample(way(swing()), PERIOD, speed=speed)) - 1) * PERIOD == pytest.approx(
-        seconds + RAMP, abs=PERIOD
+        seconds + DEFAULT_RAMP, abs=PERIOD
     )
 
 
@@ -109,7 +109,7 @@ def test_an_interval_that_was_assumed_is_noted() -> None:
         (way([[0], [1], [2]], period=None, times=[0, 1, 1]), "the time of set point 3 is not later"),
         (way([[0], [1]], period=None, times=[0, float("nan")]), "the time of set point 2 is not later"),
         (way([[0], [1]], period=1e9), "are too many set points"),
-        (way([[0], [1]], period=PERIOD * MOST_POINTS), "are too many set points"),
+        (way([[0], [1]], period=PERIOD * MAX_POINTS), "are too many set points"),
     ],
 )
 def test_what_cannot_be_resampled(trajectory: Trajectory, error: str) -> None:
@@ -133,7 +133,7 @@ def test_wishes_that_make_no_sense(odd: dict[str, float]) -> None:
         resample(way(swing()), **{"period": PERIOD, **odd})
 
 
-def stopped(trajectory: Trajectory, row: int, limits: Limits, loop: bool = False) -> Array:
+def stopped(trajectory: Trajectory, row: int, limits: ArmLimits, loop: bool = False) -> Array:
     """Return all that is sent when a stop is asked after a row, and the rest at its end."""
     stop = stop_after(trajectory, row, PERIOD, limits, loop=loop)
     return np.vstack((trajectory.points[: row + 1], stop, stop[-1:]))
@@ -142,7 +142,7 @@ def stopped(trajectory: Trajectory, row: int, limits: Limits, loop: bool = False
 @given(st.integers(1, 240), st.sampled_from([5.0, 20.0]), st.booleans())
 def test_a_stop_ends_at_rest_within_the_limits(row: int, degrees: float, loop: bool) -> None:
     sent = stopped(way(swing(degrees=degrees)), row, GENTLE, loop)
-    assert excess(PoseType.J, sent, PERIOD, GENTLE) <= 1.0
+    assert limit_excess(PoseType.J, sent, PERIOD, GENTLE) <= 1.0
     assert np.abs(sent[-1] - sent[-2]).max() == 0
     assert np.abs(sent[-2] - sent[-3]).max() < 0.02
 
@@ -158,7 +158,7 @@ def test_a_stop_stays_on_the_way(row: int) -> None:
 
 def test_a_stop_takes_no_longer_than_it_must() -> None:
     trajectory = way(swing(degrees=60))
-    assert len(stop_after(trajectory, 85, PERIOD, SIMULATED)) == 13
+    assert len(stop_after(trajectory, 85, PERIOD, SIMULATED_ARM)) == 13
     assert 13 < len(stop_after(trajectory, 85, PERIOD, GENTLE)) < 40
     assert len(stop_after(trajectory, 85, PERIOD)) == 63
 
@@ -175,17 +175,17 @@ def test_a_loop_goes_on_behind_its_end() -> None:
     stop = stop_after(trajectory, 245, PERIOD, GENTLE, loop=True)
     assert len(stop) > 10
     joined = np.vstack((trajectory.points[:246], stop, stop[-1:]))
-    assert excess(PoseType.J, joined, PERIOD, GENTLE) <= 1.0
+    assert limit_excess(PoseType.J, joined, PERIOD, GENTLE) <= 1.0
 
 
 def test_positions_stop_within_the_limits_of_joints() -> None:
     across = np.linspace(-200, 200, 200)
     points = np.stack([0 * across + 400, across, 0 * across + 500, *[0 * across] * 3, 0 * across + 1], axis=1)
     smooth = resample(way(points, PoseType.P), PERIOD)
-    limits = SIMULATED
+    limits = SIMULATED_ARM
     stop = stop_after(smooth, 100, PERIOD, limits)
     sent = np.vstack((smooth.points[:101], stop, stop[-1:]))
-    assert excess(PoseType.P, sent, PERIOD, limits) <= 1.0
+    assert limit_excess(PoseType.P, sent, PERIOD, limits) <= 1.0
     assert stop[:, 6].tolist() == [1] * len(stop)
 
 

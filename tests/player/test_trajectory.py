@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bcapscope.errors import BcapError
-from bcapscope.player.curve import Array
+from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import TrajectoryError
-from bcapscope.protocol.slavemode import PoseType
+from bcapscope.protocol.slave_mode.modes import PoseType
 from tests.player.ways import way
 
 
@@ -44,7 +44,7 @@ def test_axes_that_are_not_in_the_file_stay_where_they_are(
 ) -> None:
     trajectory = way([[1, 2, 3, 4, 5, 6]] * 2, kind)
     assert trajectory.completed(present).points.tolist() == [list(filled)] * 2
-    assert trajectory.vector(1, present) == filled
+    assert trajectory.set_point(1, present) == filled
 
 
 def test_what_is_whole_stays_as_it_is() -> None:

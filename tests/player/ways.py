@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bcapscope.player.curve import Array
-from bcapscope.player.trajectory import Column, Source, Trajectory
-from bcapscope.protocol.slavemode import PoseType
+from bcapscope.player.smooth_curve import Array
+from bcapscope.player.trajectory import Column, Trajectory, TrajectorySource
+from bcapscope.protocol.slave_mode.modes import PoseType
 
 PERIOD = 0.008
-NOWHERE = Source("way.csv", "table")
+NOWHERE = TrajectorySource("way.csv", "table")
 
 
 def way(
@@ -24,7 +24,7 @@ def way(
     """Make a trajectory of rows."""
     rows = np.array(points, dtype=np.float64)
     moments = None if times is None else np.array(times, dtype=np.float64)
-    return Trajectory(kind, rows, Source("way.csv", "table", columns=columns), period, moments)
+    return Trajectory(kind, rows, TrajectorySource("way.csv", "table", columns=columns), period, moments)
 
 
 def swing(seconds: float = 2.0, degrees: float = 30.0, period: float = PERIOD) -> Array:

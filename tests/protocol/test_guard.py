@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.effects import Effect
-from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.guard import always_passes, needs_arming, passes_read_only, request_effect
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.function_table import FUNCTIONS
 
 HANDLE = Variant(VT.I4, 1)
 
@@ -25,30 +25,30 @@ def execute(command: str, parameter: Variant = EMPTY) -> list[Variant]:
 @pytest.mark.parametrize(
     ("function_id", "arguments", "effect"),
     [
-        (64, execute("CurJnt"), Effect.READS),
-        (64, execute("CURJNT"), Effect.READS),
-        (64, execute("slvMove"), Effect.MOVES),
-        (64, execute("TakeArm"), Effect.ENERGISES),
-        (64, execute("FlyToTheMoon"), Effect.MOVES),
-        (64, [HANDLE], Effect.MOVES),
-        (64, [HANDLE, Variant(VT.I4, 3), EMPTY], Effect.MOVES),
-        (17, execute("SysState"), Effect.READS),
-        (17, execute("CurJnt"), Effect.MOVES),  # a robot's command is not known for a controller
-        (87, execute("GetStatus"), Effect.READS),
-        (41, execute("anything"), Effect.MOVES),
-        (112, [HANDLE, Variant(VT.I4, 0)], Effect.MOVES),
-        (6, [HANDLE, text("a.pcs"), text("")], Effect.SESSION),
-        (6, [HANDLE, text("a.pcs"), text("@create=1")], Effect.CHANGES),
-        (37, [HANDLE, text("a.pcs"), text("@IfNotMember,@Create=1")], Effect.CHANGES),
-        (6, [HANDLE, text("a.pcs")], Effect.CHANGES),
-        (101, [HANDLE], Effect.READS),
-        (102, [HANDLE, Variant(VT.I4, 1)], Effect.MOVES),
-        (200, [], Effect.MOVES),
+        (64, execute("CurJnt"), CallEffect.READS),
+        (64, execute("CURJNT"), CallEffect.READS),
+        (64, execute("slvMove"), CallEffect.MOVES),
+        (64, execute("TakeArm"), CallEffect.ENERGISES),
+        (64, execute("FlyToTheMoon"), CallEffect.MOVES),
+        (64, [HANDLE], CallEffect.MOVES),
+        (64, [HANDLE, Variant(VT.I4, 3), EMPTY], CallEffect.MOVES),
+        (17, execute("SysState"), CallEffect.READS),
+        (17, execute("CurJnt"), CallEffect.MOVES),  # a robot's command is not known for a controller
+        (87, execute("GetStatus"), CallEffect.READS),
+        (41, execute("anything"), CallEffect.MOVES),
+        (112, [HANDLE, Variant(VT.I4, 0)], CallEffect.MOVES),
+        (6, [HANDLE, text("a.pcs"), text("")], CallEffect.SESSION),
+        (6, [HANDLE, text("a.pcs"), text("@create=1")], CallEffect.CHANGES),
+        (37, [HANDLE, text("a.pcs"), text("@IfNotMember,@Create=1")], CallEffect.CHANGES),
+        (6, [HANDLE, text("a.pcs")], CallEffect.CHANGES),
+        (101, [HANDLE], CallEffect.READS),
+        (102, [HANDLE, Variant(VT.I4, 1)], CallEffect.MOVES),
+        (200, [], CallEffect.MOVES),
     ],
 )
-def test_effect_of_a_request(function_id: int, arguments: list[Variant], effect: Effect) -> None:
+def test_effect_of_a_request(function_id: int, arguments: list[Variant], effect: CallEffect) -> None:
     assert request_effect(function_id, arguments) is effect
-    assert passes_read_only(function_id, arguments) is (effect <= Effect.SESSION)
+    assert passes_read_only(function_id, arguments) is (effect <= CallEffect.SESSION)
 
 
 def motor(parameter: Variant = EMPTY) -> list[Variant]:
@@ -58,34 +58,34 @@ def motor(parameter: Variant = EMPTY) -> list[Variant]:
 @pytest.mark.parametrize(
     ("function_id", "arguments", "effect"),
     [
-        (64, motor(Variant(VT.I4, 1)), Effect.ENERGISES),
-        (64, motor(Variant.array(VT.I4, (1, 0))), Effect.ENERGISES),
-        (64, motor(text("1")), Effect.ENERGISES),
-        (64, motor(), Effect.ENERGISES),
-        (64, motor(Variant.array(VT.I4, ())), Effect.ENERGISES),
-        (64, motor(Variant(VT.BOOL, False)), Effect.ENERGISES),
-        (64, motor(Variant(VT.I4, 0))[:2], Effect.ENERGISES),
-        (64, [*motor(Variant(VT.I4, 0)), Variant(VT.I4, 1)], Effect.ENERGISES),
-        (64, motor(Variant(VT.I2, 0)), Effect.CHANGES),
-        (64, motor(text("0")), Effect.CHANGES),
-        (64, motor(Variant.array(VT.I4, (0, 1))), Effect.CHANGES),
-        (64, motor(Variant.array(VT.VARIANT, (Variant(VT.I4, 0), Variant(VT.I4, 1)))), Effect.CHANGES),
-        (64, execute("GIVEARM"), Effect.CHANGES),
-        (64, execute("TakeArm", Variant.array(VT.I4, (0, 0))), Effect.ENERGISES),
-        (64, execute("ExtSpeed", Variant(VT.R8, 0.0)), Effect.ENERGISES),
-        (64, execute("slvChangeMode", Variant(VT.I4, 0x202)), Effect.ENERGISES),
-        (64, execute("slvChangeMode", Variant.array(VT.I4, (0,))), Effect.ENERGISES),
-        (64, execute("slvChangeMode", Variant(VT.I4, 0)), Effect.CHANGES),
-        (17, execute("ManualReset"), Effect.ENERGISES),
-        (17, execute("Motor", Variant(VT.I4, 0)), Effect.MOVES),
+        (64, motor(Variant(VT.I4, 1)), CallEffect.ENERGISES),
+        (64, motor(Variant.array(VT.I4, (1, 0))), CallEffect.ENERGISES),
+        (64, motor(text("1")), CallEffect.ENERGISES),
+        (64, motor(), CallEffect.ENERGISES),
+        (64, motor(Variant.array(VT.I4, ())), CallEffect.ENERGISES),
+        (64, motor(Variant(VT.BOOL, False)), CallEffect.ENERGISES),
+        (64, motor(Variant(VT.I4, 0))[:2], CallEffect.ENERGISES),
+        (64, [*motor(Variant(VT.I4, 0)), Variant(VT.I4, 1)], CallEffect.ENERGISES),
+        (64, motor(Variant(VT.I2, 0)), CallEffect.CHANGES),
+        (64, motor(text("0")), CallEffect.CHANGES),
+        (64, motor(Variant.array(VT.I4, (0, 1))), CallEffect.CHANGES),
+        (64, motor(Variant.array(VT.VARIANT, (Variant(VT.I4, 0), Variant(VT.I4, 1)))), CallEffect.CHANGES),
+        (64, execute("GIVEARM"), CallEffect.CHANGES),
+        (64, execute("TakeArm", Variant.array(VT.I4, (0, 0))), CallEffect.ENERGISES),
+        (64, execute("ExtSpeed", Variant(VT.R8, 0.0)), CallEffect.ENERGISES),
+        (64, execute("slvChangeMode", Variant(VT.I4, 0x202)), CallEffect.ENERGISES),
+        (64, execute("slvChangeMode", Variant.array(VT.I4, (0,))), CallEffect.ENERGISES),
+        (64, execute("slvChangeMode", Variant(VT.I4, 0)), CallEffect.CHANGES),
+        (17, execute("ManualReset"), CallEffect.ENERGISES),
+        (17, execute("Motor", Variant(VT.I4, 0)), CallEffect.MOVES),
     ],
 )
 def test_switching_off_is_less_than_switching_on(
-    function_id: int, arguments: list[Variant], effect: Effect
+    function_id: int, arguments: list[Variant], effect: CallEffect
 ) -> None:
     assert request_effect(function_id, arguments) is effect
     stops = always_passes(function_id, arguments)
-    assert needs_arming(function_id, arguments) is (effect >= Effect.ENERGISES)
+    assert needs_arming(function_id, arguments) is (effect >= CallEffect.ENERGISES)
     assert passes_read_only(function_id, arguments) is stops
 
 
@@ -168,6 +168,6 @@ VALUES = st.one_of(
 def test_any_arguments_are_judged(function_id: int, arguments: list[Variant]) -> None:
     effect = request_effect(function_id, arguments)
     if passes_read_only(function_id, arguments) and not always_passes(function_id, arguments):
-        assert effect in (Effect.READS, Effect.SESSION)
+        assert effect in (CallEffect.READS, CallEffect.SESSION)
     if function_id not in FUNCTIONS:
         assert not passes_read_only(function_id, arguments)

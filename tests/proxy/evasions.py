@@ -12,11 +12,11 @@ from collections.abc import Callable
 from random import Random
 from typing import NamedTuple
 
-from bcapscope.protocol.commands import commands
-from bcapscope.protocol.effects import Effect
-from bcapscope.protocol.frame import Framing, encode
-from bcapscope.protocol.functions import FUNCTIONS, ID, Function
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.frame import Framing, encode_frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function
 
 _EXECUTES = (17, 28, 64, 87)
 _HEADER = 15
@@ -59,7 +59,7 @@ class Request(NamedTuple):
 
     def encoded(self, reserved: int = 0, framing: Framing = Framing.PLAIN) -> bytes:
         """Encode it with a serial that tells nothing."""
-        return encode(5, reserved, self.function_id, self.arguments, framing)
+        return encode_frame(5, reserved, self.function_id, self.arguments, framing)
 
 
 Disguise = Callable[[Random, Ends], bytes]
@@ -78,13 +78,13 @@ def dangerous(rng: Random, ends: Ends) -> Request:
         return Request(
             ID["Robot_Move"], (Variant(VT.I4, ends.robot), Variant(VT.I4, 1), pose, Variant(VT.BSTR, "NEXT"))
         )
-    return _any(rng, ends, lambda effect: effect >= Effect.ENERGISES)
+    return _any(rng, ends, lambda effect: effect >= CallEffect.ENERGISES)
 
 
 def harmless(rng: Random, ends: Ends) -> Request:
     """Draw a request that only reads, with an argument that takes any value."""
     if rng.random() < 0.5:
-        return _any(rng, ends, lambda effect: effect is Effect.READS)
+        return _any(rng, ends, lambda effect: effect is CallEffect.READS)
     handle = Variant(VT.I4, ends.controller)
     return Request(ID["Controller_GetVariable"], (handle, Variant(VT.BSTR, "I1"), Variant(VT.BSTR, "")))
 
@@ -106,9 +106,9 @@ def stop(rng: Random, ends: Ends) -> Request:
     )
 
 
-def _any(rng: Random, ends: Ends, wanted: Callable[[Effect], bool]) -> Request:
+def _any(rng: Random, ends: Ends, wanted: Callable[[CallEffect], bool]) -> Request:
     """Draw any command of the catalogue with that effect."""
-    listed = [each for function_id in _EXECUTES for each in commands(function_id) if wanted(each.effect)]
+    listed = [each for function_id in _EXECUTES for each in commands_of(function_id) if wanted(each.effect)]
     each = rng.choice(listed)
     handle = ends.robot if each.function_id == 64 else ends.controller
     parameter = rng.choice((EMPTY, Variant(VT.I4, 1), Variant.array(VT.I4, (1, 0))))
@@ -189,7 +189,7 @@ def by_lengths(rng: Random, ends: Ends) -> bytes:
         _packed(each) for each in (Variant(VT.BSTR, seen), Variant(VT.BSTR, hidden), rng.choice(_ON)[1])
     )
     covering = struct.pack("<I", len(handle) - 4 + len(shown)) + handle[4:]
-    return resized(encode(5, 0, 64)[:13] + b"\x03\x00" + covering + shown + inner + parameter + b"\x04")
+    return resized(encode_frame(5, 0, 64)[:13] + b"\x03\x00" + covering + shown + inner + parameter + b"\x04")
 
 
 def left_over(rng: Random, ends: Ends) -> bytes:
@@ -284,4 +284,4 @@ def resized(raw: bytes) -> bytes:
 
 def _packed(value: Variant) -> bytes:
     """Encode one argument, its length first."""
-    return encode(5, 0, 64, (value,))[_HEADER:-1]
+    return encode_frame(5, 0, 64, (value,))[_HEADER:-1]

@@ -18,9 +18,9 @@ import zlib
 from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.protocol.commands import commands
-from bcapscope.protocol.effects import Effect
-from bcapscope.protocol.functions import FUNCTIONS
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.function_table import FUNCTIONS
 
 Plain: TypeAlias = "int | float | str | bytes | tuple[Plain, ...] | None"
 
@@ -33,8 +33,8 @@ _EXECUTES = {function.id for function in FUNCTIONS.values() if function.name.end
 _READING_COMMANDS = {
     (each.function_id, each.name.lower())
     for function_id in _EXECUTES
-    for each in commands(function_id)
-    if each.effect is Effect.READS
+    for each in commands_of(function_id)
+    if each.effect is CallEffect.READS
 }
 _STOPS = {"Robot_Halt", "Robot_Hold", "Task_Stop", "Command_Cancel", "Controller_Disconnect", "Service_Stop"}
 _OPENS = {"Service_Start", "Controller_Connect"}

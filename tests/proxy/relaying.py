@@ -8,14 +8,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from bcapscope.proxy.entrance import Admit, Entrance
-from bcapscope.proxy.hook import Policy
-from bcapscope.proxy.ports import open_ports
+from bcapscope.proxy.listener_spec import parse_listener_specs
+from bcapscope.proxy.listeners import open_listeners
+from bcapscope.proxy.pending_connections import Admit, PendingConnections
+from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring import HEADER, Kind, Record, RingReader, RingWriter
+from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingReader, RingRecord, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import SocketAddress
-from bcapscope.proxy.spec import parse_listeners
-from bcapscope.proxy.udp import FORGET_AFTER
+from bcapscope.proxy.udp_listener import EXPIRE_AFTER_NS
 from bcapscope.traffic.observation import Endpoint
 
 PATIENCE = 20.0
@@ -30,10 +30,10 @@ def eventually(test: Callable[[], object], what: str = "it") -> None:
         time.sleep(0.005)
 
 
-class OpenEntrance(Entrance):
+class OpenEntrance(PendingConnections):
     """Admits clients before they have said anything, for tests of what becomes of clients."""
 
-    def enter(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
+    def add(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
         admit(client, address, b"", time.time_ns())
 
 
@@ -51,7 +51,7 @@ class Running:
         self._thread = threading.Thread(target=relay.run)
         self._thread.start()
         self.address = address
-        self.records: list[Record] = []
+        self.records: list[RingRecord] = []
         self._reader = reader
 
     def stop(self) -> None:
@@ -59,22 +59,22 @@ class Running:
         self.relay.stop()
         self._thread.join(PATIENCE)
 
-    def look(self) -> list[Record]:
+    def look(self) -> list[RingRecord]:
         """Take what was told."""
-        self.records += self._reader.take()
+        self.records += self._reader.read_records()
         return self.records
 
-    def of(self, kind: Kind) -> list[Record]:
+    def of(self, kind: RingRecordKind) -> list[RingRecord]:
         """Return the records of one kind."""
         return [record for record in self.look() if record.kind is kind]
 
     def passed(self, up: bool) -> list[bytes]:
         """Return the bytes of one direction."""
-        return [record.data for record in self.of(Kind.DATA) if record.up is up]
+        return [record.data for record in self.of(RingRecordKind.DATA) if record.up is up]
 
     def told(self) -> str:
         """Return all sentences."""
-        return "\n".join(record.data.decode() for record in self.of(Kind.TOLD))
+        return "\n".join(record.data.decode() for record in self.of(RingRecordKind.NOTICE))
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def running(
     *,
     allow: Sequence[str] = (),
     policy: Policy | None = None,
-    forget_after: int = FORGET_AFTER,
+    forget_after: int = EXPIRE_AFTER_NS,
     size: int = 1 << 20,
     waits: bool = False,
 ) -> Iterator[Running]:
@@ -99,12 +99,12 @@ def running(
         size: bytes of the ring.
         waits: TCP clients wait for their first frame to be complete, as in real life.
     """
-    memory = memoryview(bytearray(HEADER + size))
+    memory = memoryview(bytearray(HEADER_SIZE + size))
     relay = Relay(RingWriter(memory), policy)
     if not waits:
-        relay.entrance = OpenEntrance(relay)
-    (listener,) = parse_listeners(["127.0.0.1:0"], [f"127.0.0.1:{to}"], transport, allow)
-    address, ports = open_ports(relay, listener, forget_after)
+        relay.pending_connections = OpenEntrance(relay)
+    (listener,) = parse_listener_specs(["127.0.0.1:0"], [f"127.0.0.1:{to}"], transport, allow)
+    address, ports = open_listeners(relay, listener, forget_after)
     relay.listen(ports)
     it = Running(relay, address, RingReader(memory))
     try:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bcapscope.proxy.addons import Addons, Client, PassingMessage
-from bcapscope.proxy.rules import Rules
-from bcapscope.proxy.scripthost import ScriptHost
-from bcapscope.proxy.scriptqueue import LIMIT, ScriptQueue
-from bcapscope.proxy.scriptwire import Order, Unpacker, pack
-from bcapscope.proxy.way import Asked
+from bcapscope.proxy.addons import AddonClient, AddonRunner, PassingMessage
+from bcapscope.proxy.direction_state import UndecidedMessage
+from bcapscope.proxy.rule_policy import RulePolicy
+from bcapscope.proxy.script_host import ScriptHost
+from bcapscope.proxy.script_protocol import FrameUnpacker, ScriptOrder, pack
+from bcapscope.proxy.script_queue import TIME_LIMIT_NS, ScriptQueue
 from tests.faults.traffic import request
 
 
@@ -25,17 +25,17 @@ class Here:
         ended: how often they were ended.
     """
 
-    def __init__(self, *addons: object, limit: int = LIMIT) -> None:
-        taken = Addons(addons, clock=lambda: 0)
+    def __init__(self, *addons: object, limit: int = TIME_LIMIT_NS) -> None:
+        taken = AddonRunner(addons, clock=lambda: 0)
         self.obeys = True
         self.arrived = b""
         self.place = ""
         self.located = self.ended = 0
         self._host = ScriptHost(taken)
-        self._orders: Unpacker[Order] = Unpacker(Order)
+        self._orders: FrameUnpacker[ScriptOrder] = FrameUnpacker(ScriptOrder)
         self._answers: list[bytes] = []
-        self.queue: ScriptQueue[Asked] = ScriptQueue("mine.py", self, limit)
-        self.queue.begin(taken.hooks)
+        self.queue: ScriptQueue[UndecidedMessage] = ScriptQueue("mine.py", self, limit)
+        self.queue.on_loaded(taken.hooks)
 
     @property
     def waiting(self) -> int:
@@ -44,10 +44,10 @@ class Here:
 
     def send(self, frame: bytes) -> None:
         """Obey an order; its answer waits."""
-        self._orders.add(frame)
-        while (order := self._orders.next()) is not None:
+        self._orders.feed_bytes(frame)
+        while (order := self._orders.next_frame()) is not None:
             if self.obeys:
-                self._answers.append(pack(self._host.obey(order)))
+                self._answers.append(pack(self._host.execute(order)))
 
     def receive(self) -> bytes:
         """Give what `arrived` says has come."""
@@ -63,19 +63,19 @@ class Here:
         self.ended += 1
         return self.place
 
-    def finish(self, frame: bytes, take: Callable[[bytes], bool]) -> bool:
+    def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
         """Let all answers come."""
         self.send(frame)
-        return take(self.take())
+        return is_done(self.take())
 
     def take(self, count: int | None = None) -> bytes:
         """Give the next answers, all of them unless told."""
         found, self._answers = self._answers[:count], [] if count is None else self._answers[count:]
         return b"".join(found)
 
-    def answer(self, rules: Rules, now: int, count: int | None = None) -> None:
+    def answer(self, rules: RulePolicy, now: int, count: int | None = None) -> None:
         """Let answers come."""
-        rules.hear_scripts(self.take(count), now)
+        rules.on_script_data(self.take(count), now)
 
 
 class Meddler:
@@ -108,10 +108,10 @@ class Listener:
     def settled(self, call: object) -> None:
         self.heard.append(call)
 
-    def connected(self, client: Client) -> None:
+    def connected(self, client: AddonClient) -> None:
         self.others.append(f"{client.number} {client.address}")
 
-    def gone(self, client: Client) -> None:
+    def gone(self, client: AddonClient) -> None:
         self.others.append("gone")
 
     def done(self) -> None:

@@ -8,20 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.faults.message import Message
-from bcapscope.proxy.addons import SLOW, Addons, Client, PassingMessage, load_addons
-from bcapscope.proxy.scriptwire import ScriptError
-from bcapscope.traffic.question import Questions
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.proxy.addons import SLOW_HOOK_NS, AddonClient, AddonRunner, PassingMessage, load_addons
+from bcapscope.proxy.script_protocol import ScriptError
+from bcapscope.traffic.call_kind import RecentRequests
 from tests.faults.traffic import CLIENT, SERVER, request, talk
 
 FLOWS = talk()
-WHO = Client(1, CLIENT, SERVER, FLOWS.up.conversation.transport)
+WHO = AddonClient(1, CLIENT, SERVER, FLOWS.up.conversation.transport)
 
 
-def message(raw: bytes = b"") -> Message:
+def message(raw: bytes = b"") -> WireMessage:
     """Make a request on its way."""
-    made = Message(1, FLOWS.up, raw or request(7), 0, 0)
-    made.ask(Questions())
+    made = WireMessage(1, FLOWS.up, raw or request(7), 0, 0)
+    made.annotate(RecentRequests())
     return made
 
 
@@ -83,9 +83,9 @@ def test_a_hook_sees_what_there_is_to_know() -> None:
         def request(self, message: PassingMessage) -> None:
             seen.append(message)
 
-    addons = Addons([Looker()])
-    addons.see(WHO, message())
-    addons.see(WHO, message(b"garbage"))
+    addons = AddonRunner([Looker()])
+    addons.run_message_hooks(WHO, message())
+    addons.run_message_hooks(WHO, message(b"garbage"))
     first, second = seen
     assert (first.client, first.function, first.command) == (WHO, "Robot_Execute", "slvMove")
     assert first.values == [1, "slvMove", (1.0, 2.0, 3.0)]
@@ -98,7 +98,7 @@ class Broken:
     def request(self, message: PassingMessage) -> None:
         raise SystemExit
 
-    def connected(self, client: Client) -> None:
+    def connected(self, client: AddonClient) -> None:
         raise RuntimeError("[/red]\x1b[2J")
 
     def done(self) -> None:
@@ -114,13 +114,13 @@ class Careless:
 
 def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
     told: list[str] = []
-    addons = Addons([Broken(), Careless()], clock=lambda: 0)
-    addons.tell = told.append
+    addons = AddonRunner([Broken(), Careless()], clock=lambda: 0)
+    addons.notify = told.append
     for _ in range(3):
-        assert addons.see(WHO, message()).data == request(7)
-    addons.connected(WHO)
-    addons.gone(WHO, FLOWS.up.conversation)
-    addons.done()
+        assert addons.run_message_hooks(WHO, message()).data == request(7)
+    addons.client_connected(WHO)
+    addons.client_gone(WHO, FLOWS.up.conversation)
+    addons.proxy_ended()
     assert [text.split(" (test_addons")[0] for text in told] == [
         "Broken.request: SystemExit",
         "request: data is to be bytes; the message goes on as it came (told once)",
@@ -132,7 +132,7 @@ def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
 
 def test_where_it_went_wrong_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     class Broken:
-        def connected(self, client: Client) -> None:
+        def connected(self, client: AddonClient) -> None:
             raise ValueError
 
     looked: list[str] = []
@@ -142,9 +142,9 @@ def test_where_it_went_wrong_is_looked_for_once(monkeypatch: pytest.MonkeyPatch)
         return "here"
 
     monkeypatch.setattr("bcapscope.proxy.addons._where", where)
-    addons = Addons([Broken()])
+    addons = AddonRunner([Broken()])
     for _ in range(3):
-        addons.connected(WHO)
+        addons.client_connected(WHO)
     assert (len(looked), addons.errors) == (1, 3)
 
 
@@ -155,9 +155,9 @@ def test_nothing_that_can_be_raised_ends_the_relay(kind: type[BaseException]) ->
             raise kind
 
     told: list[str] = []
-    addons = Addons([Broken()], clock=lambda: 0)
-    addons.tell = told.append
-    addons.done()
+    addons = AddonRunner([Broken()], clock=lambda: 0)
+    addons.notify = told.append
+    addons.proxy_ended()
     assert addons.errors == len(told) == 1
     assert kind.__name__ in told[0]
 
@@ -167,8 +167,8 @@ def test_answers_are_given_in_one_way_only() -> None:
         def request(self, message: PassingMessage) -> None:
             message.answers = (-1,)  # type: ignore[misc]  # as users do
 
-    addons = Addons([Careless()])
-    assert addons.see(WHO, message()).answers == ()
+    addons = AddonRunner([Careless()])
+    assert addons.run_message_hooks(WHO, message()).answers == ()
     assert addons.errors == 1
 
 
@@ -177,11 +177,11 @@ def test_a_slow_hook_is_told_once() -> None:
         def request(self, message: PassingMessage) -> None:
             pass
 
-    times = iter([0, SLOW + 500_000, 10 * SLOW, 12 * SLOW])
+    times = iter([0, SLOW_HOOK_NS + 500_000, 10 * SLOW_HOOK_NS, 12 * SLOW_HOOK_NS])
     told: list[str] = []
-    addons = Addons([Slow()], clock=lambda: next(times))
-    addons.tell = told.append
-    addons.see(WHO, message())
-    addons.see(WHO, message())
+    addons = AddonRunner([Slow()], clock=lambda: next(times))
+    addons.notify = told.append
+    addons.run_message_hooks(WHO, message())
+    addons.run_message_hooks(WHO, message())
     assert told == ["Slow.request delayed messages by 2.5 ms (told once)"]
     assert addons.errors == 0

@@ -10,31 +10,31 @@ from contextlib import closing, contextmanager
 import orjson
 import pytest
 
-from bcapscope.proxy.control import LONGEST_LINE, Desk
+from bcapscope.proxy.control_api import LONGEST_LINE, ControlApi
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError, ControlServer
 from tests.proxy.test_control_socket import Watcher
-from tests.proxy.test_rules import rules
+from tests.proxy.test_rule_policy import rules
 
 
 def test_one_connection_serves_all_questions() -> None:
     with (
         Watcher() as watcher,
-        closing(ControlServer("127.0.0.1:0", Desk(rules("drop")), watcher)) as server,
+        closing(ControlServer("127.0.0.1:0", ControlApi(rules("drop")), watcher)) as server,
         closing(ControlClient(server.address)) as client,
     ):
-        assert [rule["name"] for rule in client.ask({"do": "rules"})["rules"]] == ["drop"]
+        assert [rule["name"] for rule in client.request({"do": "rules"})["rules"]] == ["drop"]
         with pytest.raises(ControlRefused, match="there is no fault 'x': drop") as refused:
-            client.ask({"do": "on", "name": "x"})
+            client.request({"do": "on", "name": "x"})
         assert orjson.loads(refused.value.line)["ok"] is False
-        assert client.ask({"do": "off", "name": "drop"})["ok"]
+        assert client.request({"do": "off", "name": "drop"})["ok"]
 
 
 def test_nobody_is_there() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"127.0.0.1:{free.getsockname()[1]}"
     with closing(ControlClient(address)) as client, pytest.raises(ControlError, match="no proxy listens"):
-        client.ask({"do": "stats"})
+        client.request({"do": "stats"})
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_somebody_else_is_there(answer: bytes, reason: str) -> None:
     with _answering(answer) as address, closing(ControlClient(address)) as client:
         for _ in range(2):  # and it goes on: the proxy may come back
             with pytest.raises(ControlError, match=reason):
-                client.ask({"do": "stats"})
+                client.request({"do": "stats"})
 
 
 @contextmanager

@@ -16,17 +16,17 @@ from pathlib import Path
 import pytest
 
 from bcapscope.proxy import control_socket
-from bcapscope.proxy.control import LONGEST_LINE, Desk, Reply
+from bcapscope.proxy.control_api import LONGEST_LINE, ControlApi, ControlResponse
 from bcapscope.proxy.control_socket import (
-    MOST_CONNECTIONS,
+    MAX_CONNECTIONS,
     ControlError,
     ControlServer,
-    is_port,
-    reach_control,
+    connect_control,
+    is_tcp_address,
 )
 from bcapscope.proxy.poller import READ, make_poller
 from tests.proxy.relaying import eventually
-from tests.proxy.test_rules import rules
+from tests.proxy.test_rule_policy import rules
 
 unix_only = pytest.mark.skipif(
     sys.platform == "win32", reason="there are no Unix sockets in Python on Windows"
@@ -81,7 +81,7 @@ def server(address: str) -> Iterator[ControlServer]:
     """Run a control socket for the length of a block."""
     watcher = Watcher()
     try:
-        made = ControlServer(address, Desk(rules("loss=5%")), watcher)
+        made = ControlServer(address, ControlApi(rules("loss=5%")), watcher)
         with watcher:
             yield made
         made.close()
@@ -113,7 +113,11 @@ def ask(sock: socket.socket, *lines: bytes) -> list[dict[str, object]]:
 
 
 def test_lines_are_answered_one_by_one(address: str) -> None:
-    with server(address) as made, reach_control(made.address) as one, reach_control(made.address) as other:
+    with (
+        server(address) as made,
+        connect_control(made.address) as one,
+        connect_control(made.address) as other,
+    ):
         first, second = ask(one, b'{"do": "rules"}\n', b'{"do": "off", "name": "drop"}\n')
         assert first["ok"]
         assert second == {"ok": True, "name": "drop"}
@@ -125,7 +129,7 @@ def test_lines_are_answered_one_by_one(address: str) -> None:
 
 
 def test_a_long_answer_comes_whole(address: str) -> None:
-    with server(address) as made, reach_control(made.address) as sock:
+    with server(address) as made, connect_control(made.address) as sock:
         asked = 3000
         thread = threading.Thread(target=sock.sendall, args=(b'{"do": "rules"}\n' * asked,))
         thread.start()
@@ -135,20 +139,20 @@ def test_a_long_answer_comes_whole(address: str) -> None:
 
 
 def test_of_who_asks_and_does_not_listen_one_answer_is_kept_however_long(address: str) -> None:
-    class Talkative(Desk):
+    class Talkative(ControlApi):
         asked = 0
 
-        def answer(self, line: bytes, now: int) -> Reply:
+        def handle_line(self, line: bytes, now: int) -> ControlResponse:
             self.asked += 1
-            return Reply(b"x" * (16 << 20) + b"\n", True)
+            return ControlResponse(b"x" * (16 << 20) + b"\n", True)
 
     desk, watcher = Talkative(rules()), Watcher()
     with (
         closing(watcher),
         closing(ControlServer(address, desk, watcher)) as made,
         watcher,
-        reach_control(made.address) as sock,
-        reach_control(made.address) as other,
+        connect_control(made.address) as sock,
+        connect_control(made.address) as other,
     ):
         sock.sendall(b"{}\n" * 9)
         eventually(lambda: desk.asked == 1)
@@ -160,29 +164,29 @@ def test_of_who_asks_and_does_not_listen_one_answer_is_kept_however_long(address
 
 
 def test_who_does_not_speak_json_is_sent_away(address: str) -> None:
-    with server(address) as made, reach_control(made.address) as sock:
+    with server(address) as made, connect_control(made.address) as sock:
         sock.sendall(b'POST / HTTP/1.1\r\nHost: x\r\n\r\n{"do": "remove", "name": "drop"}\n')
         with sock.makefile("rb") as answers:
             assert b"no JSON" in answers.readline()
             assert answers.read() == b""
-        with reach_control(made.address) as again:
+        with connect_control(made.address) as again:
             assert ask(again, b'{"do": "rules"}\n')[0]["rules"] != []
 
 
 def test_a_line_without_end_is_not_read_for_ever(address: str) -> None:
-    with server(address) as made, reach_control(made.address) as sock:
+    with server(address) as made, connect_control(made.address) as sock:
         with suppress(ConnectionError):
             sock.sendall(b" " * (LONGEST_LINE + 200_000))
             assert sock.recv(1) == b""
-        with reach_control(made.address) as again:
+        with connect_control(made.address) as again:
             assert ask(again, b'{"do": "rules"}\n')[0]["ok"]
 
 
 def test_there_are_only_so_many_connections(address: str) -> None:
     with server(address) as made:
-        open_ones = [reach_control(made.address) for _ in range(MOST_CONNECTIONS)]
+        open_ones = [connect_control(made.address) for _ in range(MAX_CONNECTIONS)]
         assert all(ask(sock, b'{"do": "rules"}\n')[0]["ok"] for sock in open_ones)
-        with reach_control(made.address) as sock, sock.makefile("rb") as answers:
+        with connect_control(made.address) as sock, sock.makefile("rb") as answers:
             assert answers.read() == b""
         for sock in open_ones:
             sock.close()
@@ -190,11 +194,11 @@ def test_there_are_only_so_many_connections(address: str) -> None:
 
 def test_connections_without_a_command_make_room(address: str) -> None:
     with server(address) as made, ExitStack() as stack:
-        asked = stack.enter_context(reach_control(made.address))
+        asked = stack.enter_context(connect_control(made.address))
         assert ask(asked, b'{"do": "rules"}\n')[0]["ok"]
-        for _ in range(3 * MOST_CONNECTIONS):
-            stack.enter_context(reach_control(made.address))
-        late = stack.enter_context(reach_control(made.address))
+        for _ in range(3 * MAX_CONNECTIONS):
+            stack.enter_context(connect_control(made.address))
+        late = stack.enter_context(connect_control(made.address))
         for sock in (late, asked):
             assert ask(sock, b'{"do": "rules"}\n')[0]["ok"]
 
@@ -203,10 +207,10 @@ def test_an_idle_connection_makes_room_when_all_have_asked(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with server(address) as made, ExitStack() as stack:
-        socks = [stack.enter_context(reach_control(made.address)) for _ in range(MOST_CONNECTIONS)]
+        socks = [stack.enter_context(connect_control(made.address)) for _ in range(MAX_CONNECTIONS)]
         assert all(ask(sock, b'{"do": "rules"}\n')[0]["ok"] for sock in socks)
         monkeypatch.setattr(control_socket, "IDLE_AFTER", 0.0)
-        late = stack.enter_context(reach_control(made.address))
+        late = stack.enter_context(connect_control(made.address))
         assert ask(late, b'{"do": "rules"}\n')[0]["ok"]
         assert socks[0].recv(1) == b""
 
@@ -218,9 +222,9 @@ def test_without_file_descriptors_who_asks_waits_and_the_relay_does_not(
         raise OSError(errno.EMFILE, "")
 
     watcher = Watcher()
-    with closing(watcher), closing(ControlServer("127.0.0.1:0", Desk(rules()), watcher)) as made:
+    with closing(watcher), closing(ControlServer("127.0.0.1:0", ControlApi(rules()), watcher)) as made:
         monkeypatch.setattr(socket.socket, "accept", none_left)
-        with watcher, reach_control(made.address):
+        with watcher, connect_control(made.address):
             eventually(lambda: watcher.paused)
         assert len(watcher.paused) == 1
 
@@ -239,7 +243,7 @@ def test_the_file_of_a_proxy_that_was_killed_is_taken_over(tmp_path: Path) -> No
     path = str(tmp_path / "ctl.sock")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left:
         left.bind(path)
-    with server(path) as made, reach_control(made.address) as sock:
+    with server(path) as made, connect_control(made.address) as sock:
         assert ask(sock, b'{"do": "rules"}\n')[0]["ok"]
 
 
@@ -267,11 +271,11 @@ def test_another_file_is_not_taken_away(tmp_path: Path) -> None:
 
 def test_nobody_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(ControlError, match="no such file"):
-        reach_control(str(tmp_path / "none"))
+        connect_control(str(tmp_path / "none"))
     with socket.socket() as sock:
         sock.bind(("127.0.0.1", 0))
         with pytest.raises(ControlError, match="connection refused"):
-            reach_control("127.0.0.1:%d" % sock.getsockname()[1])
+            connect_control("127.0.0.1:%d" % sock.getsockname()[1])
 
 
 @pytest.mark.parametrize(
@@ -279,12 +283,12 @@ def test_nobody_there_is_told(tmp_path: Path) -> None:
     [("127.0.0.1:5999", True), ("[::1]:5999", True), ("./a:5", False), ("ctl.sock", False), ("a:b", False)],
 )
 def test_ports_and_paths_are_told_apart(address: str, port: bool) -> None:
-    assert is_port(address) is port
+    assert is_tcp_address(address) is port
 
 
 def test_nothing_is_left_open(tmp_path: Path) -> None:
     before = len(os.listdir("/proc/self/fd")) if sys.platform == "linux" else 0
     for _ in range(3):
-        with server("127.0.0.1:0") as made, reach_control(made.address):
+        with server("127.0.0.1:0") as made, connect_control(made.address):
             pass
     assert (len(os.listdir("/proc/self/fd")) if sys.platform == "linux" else 0) == before

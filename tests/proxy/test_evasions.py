@@ -8,30 +8,30 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.commands import commands
-from bcapscope.protocol.frame import Framing, encode
-from bcapscope.protocol.functions import FUNCTIONS, ID
-from bcapscope.protocol.stream import Splitter
-from bcapscope.protocol.variant import EMPTY, VT, Variant
-from bcapscope.proxy.guard import Guard, read_target
+from bcapscope.protocol.codec.frame import Framing, encode_frame
+from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID
+from bcapscope.proxy.request_guard import RequestGuard, read_target
 from tests.proxy.evasions import Ends, Request, as_data, compressed, dangerous, evasion, stop
 from tests.proxy.readings import executed
 
 ENDS = Ends(1, 2, 3)
-READ_ONLY = Guard(read_only=True)
-BLOCKING = Guard(
+READ_ONLY = RequestGuard(read_only=True)
+BLOCKING = RequestGuard(
     block=[read_target(name) for name in ("Robot_Halt", "Task_Stop", "HandStop", "slvChangeMode")]
 )
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def passed(guard: Guard, data: bytes, stream: bool) -> bytes:
+def passed(guard: RequestGuard, data: bytes, stream: bool) -> bytes:
     """Return what a guard passes of a datagram, or of a stream."""
     if not stream:
-        return guard.sift(data).passing
-    splitter = Splitter(in_step=True)
+        return guard.filter_frames(data).passing
+    splitter = StreamSplitter(synchronized=True)
     pieces = (*splitter.feed(data), *splitter.close())
-    return b"".join(guard.sift(piece.item.raw).passing for piece in pieces)
+    return b"".join(guard.filter_frames(piece.item.raw).passing for piece in pieces)
 
 
 @given(SEEDS, st.booleans())
@@ -77,7 +77,7 @@ def test_every_function_and_command_is_judged_as_the_readers_judge_it() -> None:
     handle = Variant(VT.I4, 1)
     requests = [Request(each, (handle, Variant(VT.BSTR, ""), Variant(VT.BSTR, ""))) for each in FUNCTIONS]
     for function_id in FUNCTIONS:
-        for command in commands(function_id):
+        for command in commands_of(function_id):
             name = Variant(VT.BSTR, command.name.swapcase())
             requests += [Request(function_id, (handle, name, value)) for value in (EMPTY, Variant(VT.I4, 1))]
     for request in requests:
@@ -97,7 +97,7 @@ def test_a_frame_inside_a_value_is_data(stream: bool) -> None:
 @pytest.mark.parametrize("reserved", [0, 1, 2, 0xFFFF])
 def test_a_release_around_bytes_that_look_compressed_does_not_pass(reserved: int) -> None:
     """As keioku/bcap-python, which unpacks whatever its `reserved` says, a controller would move."""
-    blocking = Guard(block=[read_target("Motor")])
+    blocking = RequestGuard(block=[read_target("Motor")])
     for seed in range(200):
         data = bytearray(compressed(Random(seed), ENDS))
         data[7:9] = reserved.to_bytes(2, "little")
@@ -107,12 +107,12 @@ def test_a_release_around_bytes_that_look_compressed_does_not_pass(reserved: int
 
 def test_slave_mode_off_with_one_more_argument_does_not_pass() -> None:
     values = (Variant(VT.I4, 2), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0))
-    assert passed(READ_ONLY, encode(5, 0, 64, values), False)
+    assert passed(READ_ONLY, encode_frame(5, 0, 64, values), False)
     for more in (EMPTY, Variant(VT.I4, 0x102), Variant(VT.I4, 0)):
-        assert passed(READ_ONLY, encode(5, 0, 64, (*values, more)), False) == b""
+        assert passed(READ_ONLY, encode_frame(5, 0, 64, (*values, more)), False) == b""
 
 
 @pytest.mark.parametrize("value", [True, False])
 def test_no_variable_is_written_through_a_read_only_guard(value: bool) -> None:
-    written = encode(5, 0, ID["Variable_PutValue"], (Variant(VT.I4, 3), Variant(VT.BOOL, value)))
+    written = encode_frame(5, 0, ID["Variable_PutValue"], (Variant(VT.I4, 3), Variant(VT.BOOL, value)))
     assert passed(READ_ONLY, written, False) == b""

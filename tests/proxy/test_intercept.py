@@ -4,76 +4,76 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.faults.message import Message
-from bcapscope.faults.quantities import Condition
-from bcapscope.protocol.convention import Convention
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.proxy.intercept import Considered, Intercept
-from bcapscope.traffic.lane import RETRY_WITHIN_NS
+from bcapscope.faults.quantities import FrameCondition
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.proxy.intercept import Intercept, InterceptResult
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
 from bcapscope.traffic.observation import Endpoint, Flow, Transport
-from bcapscope.traffic.question import Questions
 from tests.faults.traffic import reply, request, talk
 
 FLOWS = talk()
 TRIES = {
-    Convention.SEED: [(5, 0), (6, 5), (7, 5), (8, 5)],
-    Convention.OWN: [(5, 5), (6, 5), (7, 5), (8, 5)],
-    Convention.CHAIN: [(5, 0), (6, 5), (7, 6), (8, 7)],
+    ReservedConvention.SEED: [(5, 0), (6, 5), (7, 5), (8, 5)],
+    ReservedConvention.OWN: [(5, 5), (6, 5), (7, 5), (8, 5)],
+    ReservedConvention.CHAIN: [(5, 0), (6, 5), (7, 6), (8, 7)],
 }
 """Serial and reserved of the tries of one call."""
 
 
-def message(flow: Flow, raw: bytes, now: int = 0) -> Message:
+def message(flow: Flow, raw: bytes, now: int = 0) -> WireMessage:
     """Make a message on its way."""
-    made = Message(1, flow, raw, now, now)
-    made.ask(Questions())
+    made = WireMessage(1, flow, raw, now, now)
+    made.annotate(RecentRequests())
     return made
 
 
-def consider(intercept: Intercept, raw: bytes, *, up: bool = True, now: int = 0) -> Considered | None:
+def consider(intercept: Intercept, raw: bytes, *, up: bool = True, now: int = 0) -> InterceptResult | None:
     """Show a message to an intercept."""
-    return intercept.consider(1, message(FLOWS.up if up else FLOWS.down, raw, now))
+    return intercept.hold_or_pass(1, message(FLOWS.up if up else FLOWS.down, raw, now))
 
 
 def test_nothing_is_held_without_a_filter() -> None:
     intercept = Intercept()
     assert consider(intercept, request(1)) is None
-    intercept.set(Condition.read("serial == 1"))
-    assert consider(intercept, request(1)) == Considered("intercept: held as 1", None)
-    assert consider(intercept, reply(1), up=False) == Considered("intercept: held as 2", None)
+    intercept.set_condition(FrameCondition.read("serial == 1"))
+    assert consider(intercept, request(1)) == InterceptResult("intercept: held as 1", None)
+    assert consider(intercept, reply(1), up=False) == InterceptResult("intercept: held as 2", None)
     assert consider(intercept, request(2)) is None
-    intercept.set(None)
+    intercept.set_condition(None)
     assert consider(intercept, request(3)) is None
 
 
 @pytest.mark.parametrize(
     "raw",
     [
-        encode(1, 0, 70, (Variant(VT.I4, 1),)),
-        encode(1, 0, 2),
-        encode(1, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0))),
+        encode_frame(1, 0, 70, (Variant(VT.I4, 1),)),
+        encode_frame(1, 0, 2),
+        encode_frame(1, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0))),
     ],
     ids=["Robot_Halt", "Service_Stop", "slvChangeMode 0"],
 )
 def test_what_stops_or_lets_go_is_never_held_but_its_answer_may_be(raw: bytes) -> None:
-    intercept = Intercept(Condition.read("true"))
+    intercept = Intercept(FrameCondition.read("true"))
     for whole in (raw, request(1) + raw, raw + b"garbage"):
         assert consider(intercept, whole) is None
     assert consider(intercept, reply(1), up=False)
 
 
 def test_each_waits_as_long_as_was_said_when_it_came() -> None:
-    intercept = Intercept(Condition.read("true"), patience=10)
+    intercept = Intercept(FrameCondition.read("true"), hold_time=10)
     consider(intercept, request(1), now=5)
-    intercept.patience = 3
+    intercept.hold_time = 3
     consider(intercept, reply(1), up=False, now=6)
     first, second = intercept.held
     assert [(each.number, each.until) for each in intercept.held] == [(1, 15), (2, 9)]
     assert intercept.due() == 9
     assert (intercept.holds(FLOWS.up), intercept.holds(FLOWS.down)) == (True, True)
-    assert intercept.expired(8) == []
-    assert intercept.expired(9) == [second]
+    assert intercept.pop_expired(8) == []
+    assert intercept.pop_expired(9) == [second]
     assert intercept.release(1, 10) == first
     assert intercept.due() is None
     with pytest.raises(KeyError):
@@ -81,29 +81,29 @@ def test_each_waits_as_long_as_was_said_when_it_came() -> None:
 
 
 def test_what_is_held_of_one_direction_can_be_taken_back() -> None:
-    intercept = Intercept(Condition.read("true"))
+    intercept = Intercept(FrameCondition.read("true"))
     consider(intercept, request(1))
     consider(intercept, reply(1), up=False)
     first, second = intercept.held
-    assert intercept.abandon(FLOWS.up) == [first]
+    assert intercept.remove_held(FLOWS.up) == [first]
     assert intercept.held == [second]
-    assert intercept.count == 2
+    assert intercept.held_so_far == 2
 
 
 @pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
 def test_retries_are_held_with_their_call(tries: list[tuple[int, int]]) -> None:
-    intercept = Intercept(Condition.read("serial == 5"))
+    intercept = Intercept(FrameCondition.read("serial == 5"))
     for place, (serial, reserved) in enumerate(tries):
         consider(intercept, request(serial, reserved=reserved), now=place)
     (held,) = intercept.held
-    assert (held.number, held.more, held.since) == (1, 3, 0)
+    assert (held.number, held.repeats, held.since) == (1, 3, 0)
     assert held.data == request(8, reserved=tries[-1][1])  # the one whose answer the client takes
 
 
 def test_a_copy_of_what_is_held_is_held_with_it() -> None:
-    intercept = Intercept(Condition.read("serial == 5"))
+    intercept = Intercept(FrameCondition.read("serial == 5"))
     consider(intercept, request(5))
-    assert consider(intercept, request(5)) == Considered(
+    assert consider(intercept, request(5)) == InterceptResult(
         "intercept: held with 1, of which it is another try", None
     )
 
@@ -111,7 +111,7 @@ def test_a_copy_of_what_is_held_is_held_with_it() -> None:
 @pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
 @pytest.mark.parametrize("decision", ["forward", "edit", "drop"])
 def test_what_is_decided_holds_for_later_retries(decision: str, tries: list[tuple[int, int]]) -> None:
-    intercept = Intercept(Condition.read("command == slvMove"))
+    intercept = Intercept(FrameCondition.read("command == slvMove"))
     (first, named), (second, reserved), *_ = tries
     consider(intercept, request(first, reserved=named))
     edited = request(first, reserved=named, values=(9.0,))
@@ -125,13 +125,13 @@ def test_what_is_decided_holds_for_later_retries(decision: str, tries: list[tupl
         values = (9.0,) if decision == "edit" else ()
         assert found.data == request(second, reserved=reserved, values=values)
     other = consider(intercept, request(100, values=(7.0,)), now=30)
-    assert other == Considered("intercept: held as 2", None)
+    assert other == InterceptResult("intercept: held as 2", None)
 
 
 def test_a_decision_is_forgotten_when_no_retry_can_come() -> None:
-    intercept = Intercept(Condition.read("serial == 5"))
+    intercept = Intercept(FrameCondition.read("serial == 5"))
     consider(intercept, request(5))
-    intercept.set(None)
+    intercept.set_condition(None)
     intercept.release(1, 0, b"")
     assert consider(intercept, request(6, reserved=5), now=RETRY_WITHIN_NS) is not None
     assert consider(intercept, request(7, reserved=5), now=3 * RETRY_WITHIN_NS) is None
@@ -140,56 +140,56 @@ def test_a_decision_is_forgotten_when_no_retry_can_come() -> None:
 
 @pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
 def test_a_datagram_is_given_up_when_its_client_asks_no_more(tries: list[tuple[int, int]]) -> None:
-    intercept = Intercept(Condition.read("serial == 5"))
+    intercept = Intercept(FrameCondition.read("serial == 5"))
     for place, (serial, reserved) in enumerate(tries):
         consider(intercept, request(serial, reserved=reserved), now=place * RETRY_WITHIN_NS)
     consider(intercept, request(tries[-1][0], reserved=tries[-1][1]), now=4 * RETRY_WITHIN_NS)  # a copy
     (held,) = intercept.held
-    assert held.given_up(5 * RETRY_WITHIN_NS) == ""
-    assert held.given_up(5 * RETRY_WITHIN_NS + 1) == "its client has not asked again for 5.0 s"
+    assert held.abandonment_reason(5 * RETRY_WITHIN_NS) == ""
+    assert held.abandonment_reason(5 * RETRY_WITHIN_NS + 1) == "its client has not asked again for 5.0 s"
 
 
 def test_packets_of_earlier_calls_and_of_other_clients_give_nothing_up() -> None:
-    intercept = Intercept(Condition.read("serial == 5"))
+    intercept = Intercept(FrameCondition.read("serial == 5"))
     for raw in (request(3), request(4, reserved=3), request(5)):
         consider(intercept, raw)
     for raw in (request(3), request(4, reserved=3), b"garbage"):  # they were on the way for long
         consider(intercept, raw)
     consider(intercept, reply(4), up=False)
     other = talk(client=Endpoint("10.0.0.3", 50001)).up
-    intercept.consider(2, message(other, request(9)))
+    intercept.hold_or_pass(2, message(other, request(9)))
     (held,) = intercept.held
-    assert held.given_up(0) == ""
+    assert held.abandonment_reason(0) == ""
     consider(intercept, request(6))
     (held,) = intercept.held
-    assert held.given_up(0) == "its client has asked for something else since"
+    assert held.abandonment_reason(0) == "its client has asked for something else since"
 
 
 def test_on_tcp_who_is_silent_may_wait() -> None:
-    intercept = Intercept(Condition.read("serial == 5"))
+    intercept = Intercept(FrameCondition.read("serial == 5"))
     flow = talk(Transport.TCP).up
-    intercept.consider(1, message(flow, request(5)))
-    intercept.set(None)
+    intercept.hold_or_pass(1, message(flow, request(5)))
+    intercept.set_condition(None)
     (held,) = intercept.held
-    assert held.given_up(100 * RETRY_WITHIN_NS) == ""
+    assert held.abandonment_reason(100 * RETRY_WITHIN_NS) == ""
     assert not intercept.is_idle
-    intercept.consider(1, message(flow, request(6)))
+    intercept.hold_or_pass(1, message(flow, request(6)))
     (held,) = intercept.held
-    assert held.given_up(0)
+    assert held.abandonment_reason(0)
 
 
 def test_answers_to_the_tries_of_a_call_are_one() -> None:
-    intercept = Intercept(Condition.read("kind == response"))
-    for serial, reserved in TRIES[Convention.SEED][:2]:
+    intercept = Intercept(FrameCondition.read("kind == response"))
+    for serial, reserved in TRIES[ReservedConvention.SEED][:2]:
         assert consider(intercept, request(serial, reserved=reserved)) is None
         consider(intercept, reply(serial), up=False)
     (held,) = intercept.held
-    assert (Frame(held.data).serial, held.more) == (6, 1)
+    assert (Frame(held.data).serial, held.repeats) == (6, 1)
 
 
 def test_on_tcp_nothing_is_a_retry() -> None:
-    intercept = Intercept(Condition.read("true"))
+    intercept = Intercept(FrameCondition.read("true"))
     flow = talk(Transport.TCP).up
     for _ in range(2):
-        intercept.consider(1, message(flow, request(5)))
+        intercept.hold_or_pass(1, message(flow, request(5)))
     assert len(intercept.held) == 2

@@ -11,11 +11,11 @@ from contextlib import ExitStack
 import pytest
 
 from bcapscope.proxy import relay as relay_module
-from bcapscope.proxy.hook import Action, Close, Decision, Send
+from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.poller import SelectPoller
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.ring import HEADER, Count, Kind, RingWriter
-from bcapscope.proxy.tcp import MOST_PENDING, TcpSession
+from bcapscope.proxy.ring_buffer import HEADER_SIZE, RelayCounter, RingRecordKind, RingWriter
+from bcapscope.proxy.tcp_session import MAX_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
 from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, port_of, running
 
@@ -25,44 +25,46 @@ DOWN = Direction.RESPONSE
 class Say:
     """A policy that a function makes; what is held goes out after its time, with its notes."""
 
-    def __init__(self, decide: Callable[[int, Direction, bytes], Decision]) -> None:
+    def __init__(self, decide: Callable[[int, Direction, bytes], PolicyDecision]) -> None:
         self.decide = decide
-        self.held: list[tuple[int, Action]] = []
+        self.held: list[tuple[int, PolicyAction]] = []
         self.clients: list[str] = []
         self.now = 0
 
-    def opened(self, client: int, conversation: Conversation, now: int) -> None:
+    def add_client(self, client: int, conversation: Conversation, now: int) -> None:
         self.clients.append(f"{client} {conversation.client.host} {conversation.transport}")
 
-    def receive(self, client: int, direction: Direction, data: bytes, now: int) -> Decision:
+    def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
         self.now = now
         return self.decide(client, direction, data)
 
-    def hold(self, action: Action, milliseconds: float) -> None:
+    def hold(self, action: PolicyAction, milliseconds: float) -> None:
         self.held.append((self.now + round(milliseconds * 1e6), action))
 
     def holds(self, client: int, direction: Direction) -> bool:
-        return any(isinstance(each, Send) and each.toward is direction for _, each in self.held)
+        return any(isinstance(each, SendAction) and each.toward is direction for _, each in self.held)
 
     def is_full(self, client: int) -> bool:
         return False
 
-    def ended(self, client: int, direction: Direction, now: int) -> Sequence[Send | Close]:
+    def on_stream_end(
+        self, client: int, direction: Direction, now: int
+    ) -> Sequence[SendAction | CloseAction]:
         return ()
 
     def hides_end(self, client: int) -> bool:
         return False
 
-    def let_go(self, client: int, now: int) -> Sequence[Send | Close]:
+    def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         return ()
 
-    def gone(self, client: int, now: int) -> None:
+    def remove_client(self, client: int, now: int) -> None:
         self.clients.append(f"{client} gone")
 
     def due(self) -> int | None:
         return min((when for when, _ in self.held), default=None)
 
-    def take(self, now: int) -> Sequence[Action]:
+    def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
         ready = [action for when, action in self.held if when <= now]
         self.held = [each for each in self.held if each[0] > now]
         return ready
@@ -75,12 +77,12 @@ class Say:
 
 
 def test_drop_answer_and_pass() -> None:
-    def decide(client: int, direction: Direction, data: bytes) -> Decision:
+    def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         if data == b"drop":
-            return Decision("dropped", ())
+            return PolicyDecision("dropped", ())
         if data == b"answer":
-            return Decision("answered", (Send(client, DOWN, b"by the proxy", "made up"),))
-        return Decision("", (Send(client, direction, data),))
+            return PolicyDecision("answered", (SendAction(client, DOWN, b"by the proxy", "made up"),))
+        return PolicyDecision("", (SendAction(client, direction, data),))
 
     policy = Say(decide)
     with datagrams() as server, running(port_of(server), "udp", policy=policy) as proxy:
@@ -92,9 +94,10 @@ def test_drop_answer_and_pass() -> None:
             assert client.recv(100) == b"by the proxy"
             server.sendto(b"pass back", way)
             assert client.recv(100) == b"pass back"
-        eventually(lambda: len(proxy.of(Kind.DATA)) == 5)
+        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 5)
         told = [
-            (record.data, record.note, bool(record.came), bool(record.left)) for record in proxy.of(Kind.DATA)
+            (record.data, record.note, bool(record.received_at), bool(record.sent_at))
+            for record in proxy.of(RingRecordKind.DATA)
         ]
         assert told == [
             (b"drop", "dropped", True, False),
@@ -103,15 +106,15 @@ def test_drop_answer_and_pass() -> None:
             (b"pass", "", True, True),
             (b"pass back", "", True, True),
         ]
-        assert proxy.relay.counts[Count.RULED] == 2
+        assert proxy.relay.counts[RelayCounter.RULED] == 2
     assert policy.clients == ["1 127.0.0.1 udp", "1 gone"]
 
 
 def test_what_is_held_goes_out_when_it_is_due() -> None:
-    def decide(client: int, direction: Direction, data: bytes) -> Decision:
-        policy.hold(Send(client, direction, b"second"), 60)
-        policy.hold(Send(client, direction, b"first"), 30)
-        return Decision("held", ())
+    def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
+        policy.hold(SendAction(client, direction, b"second"), 60)
+        policy.hold(SendAction(client, direction, b"first"), 30)
+        return PolicyDecision("held", ())
 
     policy = Say(decide)
     with (
@@ -122,16 +125,18 @@ def test_what_is_held_goes_out_when_it_is_due() -> None:
         client.send(b"later")
         assert server.recv(100) == b"first"
         assert server.recv(100) == b"second"
-        eventually(lambda: len(proxy.of(Kind.DATA)) == 3)
-        came, first, second = (record.came or record.left for record in proxy.of(Kind.DATA))
+        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 3)
+        came, first, second = (
+            record.received_at or record.sent_at for record in proxy.of(RingRecordKind.DATA)
+        )
         assert first - came > 25e6
         assert second - came > 50e6
 
 
 def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:
-    def decide(client: int, direction: Direction, data: bytes) -> Decision:
-        policy.hold(Send(client, direction, data), 80)
-        return Decision("", ())
+    def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
+        policy.hold(SendAction(client, direction, data), 80)
+        return PolicyDecision("", ())
 
     policy = Say(decide)
     with (
@@ -150,7 +155,9 @@ def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:
 
 @pytest.mark.parametrize("reset", [True, False])
 def test_rules_may_end_a_connection(reset: bool) -> None:
-    policy = Say(lambda client, direction, data: Decision("", (Close(client, reset, "the rule"),)))
+    policy = Say(
+        lambda client, direction, data: PolicyDecision("", (CloseAction(client, reset, "the rule"),))
+    )
     with listening() as door, running(port_of(door), "tcp", policy=policy) as proxy:
         with socket.create_connection(proxy.address, PATIENCE) as client:
             server, _ = door.accept()
@@ -163,9 +170,9 @@ def test_rules_may_end_a_connection(reset: bool) -> None:
                             sock.recv(1)
                     else:
                         assert sock.recv(1) == b""
-        eventually(lambda: proxy.of(Kind.GONE))
-        ends = proxy.of(Kind.RESET if reset else Kind.END)
-        assert [(end.up, end.came, bool(end.left), end.data) for end in ends] == [
+        eventually(lambda: proxy.of(RingRecordKind.CLIENT_CLOSED))
+        ends = proxy.of(RingRecordKind.RESET if reset else RingRecordKind.END)
+        assert [(end.up, end.received_at, bool(end.sent_at), end.data) for end in ends] == [
             (up, 0, True, b"the rule") for up in (True, False)
         ]
         assert "the rule" in proxy.told()
@@ -183,8 +190,8 @@ def test_nothing_is_told_to_have_left_after_it_was_there() -> None:
             client.send(b"ping")
             server.recv(100)
             arrived.append(time.time_ns())
-        eventually(lambda: len(proxy.of(Kind.DATA)) == 50)
-        left = [record.left for record in proxy.of(Kind.DATA)]
+        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 50)
+        left = [record.sent_at for record in proxy.of(RingRecordKind.DATA)]
     assert all(each <= there for each, there in zip(left, arrived, strict=True))
 
 
@@ -207,11 +214,11 @@ def test_without_epoll_and_timers(monkeypatch: pytest.MonkeyPatch) -> None:
                 assert accepted.recv(100) == b""
                 accepted.sendall(b"back")
                 assert stream.recv(100) == b"back"
-        eventually(lambda: len(proxy.of(Kind.DATA)) == 4)
+        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 4)
 
 
 def test_what_happened_to_a_file_descriptor_is_not_told_to_the_next_of_its_number() -> None:
-    relay = Relay(RingWriter(memoryview(bytearray(HEADER + 4096))))
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
     told: list[str] = []
     with ExitStack() as stack:
         pairs = [stack.enter_context(each) for _ in range(2) for each in socket.socketpair()]
@@ -242,9 +249,9 @@ def test_who_asks_and_does_not_listen_is_not_read_while_answers_pile_up() -> Non
     answer = bytes(1 << 20)
     asked: list[bytes] = []
 
-    def decide(client: int, direction: Direction, data: bytes) -> Decision:
+    def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         asked.append(data)
-        return Decision("answered", (Send(client, DOWN, answer, "made up"),))
+        return PolicyDecision("answered", (SendAction(client, DOWN, answer, "made up"),))
 
     with (
         listening() as door,
@@ -256,10 +263,10 @@ def test_who_asks_and_does_not_listen_is_not_read_while_answers_pile_up() -> Non
         (session,) = proxy.relay.sessions.values()
         assert isinstance(session, TcpSession)
         down = session._down
-        while len(down.pending) <= MOST_PENDING:
+        while len(down.pending) <= MAX_PENDING:
             count = len(asked)
             client.send(b"x")
-            eventually(lambda count=count: len(down.pending) > MOST_PENDING or len(asked) > count)  # type: ignore[misc]
+            eventually(lambda count=count: len(down.pending) > MAX_PENDING or len(asked) > count)  # type: ignore[misc]
         count = len(asked)
         client.send(b"y")
         with socket.create_connection(proxy.address, PATIENCE) as other:
@@ -287,6 +294,10 @@ def test_memory_stays_flat() -> None:
                 client.recv(100)
             proxy.look()
             proxy.records.clear()
-            sizes.append(len(proxy.relay.ring.notes) + len(proxy.relay.sessions) + len(proxy.relay._handlers))
+            sizes.append(
+                len(proxy.relay.ring.pending_datagrams)
+                + len(proxy.relay.sessions)
+                + len(proxy.relay._handlers)
+            )
         assert max(sizes) < 16 + 1 + 4
-        assert proxy.relay.counts[Count.CAME_UP] >= 6000 - 16
+        assert proxy.relay.counts[RelayCounter.CAME_UP] >= 6000 - 16

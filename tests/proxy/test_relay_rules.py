@@ -10,20 +10,20 @@ from contextlib import contextmanager
 
 import pytest
 
-from bcapscope.faults import shaper
-from bcapscope.faults.notation import read_fault
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.faults import fault_injector
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy import relay
-from bcapscope.proxy.ring import Count, Kind
-from bcapscope.proxy.rules import Rules
-from bcapscope.transport.tcp import reset
+from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
+from bcapscope.proxy.rule_policy import RulePolicy
+from bcapscope.transport.tcp_link import close_with_reset
 from tests.faults.traffic import MS, reply, request
 from tests.proxy.relaying import PATIENCE, Running, datagrams, eventually, listening, port_of, running
-from tests.proxy.test_rules import holding, rules
+from tests.proxy.test_rule_policy import holding, rules
 
 
-def live(*faults: str, expression: str = "") -> Rules:
+def live(*faults: str, expression: str = "") -> RulePolicy:
     """Make rules whose time is the relay's."""
     made = rules(clients=0, intercept=holding(expression) if expression else None)
     for fault in faults:
@@ -32,7 +32,7 @@ def live(*faults: str, expression: str = "") -> Rules:
 
 
 @contextmanager
-def connected(policy: Rules) -> Iterator[tuple[Running, socket.socket, socket.socket]]:
+def connected(policy: RulePolicy) -> Iterator[tuple[Running, socket.socket, socket.socket]]:
     """Connect a client to a server through a relay with rules; give the relay and both ends."""
     with (
         listening() as door,
@@ -58,10 +58,10 @@ def test_a_stream_cut_anyhow_comes_out_the_same() -> None:
             client.sendall(raw[at : at + 97])
         client.shutdown(socket.SHUT_WR)
         assert read_all(server) == raw
-        assert proxy.relay.counts[Count.RULED] == 0
+        assert proxy.relay.counts[RelayCounter.RULED] == 0
 
 
-class Full(Rules):
+class Full(RulePolicy):
     """Holds too much while `is_so`."""
 
     is_so = True
@@ -72,7 +72,7 @@ class Full(Rules):
 
 def test_a_stream_is_read_on_as_soon_as_the_rules_have_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(relay, "_SWEEP_EVERY", 1 << 40)  # what looks once a second does not help
-    policy = Full(shaper.Shaper(now=0))
+    policy = Full(fault_injector.FaultInjector(now=0))
     with connected(policy) as (_, client, server):
         server.settimeout(0.2)
         client.sendall(request(1))
@@ -97,11 +97,16 @@ def test_the_end_of_a_stream_passes_when_what_was_held_before_it_is_dropped() ->
     with connected(policy) as (proxy, client, server):
         client.sendall(request(1))
         client.shutdown(socket.SHUT_WR)
-        eventually(lambda: [end for end in proxy.of(Kind.END) if end.came])
+        eventually(lambda: [end for end in proxy.of(RingRecordKind.END) if end.received_at])
         (held,) = policy.intercept.held
-        policy.drop(held.number, time.monotonic_ns())
+        policy.drop_held(held.number, time.monotonic_ns())
         assert read_all(server) == b""
-        eventually(lambda: [(end.up, end.came) for end in proxy.of(Kind.END) if end.left] == [(True, 0)])
+        eventually(
+            lambda: (
+                [(end.up, end.received_at) for end in proxy.of(RingRecordKind.END) if end.sent_at]
+                == [(True, 0)]
+            )
+        )
 
 
 def test_both_ends_wait_for_what_is_delayed_and_then_all_is_over() -> None:
@@ -119,7 +124,7 @@ def test_the_end_of_a_half_open_client_is_not_heard() -> None:
     with connected(live("half-open if serial == 2")) as (proxy, client, server):
         client.sendall(request(1) + request(2) + request(3))
         assert server.recv(4096) == request(1)
-        eventually(lambda: proxy.relay.counts[Count.RULED])
+        eventually(lambda: proxy.relay.counts[RelayCounter.RULED])
         client.close()
         server.settimeout(0.3)
         with pytest.raises(TimeoutError):
@@ -134,12 +139,12 @@ def test_neither_end_of_a_half_open_conversation_hears_of_the_others(first: str,
     with connected(live("half-open if serial == 2")) as (proxy, client, server):
         client.sendall(request(1) + request(2))
         assert server.recv(4096) == request(1)
-        eventually(lambda: proxy.relay.counts[Count.RULED])
+        eventually(lambda: proxy.relay.counts[RelayCounter.RULED])
         going, staying = (client, server) if first == "client" else (server, client)
         (session,) = proxy.relay.sessions.values()
         if how == "reset":
-            reset(going)
-            eventually(lambda: session.state == "half-open")
+            close_with_reset(going)
+            eventually(lambda: session.upstream_state == "half-open")
         else:
             going.close()
         staying.settimeout(0.3)
@@ -149,17 +154,17 @@ def test_neither_end_of_a_half_open_conversation_hears_of_the_others(first: str,
         assert list(proxy.relay.sessions.values()) == [session]
         staying.close()
         eventually(lambda: not proxy.relay.sessions)
-        eventually(lambda: proxy.of(Kind.GONE))
+        eventually(lambda: proxy.of(RingRecordKind.CLIENT_CLOSED))
 
 
 def test_a_stop_that_is_held_is_sent_before_a_client_that_was_reset_is_let_go() -> None:
-    halt = encode(9, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    halt = encode_frame(9, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
     policy = live("delay=60s")
     with connected(policy) as (proxy, client, server):
-        policy.tell = proxy.relay.tell
+        policy.notify = proxy.relay.notify
         client.sendall(request(1) + halt)
-        eventually(lambda: proxy.relay.counts[Count.RULED])
-        reset(client)
+        eventually(lambda: proxy.relay.counts[RelayCounter.RULED])
+        close_with_reset(client)
         assert read_all(server) == halt
         eventually(lambda: "not sent: 1 Robot_Execute slvMove" in proxy.told())
 
@@ -177,13 +182,13 @@ def test_a_reset_by_a_rule_reaches_both_sides() -> None:
 def test_a_client_that_sends_more_than_is_held_is_not_read_and_loses_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(shaper, "MOST_WAITING", 1 << 16)
+    monkeypatch.setattr(fault_injector, "MAX_WAITING", 1 << 16)
     size = 8 << 20
     with connected(live("delay=1500ms")) as (proxy, client, server):
         sender = threading.Thread(target=client.sendall, args=(bytes(size),))
         sender.start()
         policy = proxy.relay.policy
-        assert isinstance(policy, Rules)
+        assert isinstance(policy, RulePolicy)
         eventually(lambda: policy.is_full(1), "filling")
         sender.join(0.2)
         assert sender.is_alive()
@@ -209,9 +214,9 @@ def test_a_datagram_is_held_for_its_time_and_noted() -> None:
         server.sendto(reply(1), way)
         assert client.recv(4096) == reply(1)
         eventually(lambda: len(proxy.passed(True)) == 2)
-        came, left = (record for record in proxy.of(Kind.DATA) if record.up)
+        came, left = (record for record in proxy.of(RingRecordKind.DATA) if record.up)
         assert came.note.startswith("delay: delayed by ")
-        assert (came.left, left.came, left.note) == (0, 0, came.note)
+        assert (came.sent_at, left.received_at, left.note) == (0, 0, came.note)
 
 
 def test_a_held_datagram_goes_on_when_told() -> None:
@@ -225,5 +230,5 @@ def test_a_held_datagram_goes_on_when_told() -> None:
         client.send(request(8))
         assert Frame(server.recv(4096)).serial == 8
         (held,) = policy.intercept.held
-        policy.send_on(held.number, time.monotonic_ns())
+        policy.forward_held(held.number, time.monotonic_ns())
         assert Frame(server.recv(4096)).serial == 7

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.functions import ID
-from bcapscope.protocol.hresult import E_ACCESSDENIED, E_FAIL
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.hresult import E_ACCESSDENIED, E_FAIL
 from bcapscope.proxy.addons import PassingMessage
-from bcapscope.proxy.guard import Guard, read_target
-from bcapscope.proxy.hook import Decision, LateDecision, Send
-from bcapscope.proxy.rules import Rules
-from bcapscope.proxy.scriptqueue import MOST_WAITING
-from bcapscope.proxy.scriptwire import Answer, Finish, pack
+from bcapscope.proxy.policy import LateDecision, PolicyDecision, SendAction
+from bcapscope.proxy.request_guard import RequestGuard, read_target
+from bcapscope.proxy.rule_policy import RulePolicy
+from bcapscope.proxy.script_protocol import FinishScripts, ScriptAnswer, pack
+from bcapscope.proxy.script_queue import MAX_WAITING
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 from tests.faults.traffic import CLIENT, MS, reply, request
 from tests.proxy.scripting import Here, Listener, Meddler
-from tests.proxy.test_rules import DOWN, HALT, SLAVE_OFF, UP, holding, rules, sent
+from tests.proxy.test_rule_policy import DOWN, HALT, SLAVE_OFF, UP, holding, rules, sent
 
 
-def late(made: Rules, now: int = 0) -> LateDecision:
+def late(made: RulePolicy, now: int = 0) -> LateDecision:
     """Give the one thing that has been decided since it came."""
-    (action,) = made.take(now)
+    (action,) = made.pop_due_actions(now)
     assert isinstance(action, LateDecision)
     return action
 
@@ -48,9 +48,9 @@ def test_scripts_change_drop_and_answer() -> None:
     answer = Frame(sent(answered.actions, DOWN))
     assert (answer.serial, answer.code) == (2, E_FAIL)
     changed = decided(UP, request(3))
-    assert (changed.note, changed.actions) == ("addon: changed", [Send(1, UP, request(33))])
+    assert (changed.note, changed.actions) == ("addon: changed", [SendAction(1, UP, request(33))])
     unchanged = decided(UP, request(4))
-    assert (unchanged.note, unchanged.actions) == ("", [Send(1, UP, request(4))])
+    assert (unchanged.note, unchanged.actions) == ("", [SendAction(1, UP, request(4))])
     decided(UP, request(5, "CurJnt"))
     assert decided(DOWN, reply(5)).note == "addon: dropped"
     assert made.report() == ["scripts: went wrong once"]
@@ -58,10 +58,10 @@ def test_scripts_change_drop_and_answer() -> None:
 
 def test_the_guard_sees_what_a_script_has_made() -> None:
     here = Here(Meddler())
-    made = rules(scripts=here, guard=Guard(block=[read_target("slvMove")]))
+    made = rules(scripts=here, guard=RequestGuard(block=[read_target("slvMove")]))
     made.receive(1, UP, request(3, "CurJnt"), 0)
     here.answer(made, 0)
-    assert Frame(sent(made.take(0), DOWN)).code == E_ACCESSDENIED
+    assert Frame(sent(made.pop_due_actions(0), DOWN)).code == E_ACCESSDENIED
 
 
 class Everything:
@@ -92,7 +92,7 @@ def test_others_and_the_other_direction_go_on_while_a_request_waits() -> None:
     assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
     made.receive(2, UP, request(2), MS)
     here.answer(made, 2 * MS)
-    assert sent(made.take(2 * MS)) == request(1) + request(2)
+    assert sent(made.pop_due_actions(2 * MS)) == request(1) + request(2)
 
 
 def test_what_waits_keeps_its_order_retries_too() -> None:
@@ -104,7 +104,7 @@ def test_what_waits_keeps_its_order_retries_too() -> None:
     passed = b""
     while here.waiting:
         here.answer(made, MS, count=1)
-        passed += sent(made.take(MS))
+        passed += sent(made.pop_due_actions(MS))
     assert passed == b"".join(sent_by_client)
 
 
@@ -116,15 +116,15 @@ def test_a_stop_overtakes_all_that_waits_and_scripts_see_it_still(transport: Tra
     waiting = request(1, "CurJnt")
     assert made.receive(1, UP, waiting, 0).actions == []
     for stop in (HALT, SLAVE_OFF):
-        assert made.receive(1, UP, stop, 0) == Decision("", [Send(1, UP, stop)])
+        assert made.receive(1, UP, stop, 0) == PolicyDecision("", [SendAction(1, UP, stop)])
     here.answer(made, 0)
-    assert sent(made.take(0)) == waiting
+    assert sent(made.pop_due_actions(0)) == waiting
     assert looker.seen == [waiting, HALT, SLAVE_OFF]
 
 
 def robot_call(name: str) -> bytes:
     """Make a call of the robot, with its handle alone."""
-    return encode(30, 0, ID[name], (Variant(VT.I4, 1),))
+    return encode_frame(30, 0, ID[name], (Variant(VT.I4, 1),))
 
 
 @pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
@@ -136,16 +136,16 @@ def test_a_motion_that_a_stop_has_overtaken_does_not_start_after_it(
     made = rules(scripts=here, transport=transport)
     for raw in (request(1), request(2, "CurJnt")):
         made.receive(1, UP, raw, 0)
-    assert made.receive(1, UP, stop, 0).actions == [Send(1, UP, stop)]
+    assert made.receive(1, UP, stop, 0).actions == [SendAction(1, UP, stop)]
     made.receive(1, UP, request(3), 0)
     here.answer(made, 0)
-    actions = made.take(0)
+    actions = made.pop_due_actions(0)
     assert sent(actions) == request(2, "CurJnt") + request(3)
     refused = Frame(sent(actions, DOWN))
     assert (refused.serial, refused.code) == (1, E_ACCESSDENIED)
     assert isinstance(actions[0], LateDecision)
     assert actions[0].note == "overtaken by a stop: motion is refused"
-    assert made.refused == 1
+    assert made.refused_requests == 1
 
 
 def test_a_motion_that_a_script_makes_of_an_overtaken_request_is_refused_too() -> None:
@@ -154,7 +154,7 @@ def test_a_motion_that_a_script_makes_of_an_overtaken_request_is_refused_too() -
     made.receive(1, UP, request(3, "CurJnt"), 0)
     made.receive(1, UP, HALT, 0)
     here.answer(made, 0)
-    assert sent(made.take(0)) == b""
+    assert sent(made.pop_due_actions(0)) == b""
 
 
 @pytest.mark.parametrize(
@@ -175,19 +175,19 @@ def test_a_halt_ends_the_motions_of_all_clients_other_stops_those_of_their_own(
     made.receive(1, UP, request(1), 0)
     made.receive(2, UP, stop, 0)
     here.answer(made, 0)
-    assert sent(made.take(0)) == (request(1) if passes else b"")
+    assert sent(made.pop_due_actions(0)) == (request(1) if passes else b"")
 
 
 def test_a_halt_of_one_controller_leaves_the_motions_of_another() -> None:
     here = Here(Looker())
     made = rules(scripts=here)
     other = Conversation(CLIENT, Endpoint("10.0.0.99", 5007), Transport.UDP, "port 5007")
-    made.opened(2, other, 0)
+    made.add_client(2, other, 0)
     here.answer(made, 0)
     made.receive(1, UP, request(1), 0)
     made.receive(2, UP, HALT, 0)
     here.answer(made, 0)
-    assert sent(made.take(0)) == request(1)
+    assert sent(made.pop_due_actions(0)) == request(1)
 
 
 def test_a_release_ends_no_motion() -> None:
@@ -196,7 +196,7 @@ def test_a_release_ends_no_motion() -> None:
     made.receive(1, UP, request(1), 0)
     made.receive(1, UP, robot_call("Task_Release"), 0)
     here.answer(made, 0)
-    assert sent(made.take(0)) == request(1)
+    assert sent(made.pop_due_actions(0)) == request(1)
 
 
 def test_a_reply_is_no_stop_whatever_its_result() -> None:
@@ -211,24 +211,24 @@ def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
     first = made.receive(1, UP, request(1, "CurJnt") + HALT + request(2) + request(3)[:20], 0)
     assert sent(first.actions) == HALT
     here.answer(made, 0, count=1)
-    assert made.take(0) == [Send(1, UP, request(1, "CurJnt"))]
+    assert made.pop_due_actions(0) == [SendAction(1, UP, request(1, "CurJnt"))]
     here.answer(made, 0)
-    assert late(made) == LateDecision(1, first.ticket, "", [Send(1, UP, request(2))])
-    made.ended(1, UP, 0)
+    assert late(made) == LateDecision(1, first.ticket, "", [SendAction(1, UP, request(2))])
+    made.on_stream_end(1, UP, 0)
     assert made.holds(1, UP)
     here.answer(made, 0)
-    assert sent(made.take(0)) == request(3)[:20]
+    assert sent(made.pop_due_actions(0)) == request(3)[:20]
     assert not made.holds(1, UP)
 
 
-def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple[Rules, Here, list[str]]:
+def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple[RulePolicy, Here, list[str]]:
     """Give rules whose script loops while requests wait, and what they tell, right before it is too long."""
     here = Here(Looker())
     here.place = "; mine.py line 7 in request"
     told: list[str] = []
     made = rules(scripts=here, transport=transport)
     here.obeys = False
-    here.queue.tell = told.append
+    here.queue.notify = told.append
     for raw in waiting:
         assert made.receive(1, UP, raw, 0).ticket
     return made, here, told
@@ -237,15 +237,15 @@ def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple
 def test_a_script_that_takes_too_long_is_switched_off() -> None:
     made, here, told = switched_off(request(1), request(2, "CurJnt"), request(3))
     assert made.due() == 100 * MS
-    assert made.take(100 * MS - 1) == []
-    actions = made.take(100 * MS)
+    assert made.pop_due_actions(100 * MS - 1) == []
+    actions = made.pop_due_actions(100 * MS)
     assert sent(actions) == request(2, "CurJnt")
     answers = [each for each in actions if isinstance(each, LateDecision) and each.note]
     assert [each.note for each in answers] == ["script is off: motion is refused"] * 2
     assert [Frame(sent(each.actions, DOWN)).code for each in answers] == [E_ACCESSDENIED] * 2
     assert (here.located, here.ended, told) == (1, 0, [])
     assert made.due() == 150 * MS
-    made.take(150 * MS)
+    made.pop_due_actions(150 * MS)
     assert (here.ended, made.due()) == (1, None)
     assert told == [
         "script mine.py is switched off: it took longer than 100 ms for request (Robot_Execute slvMove); "
@@ -257,10 +257,10 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
 @pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
 def test_without_its_script_all_but_motion_passes(transport: Transport) -> None:
     made, _, _ = switched_off(request(1), transport=transport)
-    made.take(100 * MS)
+    made.pop_due_actions(100 * MS)
     now = 200 * MS
     for raw in (HALT, SLAVE_OFF, request(2, "CurJnt")):
-        assert made.receive(1, UP, raw, now) == Decision("", [Send(1, UP, raw)])
+        assert made.receive(1, UP, raw, now) == PolicyDecision("", [SendAction(1, UP, raw)])
     assert sent(made.receive(1, DOWN, reply(2), now).actions, DOWN) == reply(2)
     moving = made.receive(1, UP, request(3) + request(4, "CurJnt"), now)
     assert sent(moving.actions) == request(4, "CurJnt")
@@ -276,7 +276,7 @@ def test_each_message_has_the_whole_time() -> None:
     for count in range(1, 6):
         assert made.due() == (100 + 90 * (count - 1)) * MS
         here.answer(made, 90 * count * MS, count=1)
-        assert sent(made.take(90 * count * MS)) == request(count)
+        assert sent(made.pop_due_actions(90 * count * MS)) == request(count)
     assert here.queue.is_on
 
 
@@ -289,7 +289,7 @@ def test_a_message_does_not_wait_behind_others_for_ever() -> None:
         made.receive(1, UP, request(2 * serial), now)
         made.receive(1, UP, request(2 * serial + 1), now)
         here.answer(made, now, count=1)
-        made.take(now)
+        made.pop_due_actions(now)
         if not here.queue.is_on:
             break
     assert here.queue.off_because == "it cannot keep up, messages have waited for 1 s"
@@ -301,7 +301,7 @@ def test_a_script_is_not_blamed_for_answers_that_nobody_has_read() -> None:
     made = rules(scripts=here)
     made.receive(1, UP, request(1), 0)
     here.arrived = here.take()
-    assert sent(made.take(105 * MS)) == request(1)
+    assert sent(made.pop_due_actions(105 * MS)) == request(1)
     assert here.queue.is_on
 
 
@@ -311,10 +311,10 @@ def test_a_script_is_blamed_for_the_message_that_it_has_not_answered() -> None:
     for serial in (1, 2):
         made.receive(1, UP, request(serial, "CurJnt"), 0)
     here.arrived = here.take(1)
-    made.take(105 * MS)
+    made.pop_due_actions(105 * MS)
     assert here.queue.is_on
     here.arrived = b"\x20"  # the beginning of an answer is none
-    made.take(205 * MS)
+    made.pop_due_actions(205 * MS)
     assert not here.queue.is_on
 
 
@@ -325,60 +325,62 @@ def test_streams_are_read_on_where_scripts_are_only_shown_what_passes() -> None:
     for _ in range(5):
         assert sent(made.receive(1, UP, raw, 0).actions) == raw
         assert not made.is_full(1)
-    assert made.receive(1, UP, HALT, 0).actions == [Send(1, UP, HALT)]
+    assert made.receive(1, UP, HALT, 0).actions == [SendAction(1, UP, HALT)]
 
 
 def test_what_a_client_that_has_gone_left_takes_no_room() -> None:
     here = Here(Looker())
     made = rules(scripts=here, clients=2)
-    for serial in range(1, MOST_WAITING + 1):
+    for serial in range(1, MAX_WAITING + 1):
         made.receive(1, UP, request(serial), 0)
-    made.let_go(1, 0)
-    made.gone(1, 0)
+    made.release_held(1, 0)
+    made.remove_client(1, 0)
     assert made.receive(2, UP, request(1), 0).ticket
     here.answer(made, 0)
-    assert sent(made.take(0)) == request(1)
+    assert sent(made.pop_due_actions(0)) == request(1)
 
 
 def test_a_relay_that_stood_still_does_not_blame_the_script() -> None:
     here = Here(Looker())
     made = rules(scripts=here)
     made.receive(1, UP, request(1), 0)
-    assert made.take(5000 * MS) == []
+    assert made.pop_due_actions(5000 * MS) == []
     assert made.due() == 5100 * MS
     here.answer(made, 5050 * MS)
-    assert sent(made.take(5050 * MS)) == request(1)
+    assert sent(made.pop_due_actions(5050 * MS)) == request(1)
     made.receive(1, UP, request(2), 6000 * MS)
     assert made.due() == 6100 * MS
-    made.take(6100 * MS)
+    made.pop_due_actions(6100 * MS)
     assert not here.queue.is_on
 
 
 def test_a_relay_that_always_stands_still_does_not_let_messages_wait_for_ever() -> None:
     made, here, _ = switched_off(request(1))
-    made.take(500 * MS)
+    made.pop_due_actions(500 * MS)
     assert here.queue.is_on
-    made.take(1000 * MS)
+    made.pop_due_actions(1000 * MS)
     assert not here.queue.is_on
 
 
 def test_the_end_of_its_process_switches_a_script_off() -> None:
     made, here, told = switched_off(request(1), request(2, "CurJnt"))
     here.place = "; exit code 3"
-    made.lose_scripts(MS)
-    assert sent(made.take(MS)) == request(2, "CurJnt")
-    made.take(51 * MS)
+    made.on_scripts_ended(MS)
+    assert sent(made.pop_due_actions(MS)) == request(2, "CurJnt")
+    made.pop_due_actions(51 * MS)
     why = "its process ended during request (Robot_Execute slvMove); exit code 3"
     assert told[0].startswith(f"script mine.py is switched off: {why}; stops pass")
     assert "scripts: switched off, its process ended during request" in made.report()[-1]
 
 
-@pytest.mark.parametrize("data", [b"\xff" * 8, b"\x01\0\0\0\xc1", pack(Finish()), pack(Answer()) * 2])
+@pytest.mark.parametrize(
+    "data", [b"\xff" * 8, b"\x01\0\0\0\xc1", pack(FinishScripts()), pack(ScriptAnswer()) * 2]
+)
 def test_what_makes_no_sense_switches_a_script_off(data: bytes) -> None:
     made, here, _ = switched_off(request(2, "CurJnt"))
     here.take()
-    made.hear_scripts(data, 0)
-    assert sent(made.take(0)) == request(2, "CurJnt")
+    made.on_script_data(data, 0)
+    assert sent(made.pop_due_actions(0)) == request(2, "CurJnt")
     assert here.queue.off_because.startswith("its process sent the proxy an invalid message")
 
 
@@ -386,27 +388,27 @@ def test_a_client_that_goes_leaves_nothing_that_waits() -> None:
     told: list[str] = []
     here = Here(Meddler())
     made = rules(scripts=here, clients=2)
-    made.tell = told.append
+    made.notify = told.append
     made.receive(1, UP, request(9), 0)
     made.receive(1, DOWN, reply(8), 0)
     made.receive(2, UP, request(7), 0)
-    assert sent(made.let_go(1, MS), DOWN) == reply(8)
+    assert sent(made.release_held(1, MS), DOWN) == reply(8)
     assert told[0].endswith("held messages that were not sent: 1 Robot_Execute slvMove")
-    made.gone(1, MS)
+    made.remove_client(1, MS)
     here.answer(made, MS)
-    assert sent(made.take(MS)) == request(7)
+    assert sent(made.pop_due_actions(MS)) == request(7)
 
 
 def test_datagrams_that_find_no_room_are_dropped_and_streams_are_not_read() -> None:
     here = Here(Looker())
     made = rules(scripts=here, clients=2)
-    for serial in range(1, MOST_WAITING + 1):
+    for serial in range(1, MAX_WAITING + 1):
         made.receive(1, UP, request(serial, "CurJnt"), 0)
     assert made.receive(1, UP, request(99), 0).note == "addon: dropped, too many messages wait"
-    assert made.receive(1, UP, HALT, 0).actions == [Send(1, UP, HALT)]
+    assert made.receive(1, UP, HALT, 0).actions == [SendAction(1, UP, HALT)]
     assert made.receive(2, UP, request(1, "CurJnt"), 0).ticket
     here.answer(made, 0)
-    assert len(sent(made.take(0))) == len(request(1, "CurJnt")) * (MOST_WAITING + 1)
+    assert len(sent(made.pop_due_actions(0))) == len(request(1, "CurJnt")) * (MAX_WAITING + 1)
     assert made.receive(1, UP, request(99), 0).ticket
     stream = rules(scripts=Here(Looker()), transport=Transport.TCP)
     while not stream.is_full(1):
@@ -416,11 +418,11 @@ def test_datagrams_that_find_no_room_are_dropped_and_streams_are_not_read() -> N
 def test_nothing_waits_for_a_script_that_decides_nothing() -> None:
     here = Here(Listener())
     made = rules(scripts=here)
-    assert made.receive(1, UP, request(1), 0) == Decision("", [Send(1, UP, request(1))])
+    assert made.receive(1, UP, request(1), 0) == PolicyDecision("", [SendAction(1, UP, request(1))])
     assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
     here.obeys = False
     made.receive(1, UP, request(2), 0)
-    made.take(100 * MS)
+    made.pop_due_actions(100 * MS)
     assert not here.queue.is_on
 
 
@@ -436,10 +438,10 @@ def test_calls_settle_though_nothing_more_comes() -> None:
         due = made.due()
         assert due is not None
         now = max(now + MS, due)
-        made.take(now)
+        made.pop_due_actions(now)
     assert now < 10_000 * MS
     made.receive(1, UP, request(2), now)
-    made.gone(1, now)
+    made.remove_client(1, now)
     made.close(now)
     assert len(listener.heard) == 2
     assert listener.others == ["1 10.0.0.2:50001", "gone", "done"]
@@ -450,9 +452,9 @@ def test_a_held_message_of_a_stream_that_has_ended_is_given_up_though_it_waited_
     here = Here(Looker())
     made = rules(scripts=here, transport=Transport.TCP, intercept=holding("true", patience=2000 * MS))
     made.receive(1, UP, request(1), 0)
-    made.ended(1, UP, 0)
+    made.on_stream_end(1, UP, 0)
     here.answer(made, MS)
-    made.take(MS)
+    made.pop_due_actions(MS)
     assert len(made.intercept.held) == 1
-    assert made.take(3000 * MS) == []
-    assert made.lost == 1
+    assert made.pop_due_actions(3000 * MS) == []
+    assert made.dropped_held == 1

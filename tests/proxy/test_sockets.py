@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from bcapscope.proxy.sockets import drops, keep_alive, prepare_datagrams, reason
-from bcapscope.transport.arrival import CONTROL, kernel_time, receiver
+from bcapscope.proxy.sockets import dropped_datagrams, keep_alive, os_error_text, prepare_datagrams
+from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 from tests.proxy.relaying import datagrams
 
 
@@ -20,14 +20,14 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
     with datagrams() as server, datagrams(to=server.getsockname()) as client:
         prepare_datagrams(server)
         client.send(b"x")
-        data, control, _, address = receiver(server)(100, CONTROL)
+        data, control, _, address = receive_function(server)(100, ANCILLARY_SIZE)
         assert (data, address) == (b"x", client.getsockname())
-        assert 0 <= time.time_ns() - kernel_time(control, 0) < 10**10
-        assert drops(server) == 0
+        assert 0 <= time.time_ns() - kernel_timestamp(control, 0) < 10**10
+        assert dropped_datagrams(server) == 0
         server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         for _ in range(100):
             client.send(bytes(1000))
-        assert drops(server) > 50
+        assert dropped_datagrams(server) > 50
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
     ],
 )
 def test_reasons(error: Exception, words: str) -> None:
-    assert reason(error) == words
+    assert os_error_text(error) == words
 
 
 def test_a_peer_that_has_vanished_is_noticed_within_minutes() -> None:

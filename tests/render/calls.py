@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.handles import Handles, Thing
+from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.observation import Transport
 from tests.render.scenes import HOSTILE
 from tests.traffic.playbook import (
@@ -59,8 +59,8 @@ def script() -> Script:
     return found
 
 
-def settled() -> Iterator[tuple[Settled, Thing | None]]:
+def settled() -> Iterator[tuple[PairingResult, TrackedObject | None]]:
     """Yield what settles, each with the object that it was asked of."""
-    handles = Handles()
+    handles = HandleTracker()
     for item in script().track():
-        yield item, handles.follow(item) if isinstance(item, Exchange) else None
+        yield item, handles.on_call(item) if isinstance(item, Call) else None

@@ -8,9 +8,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from bcapscope.analysis.account import Account, Accountant
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.observer import Observer
+from bcapscope.analysis.report_data import ReportData, ReportDataBuilder
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.render.report_page import report_page
 from bcapscope.traffic.tracker import Tracker
 
@@ -68,16 +68,16 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.tags if name == tag]
 
 
-def account_of(path: Path) -> Account:
+def account_of(path: Path) -> ReportData:
     """Read a capture."""
-    accountant, tracker = Accountant(), Tracker()
+    accountant, tracker = ReportDataBuilder(), Tracker()
     with open_capture(str(path)) as file:
-        for seen in Observer(frozenset({5007})).observe(file):
-            accountant.take_observation(seen)
+        for seen in PacketDecoder(frozenset({5007})).decode(file):
+            accountant.on_observation(seen)
             for settled in tracker.observe(seen):
-                accountant.take(settled)
+                accountant.on_pairing_result(settled)
     for settled in tracker.close():
-        accountant.take(settled)
+        accountant.on_pairing_result(settled)
     account = accountant.finish()
     assert account is not None
     return account

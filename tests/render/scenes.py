@@ -6,8 +6,9 @@ import struct
 import zlib
 from collections.abc import Iterator
 
-from bcapscope.protocol.frame import Frame, Framing, Malformed, Problem, encode, parse_datagram
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, Problem, encode_frame, parse_datagram
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.observation import (
     Conversation,
     Direction,
@@ -16,7 +17,6 @@ from bcapscope.traffic.observation import (
     Observation,
     Transport,
 )
-from bcapscope.traffic.question import Question, question_of
 
 START = 1_700_000_000_123_456_000
 ROBOT = Variant(VT.I4, 1)
@@ -39,7 +39,7 @@ def observe(
 
 
 def _execute(command: str, parameter: Variant) -> bytes:
-    return encode(5, 5, 64, (ROBOT, Variant(VT.BSTR, command), parameter))
+    return encode_frame(5, 5, 64, (ROBOT, Variant(VT.BSTR, command), parameter))
 
 
 def _everything() -> Variant:
@@ -75,37 +75,37 @@ def _broken() -> bytes:
 
 def _compressed() -> bytes:
     """A version 1 frame whose compression is the same with every zlib: none, in the form of one."""
-    inner = encode(0, 0, 64, (ROBOT, Variant(VT.BSTR, "slvMove"), JOINTS))[9:-1]
+    inner = encode_frame(0, 0, 64, (ROBOT, Variant(VT.BSTR, "slvMove"), JOINTS))[9:-1]
     packed = zlib.compress(inner, 0)
     return struct.pack("<BIHHI", 1, 15 + len(packed), 11, 1, len(inner)) + packed + b"\x01\x04"
 
 
 def _items() -> Iterator[tuple[Direction, bytes | Malformed]]:
     ask, answer = Direction.REQUEST, Direction.RESPONSE
-    yield ask, encode(1, 0, 1, (Variant(VT.BSTR, ",WDT=400"),))
-    yield answer, encode(1, 0, 0)
+    yield ask, encode_frame(1, 0, 1, (Variant(VT.BSTR, ",WDT=400"),))
+    yield answer, encode_frame(1, 0, 0)
     yield ask, _execute("slvMove", JOINTS)
-    yield answer, encode(5, 0, 0, (JOINTS,))
-    yield answer, encode(5, 0, 0x83500121)
+    yield answer, encode_frame(5, 0, 0, (JOINTS,))
+    yield answer, encode_frame(5, 0, 0x83500121)
     yield ask, _execute(HOSTILE, Variant(VT.BSTR, HOSTILE))
-    yield ask, encode(9, 0, 102, (ROBOT, _everything()))
-    yield ask, encode(10, 0, 102, (ROBOT, Variant.array(VT.I2, tuple(range(100)))))
+    yield ask, encode_frame(9, 0, 102, (ROBOT, _everything()))
+    yield ask, encode_frame(10, 0, 102, (ROBOT, Variant.array(VT.I2, tuple(range(100)))))
     yield ask, _compressed()
-    yield ask, encode(12, 0, 4, (ROBOT,), Framing.SERIAL_LINE)
+    yield ask, encode_frame(12, 0, 4, (ROBOT,), Framing.SERIAL_LINE)
     yield ask, _broken()
-    yield ask, encode(13, 0, 4, (ROBOT,))[:22]
-    yield ask, encode(14, 0, 200)
+    yield ask, encode_frame(13, 0, 4, (ROBOT,))[:22]
+    yield ask, encode_frame(14, 0, 200)
     yield ask, b"=HELLO\x1b"
     yield ask, Malformed(b"", (Problem(0, "gap", "120 bytes of the stream are missing"),), 120)
 
 
-def scenes() -> Iterator[tuple[Observation, Question | None]]:
+def scenes() -> Iterator[tuple[Observation, CallKind | None]]:
     """Yield all that was seen, each with what it asks or answers."""
-    question: Question | None = None
+    question: CallKind | None = None
     for number, (direction, raw) in enumerate(_items(), 1):
         (item,) = (raw,) if isinstance(raw, Malformed) else parse_datagram(raw)
         if isinstance(item, Malformed):
             question = None
         elif direction is Direction.REQUEST:
-            question = question_of(item)
+            question = call_kind_of(item)
         yield observe(item, direction, number), question

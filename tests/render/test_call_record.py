@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.functions import ObjectClass
+from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render import call_record
 from bcapscope.render.call_record import CallRecordRenderer
-from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.fields import RecordKind, fields_of
-from bcapscope.traffic.handles import Thing
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.filter.field_table import RecordKind, fields_of
+from bcapscope.traffic.handle_tracker import TrackedObject
 from tests.render.calls import settled
 from tests.traffic.playbook import MOVE, POSE, Script, calls_of, execute
 from tests.traffic.sessions import Capture, Profile, Session
@@ -29,7 +29,7 @@ KEYS = [
 
 def lines() -> list[bytes]:
     renderer = CallRecordRenderer()
-    return [renderer.record(call, subject) for call, subject in settled() if isinstance(call, Exchange)]
+    return [renderer.record(call, subject) for call, subject in settled() if isinstance(call, Call)]
 
 
 def test_all_calls(golden: Callable[[str, bytes], None]) -> None:
@@ -82,11 +82,11 @@ def test_a_call_without_trouble() -> None:
     }
 
 
-def plain(call: Exchange) -> dict[str, object]:
+def plain(call: Call) -> dict[str, object]:
     """Say what a record should, by the properties of the call alone."""
     return {
-        "call": call.call,
-        "requests": [seen.number for seen in call.requests],
+        "call": call.number,
+        "requests": [seen.number for seen in call.attempts],
         "serials": list(call.serials),
         "retries": call.retries,
         "replies": [] if call.reply is None else [call.reply.number],
@@ -123,14 +123,14 @@ def test_percent_signs_and_quotes_are_kept() -> None:
         client.ask(serial, serial, 0, execute(name))
         client.reply(serial + 0.5, serial)
     renderer = CallRecordRenderer()
-    thing = Thing(ObjectClass.ROBOT, 1, name, "", 1, True)
+    thing = TrackedObject(ObjectClass.ROBOT, 1, name, "", 1, True)
     for call in calls_of(play.track()):
         record = json.loads(renderer.record(call, thing))
         assert (record["command"], record["object"]) == (name, name)
 
 
 def test_forms_are_forgotten_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(call_record, "MOST_FORMS", 3)
+    monkeypatch.setattr(call_record, "MOST_TEMPLATES", 3)
     play = Script()
     client = play.client()
     for serial in range(1, 11):
@@ -140,7 +140,7 @@ def test_forms_are_forgotten_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
     commands = []
     for call in calls_of(play.track()):
         commands.append(json.loads(renderer.record(call))["command"])
-        assert len(renderer._forms) <= 3
+        assert len(renderer._templates) <= 3
     assert commands == [f"c{serial}" for serial in range(1, 11)]
 
 
@@ -151,6 +151,6 @@ def test_names_from_the_wire_are_only_seen_escaped(name: str) -> None:
     play.client().ask(0, 1, 0, execute(name))
     play.seen[1:] = []
     (call,) = calls_of(play.track())
-    text = CallRecordRenderer().record(call, Thing(ObjectClass.ROBOT, 1, name, "", 1, True)).decode()
+    text = CallRecordRenderer().record(call, TrackedObject(ObjectClass.ROBOT, 1, name, "", 1, True)).decode()
     assert text.isprintable() or name.isprintable()
     assert json.loads(text)["command"] == name

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.wording import display_width
-from bcapscope.render.columns import columns, wrapped
+from bcapscope.protocol.text_format import display_width
+from bcapscope.render.columns import align_columns, wrap_text
 
 
 def test_columns_are_as_wide_as_their_widest_cell() -> None:
     rows = [("name", "n"), ("軸", "10"), ("slvMove", "1")]
-    assert list(columns(rows, "<>")) == [
+    assert list(align_columns(rows, "<>")) == [
         "name      n",
         "軸       10",
         "slvMove   1",
@@ -20,17 +20,17 @@ def test_columns_are_as_wide_as_their_widest_cell() -> None:
 
 
 def test_the_last_column_is_not_filled_up() -> None:
-    assert list(columns([("a", ""), ("", "long"), ("", "")], "><")) == ["a", "   long", ""]
+    assert list(align_columns([("a", ""), ("", "long"), ("", "")], "><")) == ["a", "   long", ""]
 
 
 def test_no_rows() -> None:
-    assert list(columns([], "<>")) == []
+    assert list(align_columns([], "<>")) == []
 
 
 @given(st.lists(st.lists(st.text("a軸 ", max_size=5), min_size=3, max_size=3), max_size=6))
 def test_columns_begin_and_end_below_each_other(rows: list[list[str]]) -> None:
     framed = [[f"|{cell}|" for cell in row] for row in rows]
-    found = list(columns(framed, "<>>"))
+    found = list(align_columns(framed, "<>>"))
     assert len(found) == len(rows)
     ends = {display_width(line) for line in found}
     assert len(ends) <= 1
@@ -53,11 +53,11 @@ def test_columns_begin_and_end_below_each_other(rows: list[list[str]]) -> None:
     ],
 )
 def test_wrapped(text: str, width: int, expected: list[str]) -> None:
-    assert list(wrapped(text, width)) == expected
+    assert list(wrap_text(text, width)) == expected
 
 
 @given(st.text("ab ", max_size=60), st.integers(1, 20))
 def test_wrapping_loses_nothing(text: str, width: int) -> None:
-    lines = list(wrapped(text, width))
+    lines = list(wrap_text(text, width))
     assert " ".join(lines).split() == text.split()
     assert all(display_width(line) <= width or " " not in line for line in lines)

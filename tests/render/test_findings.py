@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.analysis.finding import Finding, Seen, Severity
-from bcapscope.protocol.wording import display_width
+from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
+from bcapscope.protocol.text_format import display_width
+from bcapscope.render.color_palette import ANSI
 from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record, rule_table
-from bcapscope.render.palette import ANSI
 
 RULES = Path(__file__).parents[2] / "docs" / "rules.md"
-SEEN = Seen(512, 256, 1, 2_100_000_000)
+SEEN = TrafficTotals(512, 256, 1, 2_100_000_000)
 CAUSE = Finding(
     "late-reply",
     Severity.WARNING,
@@ -54,7 +54,7 @@ def test_a_clean_capture_says_so_and_how_much_it_was() -> None:
     assert lines(NOTE)[-1] == "No problem found in 512 frames, 256 calls, 1 client, 2.1 s; 1 note"
     (line,) = FindingsRenderer().lines((), SEEN._replace(not_followed=3))
     assert line.endswith(" 256 calls, 1 client, 2.1 s, 3 calls not followed to the end")
-    assert list(FindingsRenderer().lines((), Seen(0, 0, 0, 0))) == ["No b-CAP was seen."]
+    assert list(FindingsRenderer().lines((), TrafficTotals(0, 0, 0, 0))) == ["No b-CAP was seen."]
 
 
 @pytest.mark.parametrize("width", [1, NARROWEST, 60, 100, 500])

@@ -7,8 +7,8 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.render.color_palette import ANSI, Palette
 from bcapscope.render.hexdump import Highlight, hexdump
-from bcapscope.render.palette import ANSI, Palette
 
 
 def test_sixteen_bytes_a_line_with_a_gap_in_the_middle() -> None:

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.analysis.distribution import Bin
+from bcapscope.analysis.statistics.distribution import Bin
+from bcapscope.render.color_palette import ANSI
 from bcapscope.render.histogram import BAR_WIDTH, edges_around, edges_by_decades, histogram
-from bcapscope.render.palette import ANSI
 
 
 def test_rows_between_the_first_and_the_last_that_hold_something() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bcapscope.render.number import cy_text, date_text, plain_texts, single_text, singles_text
+from bcapscope.render.number import currency_text, date_text, numbers_text, single_text, singles_text
 
 LARGEST_SINGLE = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
 
@@ -33,7 +33,7 @@ def test_several_are_written_as_one_by_one(values: list[float]) -> None:
 
 @given(st.lists(st.floats() | st.integers(-(2**63), 2**64 - 1)))
 def test_plain_texts_read_back_as_the_same(values: list[float]) -> None:
-    text = plain_texts(tuple(values))
+    text = numbers_text(tuple(values))
     assert [repr(type(value)(part)) for value, part in zip(values, text.split(","), strict=False)] == [
         repr(value) for value in values
     ]
@@ -43,7 +43,7 @@ def test_plain_texts_read_back_as_the_same(values: list[float]) -> None:
     ("raw", "expected"), [(123456, "12.3456"), (-1, "-0.0001"), (0, "0"), (2**63 - 1, "922337203685477.5807")]
 )
 def test_cy_is_in_ten_thousandths(raw: int, expected: str) -> None:
-    assert cy_text(raw) == expected
+    assert currency_text(raw) == expected
 
 
 @pytest.mark.parametrize(

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bcapscope.analysis.marks import MarkKind
-from bcapscope.render.report_calls import MOST_LANES, chains, latencies, timeline
+from bcapscope.analysis.timeline_events import TimelineEventKind
+from bcapscope.render.report_calls import (
+    MOST_TIMELINE_ROWS,
+    latency_picture,
+    retry_chain_picture,
+    timeline_picture,
+)
 from tests.render.reports import CAPTURES, account_of, page_of
 
 
 def test_the_timeline_has_bars_and_marks() -> None:
     data = page_of("slave-mode-lost.pcapng").data["timeline-data"]["data"]
-    assert [trace["name"] for trace in data] == ["calls", "slave mode", MarkKind.REFUSED]
+    assert [trace["name"] for trace in data] == ["calls", "slave mode", TimelineEventKind.REFUSED]
     marks = data[2]
     assert len(marks["x"]) == 4
     assert marks["customdata"][0][0].startswith("Robot_Execute slvMove: refused<br>0x84201482, ")
@@ -36,16 +41,16 @@ def test_two_clients_have_two_lanes() -> None:
 
 def test_clients_without_a_lane_are_counted() -> None:
     account = account_of(CAPTURES / "retry-story.pcapng")
-    many = replace(account, lanes=account.lanes * (MOST_LANES + 3), lanes_left_off=4)
-    assert "7 more clients made fewer calls." in timeline(many).caption
+    many = replace(account, timelines=account.timelines * (MOST_TIMELINE_ROWS + 3), timelines_left_off=4)
+    assert "7 more clients made fewer calls." in timeline_picture(many).caption
 
 
 def test_chains_beyond_those_drawn_are_counted() -> None:
     account = account_of(CAPTURES / "retry-story.pcapng")
-    drawn = chains(replace(account, retried=5))
+    drawn = retry_chain_picture(replace(account, retried_calls=5))
     assert drawn is not None
     assert drawn.caption.endswith("These are the 1 that were sent again most often; 4 more were sent again.")
-    assert chains(replace(account, chains=(), retried=0)) is None
+    assert retry_chain_picture(replace(account, retry_chains=(), retried_calls=0)) is None
 
 
 def test_latencies_by_command() -> None:
@@ -56,4 +61,4 @@ def test_latencies_by_command() -> None:
     texts = {trace["name"]: trace["customdata"] for trace in picture["data"] if "customdata" in trace}
     assert texts["median"][-1][0].startswith("Robot_Execute slvMove<br>240 of 240 answered<br>median 7.8")
     assert len(texts["99.9%"]) == 1
-    assert latencies(()) is None
+    assert latency_picture(()) is None

@@ -11,20 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.analysis.distribution import Histogram
+from bcapscope.analysis.statistics.distribution import Histogram
 from bcapscope.render.escape import printable
 from bcapscope.render.report_figure import (
     AMBER,
     BLUE,
     GRAY,
     GREEN,
-    MOST_BARS,
+    MAX_BARS,
     ORANGE,
     PURPLE,
-    bars_of,
-    label,
-    numbers,
-    picture,
+    histogram_bars,
+    make_picture,
+    plotly_label,
+    rounded_numbers,
     script_safe,
 )
 
@@ -49,13 +49,13 @@ def test_colours_are_seen_on_both_grounds(ground: str) -> None:
 
 @given(st.text(max_size=40))
 def test_labels_have_no_markup(text: str) -> None:
-    made = label(text, 1000)
+    made = plotly_label(text, 1000)
     assert "<" not in made
     assert html.unescape(made) == printable(text)
 
 
 def test_long_labels_are_cut_and_say_so() -> None:
-    assert label("&" * 100, 5) == "&amp;" * 4 + "…"
+    assert plotly_label("&" * 100, 5) == "&amp;" * 4 + "…"
 
 
 @given(st.text())
@@ -67,8 +67,8 @@ def test_json_cannot_end_its_script(text: str) -> None:
 
 
 def test_a_picture_is_json() -> None:
-    made = picture(
-        "a", "A", "About.", 200, [{"type": "scatter", "x": [1.0, 2.0], "y": numbers([math.nan, 3])}]
+    made = make_picture(
+        "a", "A", "About.", 200, [{"type": "scatter", "x": [1.0, 2.0], "y": rounded_numbers([math.nan, 3])}]
     )
     read = json.loads(made.json)
     assert read["layout"]["height"] == made.height == 200
@@ -77,11 +77,11 @@ def test_a_picture_is_json() -> None:
 
 def test_what_plotly_does_not_know_is_refused() -> None:
     with pytest.raises(ValueError, match="nonsense"):
-        picture("a", "A", "", 200, [], nonsense=1)
+        make_picture("a", "A", "", 200, [], nonsense=1)
 
 
 def test_numbers_that_are_none_leave_a_gap() -> None:
-    assert numbers([1.23456789, math.nan, math.inf, -math.inf]) == [1.234568, None, None, None]
+    assert rounded_numbers([1.23456789, math.nan, math.inf, -math.inf]) == [1.234568, None, None, None]
 
 
 @given(st.lists(st.floats(0, 1e9), min_size=1, max_size=300))
@@ -90,9 +90,9 @@ def test_bars_hold_every_value(values: list[float]) -> None:
     histogram.add(np.array(values, dtype=np.float64))
     found = histogram.distribution(bins=True)
     assert found is not None
-    bars = bars_of(found.bins, found.least, found.most)
+    bars = histogram_bars(found.bins, found.least, found.most)
     assert sum(bars.counts) == len(values)
-    assert len(bars.counts) <= MOST_BARS + 1
+    assert len(bars.counts) <= MAX_BARS + 1
     assert all(low < high for low, high in zip(bars.lows, bars.highs, strict=True))
     assert bars.lows == sorted(bars.lows)
     assert bars.lows[0] <= max(found.least, found.bins[0].high)
@@ -104,7 +104,7 @@ def test_bars_are_equally_wide() -> None:
     histogram.add(np.array([7.9, 8.0, 8.1, 8.2]))
     found = histogram.distribution(bins=True)
     assert found is not None
-    bars = bars_of(found.bins, found.least, found.most)
+    bars = histogram_bars(found.bins, found.least, found.most)
     widths = {round(high - low, 9) for low, high in zip(bars.lows, bars.highs, strict=True)}
     assert not bars.logarithmic
     assert len(widths) == 1

@@ -9,7 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.render.escape import printable
-from bcapscope.render.report_html import Html, element, escaped, facts, joined, paragraph, table
+from bcapscope.render.report_html import (
+    Html,
+    definition_list,
+    element,
+    escape_html,
+    html_table,
+    join_html,
+    paragraph,
+)
 
 
 class Reader(HTMLParser):
@@ -49,16 +57,16 @@ def test_names_of_attributes() -> None:
 
 
 def test_a_table_has_its_caption_and_sides() -> None:
-    made = table("All <of> it.", ("name", "n"), [[escaped("a&b"), escaped(3)]], "<>")
+    made = html_table("All <of> it.", ("name", "n"), [[escape_html("a&b"), escape_html(3)]], "<>")
     assert "<caption>All &lt;of&gt; it.</caption>" in made
     assert '<th scope="col" class="t">name</th><th scope="col" class="n">n</th>' in made
     assert '<td class="t">a&amp;b</td><td class="n">3</td>' in made
 
 
 def test_facts_are_a_list_of_definitions() -> None:
-    made = facts([("a", escaped("1")), ("b", joined((escaped("<"), Html("<b>2</b>"))))])
+    made = definition_list([("a", escape_html("1")), ("b", join_html((escape_html("<"), Html("<b>2</b>"))))])
     assert made == ("<dl><div><dt>a</dt><dd>1</dd></div><div><dt>b</dt><dd>&lt;<b>2</b></dd></div></dl>")
 
 
 def test_control_characters_become_visible() -> None:
-    assert html.unescape(escaped("\x1b[2J\u202e\n")) == "\\x1b[2J\\u202e\\n"
+    assert html.unescape(escape_html("\x1b[2J\u202e\n")) == "\\x1b[2J\\u202e\\n"

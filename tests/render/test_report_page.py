@@ -89,9 +89,9 @@ def test_hostile_strings_from_anywhere_are_only_shown() -> None:
     account = account_of(CAPTURES / "slave-mode-lost.pcapng")
     finding = Finding("rule", Severity.ERROR, HOSTILE, (1,), None, HOSTILE, HOSTILE)
     hostile = Conversation(Endpoint(HOSTILE, 1), Endpoint(HOSTILE, 2), Transport.UDP, HOSTILE)
-    lanes = tuple(replace(lane, conversation=hostile) for lane in account.lanes)
-    stays = tuple(replace(stay, conversation=hostile) for stay in account.stays)
-    poisoned = replace(account, findings=(finding,), lanes=lanes, stays=stays)
+    lanes = tuple(replace(lane, conversation=hostile) for lane in account.timelines)
+    stays = tuple(replace(stay, conversation=hostile) for stay in account.slave_sessions)
+    poisoned = replace(account, findings=(finding,), timelines=lanes, slave_sessions=stays)
     page = Page(report_page(poisoned, [HOSTILE], HOSTILE, [HOSTILE]))
     clean = page_of("slave-mode-lost.pcapng")
     assert "alert(1)" not in page.source.replace("&lt;script&gt;alert(1)", "").replace(

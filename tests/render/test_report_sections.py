@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bcapscope.analysis.marks import MarkKind
+from bcapscope.analysis.timeline_events import TimelineEventKind
 from bcapscope.render.report_page import report_page
-from bcapscope.render.report_sections import MOST_DRAWN, MOST_ROWS, drawn_stays
+from bcapscope.render.report_sections import MAX_DRAWN, MAX_ROWS, drawn_slave_sessions
 from tests.render.reports import CAPTURES, Page, account_of, page_of
 
 
@@ -30,21 +30,21 @@ def test_a_clean_capture_says_so() -> None:
 def test_holes_in_a_capture_are_told() -> None:
     page = page_of("tcp-gap.pcap")
     assert "198 bytes missing in the capture" in page.text
-    assert MarkKind.MISSING in [trace.get("name") for trace in page.data["timeline-data"]["data"]]
+    assert TimelineEventKind.MISSING in [trace.get("name") for trace in page.data["timeline-data"]["data"]]
 
 
 def test_of_many_stays_the_ones_with_trouble_are_drawn() -> None:
-    (bad,) = account_of(CAPTURES / "slave-mode-lost.pcapng").stays
+    (bad,) = account_of(CAPTURES / "slave-mode-lost.pcapng").slave_sessions
     account = account_of(CAPTURES / "slave-session.pcapng")
-    (good,) = account.stays
+    (good,) = account.slave_sessions
     stays = tuple(replace(bad if number == 50 else good, number=number) for number in range(1, 61))
-    drawn = drawn_stays(stays)
-    assert len(drawn) == MOST_DRAWN
+    drawn = drawn_slave_sessions(stays)
+    assert len(drawn) == MAX_DRAWN
     assert 50 in [stay.number for stay in drawn]
-    page = Page(report_page(replace(account, stays=stays), ["x"], "1"))
-    assert f"The first {MOST_ROWS} of 60 stays in slave mode." in page.text
-    assert f"Pictures follow of the {MOST_DRAWN} with most trouble." in page.text
-    assert len([name for name in page.data if name.startswith("pace-")]) == MOST_DRAWN
+    page = Page(report_page(replace(account, slave_sessions=stays), ["x"], "1"))
+    assert f"The first {MAX_ROWS} of 60 stays in slave mode." in page.text
+    assert f"Pictures follow of the {MAX_DRAWN} with most trouble." in page.text
+    assert len([name for name in page.data if name.startswith("pace-")]) == MAX_DRAWN
 
 
 def test_refusals_have_their_meaning_and_what_to_do() -> None:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from bcapscope.client import Session, open_session, over_link
-from bcapscope.client.paces import PACES
-from bcapscope.client.reach import Reach
-from bcapscope.player.exchanger import BlockingExchanger, run
-from bcapscope.protocol.convention import Convention
-from bcapscope.replay.performance import Performance, Played
-from bcapscope.replay.script import Script, scripts_of
+from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
+from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.replay.replay_script import ReplayScript, scripts_of
+from bcapscope.replay.script_player import PlayedCall, ScriptPlayer
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.server import Answerer
 from bcapscope.simulator.simulator import Simulator
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.simulator.simulator_server import ControllerModel
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
-from bcapscope.transport.clock import run_virtually
-from bcapscope.transport.memory import memory_pair
+from bcapscope.transport.loop_clock import run_in_virtual_time
+from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
 from tests.player.simulated import SimulatedChannel
 
@@ -28,30 +28,30 @@ MINUTE = 60_000_000_000
 Play = Callable[[Session], Awaitable[None]]
 
 
-def talk(play: Play, controller: Answerer, datagrams: bool = True) -> list[Observation]:
+def talk(play: Play, controller: ControllerModel, datagrams: bool = True) -> list[Observation]:
     """Let a client talk to a controller; return all frames."""
     seen: list[Observation] = []
 
     async def speak() -> None:
-        near, far = memory_pair(datagrams=datagrams)
+        near, far = memory_link_pair(datagrams=datagrams)
         Controller(controller).plug("client", far)
         async with open_session(over_link(near), observer=seen.append) as session:
             await play(session)
 
-    run_virtually(speak())
+    run_in_virtual_time(speak())
     return seen
 
 
-def script_of(seen: list[Observation]) -> Script:
+def script_of(seen: list[Observation]) -> ReplayScript:
     """Make a script of what was seen."""
     tracker = Tracker()
     settled = [each for one in seen for each in tracker.observe(one)]
     settled += tracker.close()
-    (script,) = scripts_of(each for each in settled if isinstance(each, Exchange))
+    (script,) = scripts_of(each for each in settled if isinstance(each, Call))
     return script
 
 
-def recorded(play: Play, profile: str = "rc8", datagrams: bool = True) -> Script:
+def recorded(play: Play, profile: str = "rc8", datagrams: bool = True) -> ReplayScript:
     """Record a session with the simulator."""
     return script_of(talk(play, Simulator(PROFILES[profile]), datagrams))
 
@@ -59,9 +59,9 @@ def recorded(play: Play, profile: str = "rc8", datagrams: bool = True) -> Script
 class _Stream:
     """A controller that is reached over TCP, for a channel that knows packets."""
 
-    def __init__(self, controller: Answerer) -> None:
-        controller.connect("player", 0)
-        self.datagram = controller.segment
+    def __init__(self, controller: ControllerModel) -> None:
+        controller.on_connect("player", 0)
+        self.datagram = controller.on_segment
         self.advance = controller.advance
         self.due = controller.due
 
@@ -69,40 +69,40 @@ class _Stream:
 class Wire(SimulatedChannel):
     """A channel to a controller, without delay, that notes what passes."""
 
-    def __init__(self, controller: Answerer, datagrams: bool) -> None:
+    def __init__(self, controller: ControllerModel, datagrams: bool) -> None:
         end = controller if datagrams else _Stream(controller)
         super().__init__(end, delay=0)  # type: ignore[arg-type]  # as much of a simulator as it needs
         self.datagrams = datagrams
 
 
 def perform(
-    script: Script,
-    controller: Answerer,
-    told: Callable[[Played], bool] = lambda played: True,
+    script: ReplayScript,
+    controller: ControllerModel,
+    told: Callable[[PlayedCall], bool] = lambda played: True,
     *,
     longest_pause: int = MINUTE,
     anywhere: bool = False,
     before: Play | None = None,
     datagrams: bool = True,
-) -> tuple[list[Played], Wire]:
+) -> tuple[list[PlayedCall], Wire]:
     """Play a script to a controller; return what came of each call, and the channel."""
-    heard: list[Played] = []
+    heard: list[PlayedCall] = []
     wire = Wire(controller, datagrams)
 
-    def hear(played: Played) -> bool:
+    def hear(played: PlayedCall) -> bool:
         heard.append(played)
         return told(played)
 
     async def play() -> None:
-        convention = Convention.SEED if datagrams else Convention.TCP0
-        session = Session(BlockingExchanger(wire, convention), PACES)
+        convention = ReservedConvention.SEED if datagrams else ReservedConvention.TCP0
+        session = Session(BlockingCaller(wire, convention), DEFAULT_RETRY_POLICIES)
         try:
             if before is not None:
                 await before(session)
-            reach = Reach(session, "", CONNECT, {})
-            await Performance(script, reach, wire, longest_pause, anywhere).play(hear)
+            reach = ObjectOpener(session, "", CONNECT, {})
+            await ScriptPlayer(script, reach, wire, longest_pause, anywhere).play(hear)
         finally:
             await session.close()
 
-    run(play())
+    run_blocking(play())
     return heard, wire

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.functions import FUNCTIONS
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.function_table import FUNCTIONS
 from tests.samples.files import Packet
 from tests.samples.wire import Host, ethernet, udp
 
@@ -25,12 +25,12 @@ _IDS = {function.name: function.id for function in FUNCTIONS.values()}
 
 def request(serial: int, reserved: int, function: str, *arguments: Variant) -> bytes:
     """Return the bytes of a request."""
-    return encode(serial, reserved, _IDS[function], arguments)
+    return encode_frame(serial, reserved, _IDS[function], arguments)
 
 
 def reply(serial: int, reserved: int, *arguments: Variant, hresult: int = 0) -> bytes:
     """Return the bytes of a reply."""
-    return encode(serial, reserved, hresult, arguments)
+    return encode_frame(serial, reserved, hresult, arguments)
 
 
 def i2(value: int) -> Variant:

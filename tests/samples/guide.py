@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bcapscope.protocol.variant import Variant
+from bcapscope.protocol.codec.variant import Variant
 from tests.samples.calls import (
     CLIENT,
     MS,

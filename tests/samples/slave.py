@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from bcapscope.protocol.variant import EMPTY, Variant
+from bcapscope.protocol.codec.variant import EMPTY, Variant
 from tests.samples.calls import (
     MS,
     S_EXECUTING,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from tests.samples.calls import (
     CLIENT,
     MS,

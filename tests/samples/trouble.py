@@ -6,8 +6,8 @@ import math
 import struct
 import zlib
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant, encode_argument
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant, encode_argument
 from tests.samples.calls import (
     CLIENT,
     MS,
@@ -165,7 +165,7 @@ def _broken_frames() -> list[tuple[str, bytes]]:
         ("argument length too large", _with(30, 1, b"\x40" + handle[1:])),
         ("element count 7 of a scalar", _with(31, 1, _argument(3, 7, bytes(4)))),
         ("60 VARIANT arrays inside one another", _with(32, 1, _argument(VT.VARIANT | ARRAY, 1, nested))),
-        ("function 200, which does not exist", encode(33, 33, 200, (_ROBOT,))),
+        ("function 200, which does not exist", encode_frame(33, 33, 200, (_ROBOT,))),
         ("two frames in one datagram", stop + request(34, 34, "Service_Stop")),
         ("bytes behind the frame", stop + b"\xde\xad\xbe\xef"),
         ("compressed, and says it unpacks to 4 GB", _compressed(handle)),

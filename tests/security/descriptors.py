@@ -10,14 +10,14 @@ import sys
 import time
 from contextlib import ExitStack
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.cli.proxying import simulator
 from tests.security.connections import BUSIEST
 from tests.security.harness import HALT_LIMIT, PATIENCE, Outcome, attacker, proxied, under_attack
 
-_START = encode(1, 0, 1, (Variant(VT.BSTR, ""),))
-_HALT = encode(2, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+_START = encode_frame(1, 0, 1, (Variant(VT.BSTR, ""),))
+_HALT = encode_frame(2, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
 _RENEWED_EACH = 0.01
 
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 
-from bcapscope.protocol.content import LARGEST_UNPACKED
+from bcapscope.protocol.codec.frame_content import LARGEST_UNPACKED
 from tests.cli.proxying import Process, proxy, simulator
 from tests.security.bombs import (
     ARRAY,

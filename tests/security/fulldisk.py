@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bcapscope.cli.exits import Exit
+from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.proxying import simulator
 from tests.security.harness import Outcome, attacker, proxied, run_measured, under_attack
 
@@ -47,9 +47,9 @@ def withstand(kilobytes: int, seconds: float) -> list[Outcome]:
     """Fill small disks; return the figures."""
     outcomes = []
     for name, ring, code in (
-        ("proxy --record", (), Exit.UNWRITABLE),
-        ("proxy --record --ring", ("--ring", f"20x{kilobytes}kB"), Exit.OK),
-        ("sim --record", (), Exit.UNWRITABLE),
+        ("proxy --record", (), ExitCode.UNWRITABLE),
+        ("proxy --record --ring", ("--ring", f"20x{kilobytes}kB"), ExitCode.OK),
+        ("sim --record", (), ExitCode.UNWRITABLE),
     ):
         with tempfile.TemporaryDirectory() as folder, small_disk(Path(folder), kilobytes) as disk:
             words = ("--record", str(disk / "r.pcapng"), *ring)
@@ -73,7 +73,7 @@ def _check_files(disk: Path) -> None:
     assert files
     for path in files[-1:]:
         ended = run_measured(["decode", path])
-        assert ended.code == Exit.OK, ended.err
+        assert ended.code == ExitCode.OK, ended.err
         assert ended.out
 
 

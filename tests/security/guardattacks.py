@@ -17,9 +17,9 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import NamedTuple
 
 from bcapscope.client import Blocking, connect, over_tcp
-from bcapscope.protocol.frame import Frame, encode, parse_datagram
-from bcapscope.protocol.functions import ID
-from bcapscope.protocol.variant import VT, Value, Variant
+from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
+from bcapscope.protocol.codec.variant import VT, Value, Variant
+from bcapscope.protocol.tables.function_table import ID
 from tests.cli.proxying import Process, proxy, simulator
 from tests.proxy.evasions import Ends, evasion
 from tests.security.harness import PATIENCE, TRANSPORTS, Outcome, under_attack
@@ -93,7 +93,7 @@ class Attacker:
         first = self._serial + 1
         for _ in range(20 if self._is_udp else 1):
             self._serial += 1
-            self._socket.send(encode(self._serial, 0, ID[name], arguments))
+            self._socket.send(encode_frame(self._serial, 0, ID[name], arguments))
             with suppress(TimeoutError, ConnectionRefusedError):
                 while True:
                     data = self._socket.recv(65536)

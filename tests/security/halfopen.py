@@ -11,13 +11,13 @@ import time
 from collections import deque
 from contextlib import suppress
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.cli.proxying import simulator
 from tests.security.connections import BUSIEST
 from tests.security.harness import Outcome, allow_descriptors, attacker, proxied, under_attack
 
-_START = encode(1, 0, 1, (Variant(VT.BSTR, ""),))
+_START = encode_frame(1, 0, 1, (Variant(VT.BSTR, ""),))
 _DAMAGED = _START[:-1] + b"\x05"
 _RESERVED = 50
 _RENEWED_EACH = 0.002

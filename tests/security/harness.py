@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import IO
 
 from bcapscope.client import Blocking, connect, over_tcp, over_udp
-from bcapscope.protocol.frame import encode, parse_datagram
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame, parse_datagram
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.cli.proxying import Process, proxy, simulator
 
 MEMORY_LIMIT = 300.0
@@ -125,7 +125,7 @@ def halt_delay(port: int, transport: str) -> float:
 
 
 def _is_halt_answered(port: int, transport: str) -> bool:
-    request = encode(1, 0, _ROBOT_HALT, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    request = encode_frame(1, 0, _ROBOT_HALT, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
     kind = socket.SOCK_STREAM if transport == "tcp" else socket.SOCK_DGRAM
     until = time.perf_counter() + PATIENCE
     with socket.socket(socket.AF_INET, kind) as client:

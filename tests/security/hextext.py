@@ -11,13 +11,15 @@ from collections.abc import Iterator
 from itertools import repeat
 from pathlib import Path
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.security.harness import MEMORY_LIMIT, Ended, run_measured
 
 MEGABYTE = 1 << 20
 _UNREADABLE = 4
-_FRAME = encode(1, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove"), Variant.array(VT.R8, (0.5,) * 8)))
+_FRAME = encode_frame(
+    1, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove"), Variant.array(VT.R8, (0.5,) * 8))
+)
 
 
 def _lines(line: str, size: int) -> Iterator[bytes]:

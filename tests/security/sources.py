@@ -9,13 +9,13 @@ import socket
 import sys
 import time
 
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.cli.proxying import simulator
 from tests.security.connections import BUSIEST
 from tests.security.harness import Outcome, attacker, proxied, under_attack
 
-_START = encode(1, 0, 1, (Variant(VT.BSTR, ""),))
+_START = encode_frame(1, 0, 1, (Variant(VT.BSTR, ""),))
 
 
 def attack(port: int, pause_us: int) -> None:

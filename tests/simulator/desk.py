@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.functions import function_by_name
-from bcapscope.protocol.hresult import S_EXECUTING
-from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
-from bcapscope.simulator.machine import Machine, Start
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant
+from bcapscope.protocol.tables.function_table import function_by_name
+from bcapscope.protocol.tables.hresult import S_EXECUTING
+from bcapscope.simulator.argument_values import bstr, float_array, i4
+from bcapscope.simulator.machine import InitialState, Machine
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
-from bcapscope.simulator.server import Answerer
-from bcapscope.simulator.simulator import Output, Simulator
-from bcapscope.simulator.stage import Stage
-from bcapscope.simulator.values import bstr, i4, row
+from bcapscope.simulator.scenario_runner import ScenarioRunner
+from bcapscope.simulator.simulator import Simulator, SimulatorOutput
+from bcapscope.simulator.simulator_server import ControllerModel
 
 MS = 1_000_000
 
@@ -33,9 +33,9 @@ class Reply(NamedTuple):
 class Desk:
     """A controller and its time."""
 
-    def __init__(self, profile: str = "rc8", start: Start | None = None) -> None:
+    def __init__(self, profile: str = "rc8", start: InitialState | None = None) -> None:
         self.simulator = Simulator(PROFILES[profile], start)
-        self.stage: Stage | None = None
+        self.stage: ScenarioRunner | None = None
         self.news: list[str] = []
         self.now = 0
 
@@ -44,12 +44,12 @@ class Desk:
         """Make a desk at which a scenario is played."""
         played = read_scenario(scenario)
         desk = cls()
-        desk.simulator = Simulator(played.controller, played.beginning())
-        desk.stage = Stage(played, desk.simulator, 0, news=desk.news.append)
+        desk.simulator = Simulator(played.controller_profile, played.initial_state())
+        desk.stage = ScenarioRunner(played, desk.simulator, 0, on_news=desk.news.append)
         return desk
 
     @property
-    def answerer(self) -> Answerer:
+    def answerer(self) -> ControllerModel:
         """What clients talk to."""
         return self.stage or self.simulator
 
@@ -58,7 +58,7 @@ class Desk:
         """The controller."""
         return self.simulator.machine
 
-    def wait(self, ms: float) -> list[Output]:
+    def wait(self, ms: float) -> list[SimulatorOutput]:
         """Let time pass as a server would: stop whenever something is due."""
         end, outputs = self.now + round(ms * MS), []
         while (due := self.answerer.due(self.now)) is not None and due <= end:
@@ -77,16 +77,20 @@ class Person:
         self.serial = 0
         self.tcp = tcp
         if tcp:
-            assert desk.answerer.connect(name, desk.now)
+            assert desk.answerer.on_connect(name, desk.now)
 
-    def send(self, function: str, *arguments: Variant) -> list[Output]:
+    def send(self, function: str, *arguments: Variant) -> list[SimulatorOutput]:
         """Send a request and return what comes at once."""
         self.serial += 1
         found = function_by_name(function)
         assert found is not None
-        raw = encode(self.serial, 0, found.id, arguments)
+        raw = encode_frame(self.serial, 0, found.id, arguments)
         simulator, now = self.desk.answerer, self.desk.now
-        return simulator.segment(self.name, raw, now) if self.tcp else simulator.datagram(self.name, raw, now)
+        return (
+            simulator.on_segment(self.name, raw, now)
+            if self.tcp
+            else simulator.on_datagram(self.name, raw, now)
+        )
 
     def call(self, function: str, *arguments: Variant, patience: float = 20_000) -> Reply:
         """Send a request and wait for its reply."""
@@ -183,7 +187,7 @@ class Operator(Person):
 
     def point(self, *values: float) -> Reply:
         """Send a set point."""
-        return self.robot("slvMove", row(VT.R8, values))
+        return self.robot("slvMove", float_array(VT.R8, values))
 
 
 def ints(*numbers: int) -> Variant:

@@ -6,13 +6,13 @@ import re
 from math import isclose
 
 from bcapscope.faults.document import read_document
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.functions import function_by_name
-from bcapscope.protocol.hresult import S_EXECUTING
-from bcapscope.protocol.notation import parse
-from bcapscope.protocol.variant import ARRAY, VT, Value, Variant
-from bcapscope.simulator.event import AnyEvent
-from bcapscope.simulator.simulator import Output
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
+from bcapscope.protocol.codec.variant_notation import parse_variant
+from bcapscope.protocol.tables.function_table import function_by_name
+from bcapscope.protocol.tables.hresult import S_EXECUTING
+from bcapscope.simulator.scenario_event import AnyEvent
+from bcapscope.simulator.simulator import SimulatorOutput
 from tests.simulator.desk import MS, Desk
 from tests.simulator.playbook import Playbook, Step, arguments, first_names
 
@@ -46,7 +46,7 @@ class Speaker:
         """Make an attempt of the call whose first attempt had the serial `first`."""
         retried = self.serial != first
         previous = {"own": first, "seed": first * retried, "chain": (self.serial - 1) * retried, "zero": 0}
-        return encode(self.serial, previous[self.convention], function_id, values)
+        return encode_frame(self.serial, previous[self.convention], function_id, values)
 
     def reply(self) -> Frame | None:
         """Take the reply to the request that was sent last; S_EXECUTING and late replies are skipped."""
@@ -68,7 +68,7 @@ class Performance:
     def connect(self) -> None:
         """Connect the clients that use TCP."""
         for name, speaker in self.speakers.items():
-            assert not speaker.tcp or self.desk.answerer.connect(name, self.desk.now)
+            assert not speaker.tcp or self.desk.answerer.on_connect(name, self.desk.now)
 
     def play(self, step: Step) -> None:
         """Do one step.
@@ -82,7 +82,7 @@ class Performance:
             self.deliver(self.desk.wait(float(number)))
         elif step.subject == "controller":
             event: AnyEvent = read_document(step.words[0], AnyEvent)  # type: ignore[arg-type]  # a union
-            self.deliver(event.happen(self.desk.simulator, self.desk.now))
+            self.deliver(event.apply(self.desk.simulator, self.desk.now))
         else:
             for repetition in range(step.times):
                 self._speak(step, repetition)
@@ -121,11 +121,13 @@ class Performance:
                 self.deliver(self.desk.wait(TIMEOUT))
                 speaker.inbox.clear()
 
-    def transmit(self, name: str, raw: bytes) -> list[Output]:
+    def transmit(self, name: str, raw: bytes) -> list[SimulatorOutput]:
         """Send a request of a client to the controller; return what is to be delivered."""
         answerer, now = self.desk.answerer, self.desk.now
         return (
-            answerer.segment(name, raw, now) if self.speakers[name].tcp else answerer.datagram(name, raw, now)
+            answerer.on_segment(name, raw, now)
+            if self.speakers[name].tcp
+            else answerer.on_datagram(name, raw, now)
         )
 
     def _wait(self, speaker: Speaker, step: Step) -> Frame:
@@ -138,7 +140,7 @@ class Performance:
             self.deliver(self.desk.answerer.advance(self.desk.now))
         return frame
 
-    def deliver(self, outputs: list[Output]) -> None:
+    def deliver(self, outputs: list[SimulatorOutput]) -> None:
         """Bring the clients what the controller sends."""
         for peer, data in outputs:
             self.speakers[str(peer)].inbox.append(Frame(data))
@@ -167,7 +169,7 @@ class Performance:
         if token.startswith('"'):
             return (value.vt, value.value) == (VT.BSTR, token.strip('"'))
         shape = _SHAPE.fullmatch(token)
-        return _has_shape(value, shape) if shape else _equals(value, parse(token))
+        return _has_shape(value, shape) if shape else _equals(value, parse_variant(token))
 
 
 def _has_shape(value: Variant, shape: re.Match[str]) -> bool:

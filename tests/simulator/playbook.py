@@ -16,7 +16,7 @@ one before, and `#` begins a comment. ``profiles:`` names the profiles that the 
     controller: {action: emergency-stop}    an event, as in a scenario
 
 Arguments: ``"text"`` is VT_BSTR, ``-`` is EMPTY, ``$name`` is a value that an earlier reply was stored under,
-``( a b )`` is an array of VARIANT. All else is read by `bcapscope.protocol.notation.parse`. ``{a+bn}`` is a
+``( a b )`` is an array of VARIANT. All else is read by `bcapscope.protocol.codec.variant_notation.parse_variant`. ``{a+bn}`` is a
 number that grows with each repetition n = 0, 1, 2, ...
 
 Replies: ``none`` is no argument, ``EMPTY`` is one EMPTY, ``$name`` stores an I4. Eight hexadecimal digits are
@@ -33,10 +33,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from bcapscope.protocol.notation import parse
-from bcapscope.protocol.variant import EMPTY, Variant
+from bcapscope.protocol.codec.variant import EMPTY, Variant
+from bcapscope.protocol.codec.variant_notation import parse_variant
+from bcapscope.simulator.argument_values import bstr, variant_array
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.values import bstr, variants
 
 FOLDER = Path(__file__).parent / "playbooks"
 
@@ -174,7 +174,7 @@ def arguments(words: Sequence[str], names: dict[str, Variant], repetition: int) 
         if word == "(":
             stack.append([])
         elif word == ")":
-            made = variants(*stack.pop())
+            made = variant_array(*stack.pop())
             stack[-1].append(made)
         else:
             stack[-1].append(_argument(word, names, repetition))
@@ -189,7 +189,9 @@ def _argument(word: str, names: dict[str, Variant], repetition: int) -> Variant:
         return names[word]
     if word == "-":
         return EMPTY
-    return parse(_GROWING.sub(lambda match: repr(float(match[1]) + float(match[2]) * repetition), word))
+    return parse_variant(
+        _GROWING.sub(lambda match: repr(float(match[1]) + float(match[2]) * repetition), word)
+    )
 
 
 def first_names(profile: str) -> dict[str, Variant]:

@@ -12,14 +12,14 @@ from math import cos, pi
 from typing import Any, TypeAlias
 
 from bcapscope.client import connect
-from bcapscope.client.objects import Controller, Robot
+from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.service import Service
-from bcapscope.client.session import Opener
-from bcapscope.errors import ControllerError, ExchangeTimeout
-from bcapscope.protocol.slavemode import Generation, slave_mode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.client.session import LinkOpener
+from bcapscope.errors import CallTimeout, ControllerError
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
 from bcapscope.simulator.profile import Profile
-from bcapscope.simulator.scenario import Client, Session
+from bcapscope.simulator.scenario import ClientProgram, ScenarioClient
 
 FIRST = (5.0, 0.0, 90.0, 0.0, 90.0, 0.0)
 POINTS = 150
@@ -27,34 +27,34 @@ PERIOD = 0.008
 GIVES_UP_AFTER = 3
 """Set points refused one after the other."""
 
-Reach: TypeAlias = Callable[[str], Opener]
+Reach: TypeAlias = Callable[[str], LinkOpener]
 """Gives the way to the controller for a client of a name."""
 
 
-async def play(client: Client, profile: Profile, reach: Reach) -> None:
+async def play(client: ScenarioClient, profile: Profile, reach: Reach) -> None:
     """Be the client of a scenario."""
 
     async def act(service: Service) -> None:
-        if client.session is Session.CALLS:
+        if client.session is ClientProgram.CALLS:
             await _calls(service, profile)
-        elif client.session is Session.MOTION:
+        elif client.session is ClientProgram.MOTION:
             await _motion(service, profile)
         else:
             await _slave(service, client, profile)
 
     first = _with_service(reach("first"), client.options, act)
-    if client.session is Session.GRIPPER:
+    if client.session is ClientProgram.GRIPPER:
         await asyncio.gather(first, _with_service(reach("second"), client.options, _grip))
     else:
         await first
 
 
-async def _with_service(opener: Opener, options: str, act: Callable[[Service], Awaitable[None]]) -> None:
+async def _with_service(opener: LinkOpener, options: str, act: Callable[[Service], Awaitable[None]]) -> None:
     """Start a service session, act in it, and end it; a controller that is not there ends all."""
     try:
         async with connect(opener, options) as service:
             await act(service)
-    except (ControllerError, ExchangeTimeout, ConnectionError):
+    except (ControllerError, CallTimeout, ConnectionError):
         pass
 
 
@@ -62,7 +62,7 @@ async def _try(step: Awaitable[Any]) -> Any:
     """Do something; None where it is refused or not answered."""
     try:
         return await step
-    except (ControllerError, ExchangeTimeout):
+    except (ControllerError, CallTimeout):
         return None
 
 
@@ -103,10 +103,10 @@ async def _motion(service: Service, profile: Profile) -> None:
     await _done(robot, profile)
 
 
-async def _slave(service: Service, client: Client, profile: Profile) -> None:
+async def _slave(service: Service, client: ScenarioClient, profile: Profile) -> None:
     controller, robot = await _open(service, profile)
     await _ready(controller, robot, profile)
-    passing = "@P" if client.session is Session.PASSING else "@E"
+    passing = "@P" if client.session is ClientProgram.PASSING else "@E"
     await _try(robot.move(1, f"{passing} J({','.join(map(str, FIRST))})"))
     if profile.generation is Generation.RC8:
         await _try(robot.execute("slvSendFormat", 0))
@@ -122,20 +122,20 @@ async def _slave(service: Service, client: Client, profile: Profile) -> None:
     await _done(robot, profile)
 
 
-async def _stream(robot: Robot, client: Client, profile: Profile) -> bool:
+async def _stream(robot: Robot, client: ScenarioClient, profile: Profile) -> bool:
     """Send the set points; return whether none of the last was refused."""
-    mode = slave_mode(client.mode, profile.generation)
+    mode = slave_mode_by_number(client.mode, profile.generation)
     assert mode is not None
     loop = asyncio.get_running_loop()
     began, refused = loop.time(), 0
     for number in range(POINTS):
         due = began + max(0, number - 1) * PERIOD  # two at once, as the first of them is taken at once
-        if not mode.paces and due > loop.time():
+        if not mode.paces_client and due > loop.time():
             await asyncio.sleep(due - loop.time())
         try:
             await robot.slv_move(_point(number, profile))
             refused = 0
-        except ExchangeTimeout:
+        except CallTimeout:
             continue
         except ControllerError:
             refused += 1

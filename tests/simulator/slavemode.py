@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.variant import Variant
-from bcapscope.simulator.values import i4
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.simulator.argument_values import i4
 from tests.simulator.desk import Desk, Operator
 
 HOME = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0)

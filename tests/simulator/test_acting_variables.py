@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.hresult import E_INVALIDARG
-from bcapscope.protocol.variant import EMPTY, VT, Variant
-from bcapscope.simulator.machine import Start
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.hresult import E_INVALIDARG
+from bcapscope.simulator.argument_values import bstr, i4
+from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.values import bstr, i4
 from tests.simulator.desk import Desk, Operator, ints
 
 
@@ -53,13 +53,13 @@ def test_a_motion_ends_when_servo_on_is_written_false() -> None:
 @pytest.mark.parametrize(
     ("start", "result"),
     [
-        (Start(emergency=True), 0x8150101A),
-        (Start(errors=(0x84201482,)), 0x81501025),
-        (Start(mode=1), 0x81501017),
-        (Start(token=False), 0x83501028),
+        (InitialState(emergency=True), 0x8150101A),
+        (InitialState(errors=(0x84201482,)), 0x81501025),
+        (InitialState(mode=1), 0x81501017),
+        (InitialState(token=False), 0x83501028),
     ],
 )
-def test_servo_on_is_refused_as_the_motor_command_is(start: Start, result: int) -> None:
+def test_servo_on_is_refused_as_the_motor_command_is(start: InitialState, result: int) -> None:
     operator = Operator(Desk("rc8", start))
     variable = servo(operator)
     written = operator.call("Variable_PutValue", variable, Variant(VT.BOOL, True))

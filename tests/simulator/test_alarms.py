@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from bcapscope.simulator.values import i4
+from bcapscope.simulator.argument_values import i4
 from tests.simulator.desk import Desk, Operator
 
 
 def test_errors_are_told_until_they_are_cleared() -> None:
     operator = Operator(Desk())
-    operator.desk.machine.fail(0x84204051, operator.desk.now)
+    operator.desk.machine.raise_error(0x84204051, operator.desk.now)
     assert operator.read("@ERROR_CODE").value == 0x84204051 - (1 << 32)
     assert operator.command("GetCurErrorCount").value == 1
     info = operator.command("GetCurErrorInfo", i4(0)).value

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.functions import FUNCTIONS
-from bcapscope.protocol.variant import EMPTY, Variant
-from bcapscope.simulator.machine import Start
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import EMPTY, Variant
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.simulator.argument_values import bstr, i4, r4, r8
+from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
-from bcapscope.simulator.values import bstr, i4, r4, r8
 from tests.simulator.desk import MS, Desk, Operator
 from tests.strategies import variants
 
@@ -43,8 +43,8 @@ def test_a_client_has_a_thousand_objects(operator: Operator) -> None:
 
 @pytest.mark.parametrize("function_id", [0, 138, 200, 0x80000000, 0xFFFFFFFF])
 def test_ids_outside(desk: Desk, function_id: int) -> None:
-    reply = desk.simulator.datagram("a", encode(1, 0, function_id), 0)
-    assert reply[0].data == encode(1, 0, E_INVALIDARG)
+    reply = desk.simulator.on_datagram("a", encode_frame(1, 0, function_id), 0)
+    assert reply[0].data == encode_frame(1, 0, E_INVALIDARG)
 
 
 @pytest.mark.parametrize("function_id", [each for each in FUNCTIONS if each not in (1, 2, 4)])
@@ -63,7 +63,7 @@ def test_every_function_answers_one_argument_or_none(function_id: int) -> None:
 
 
 def test_s_executing_comes_each_wdt_while_a_call_runs() -> None:
-    desk = Desk("cserver", Start(motor=True))
+    desk = Desk("cserver", InitialState(motor=True))
     operator = Operator(desk, options=",WDT=80")
     operator.robot("TakeArm")
     operator.robot("ExtSpeed", r8(10))
@@ -73,7 +73,7 @@ def test_s_executing_comes_each_wdt_while_a_call_runs() -> None:
 
 
 def test_a_stuck_call_is_never_answered_and_makes_the_client_busy() -> None:
-    desk = Desk("cserver", Start(motor=True))
+    desk = Desk("cserver", InitialState(motor=True))
     operator = Operator(desk, options=",WDT=80,InvokeTimeout=200")
     operator.robot("TakeArm")
     operator.robot("ExtSpeed", r8(1))
@@ -86,7 +86,7 @@ def test_a_stuck_call_is_never_answered_and_makes_the_client_busy() -> None:
 
 
 def test_calls_of_one_client_wait_for_each_other() -> None:
-    desk = Desk("rc8", Start(motor=True))
+    desk = Desk("rc8", InitialState(motor=True))
     operator = Operator(desk, tcp=True)
     operator.robot("TakeArm")
     operator.send("Robot_Move", operator.arm, i4(1), bstr("@E J(10,0,90,0,90,0)"), bstr(""))
@@ -98,13 +98,13 @@ def test_calls_of_one_client_wait_for_each_other() -> None:
 def test_a_retry_is_answered_and_not_run_again() -> None:
     desk = Desk("rc7")
     operator = Operator(desk)
-    count = len(desk.simulator._links["client"].conversation.client.objects)
+    count = len(desk.simulator._links["client"].executor.session.objects)
     content = (9, [operator.controller, bstr("I2"), bstr("")])
-    first = desk.simulator.datagram("client", encode(100, 0, *content), desk.now)[0].data
-    again = desk.simulator.datagram("client", encode(101, 100, *content), desk.now)[0].data
+    first = desk.simulator.on_datagram("client", encode_frame(100, 0, *content), desk.now)[0].data
+    again = desk.simulator.on_datagram("client", encode_frame(101, 100, *content), desk.now)[0].data
     assert Frame(first).arguments == Frame(again).arguments
     assert (Frame(again).serial, Frame(again).reserved) == (101, 100)
-    assert len(desk.simulator._links["client"].conversation.client.objects) == count + 1
+    assert len(desk.simulator._links["client"].executor.session.objects) == count + 1
 
 
 def test_what_a_datagram_cannot_carry_is_refused() -> None:
@@ -117,27 +117,27 @@ def test_what_a_datagram_cannot_carry_is_refused() -> None:
 
 def test_reserved_is_echoed_by_rc7_only() -> None:
     for name, reserved in (("rc7", 7), ("rc8", 0)):
-        outputs = Desk(name).simulator.datagram("a", encode(7, 7, 1, [bstr("")]), 0)
+        outputs = Desk(name).simulator.on_datagram("a", encode_frame(7, 7, 1, [bstr("")]), 0)
         assert Frame(outputs[0].data).reserved == reserved
 
 
 def test_defects_of_the_c_server_are_its_own() -> None:
     for name, result in (("cserver", 0), ("rc8", E_INVALIDARG)):
-        outputs = Desk(name).simulator.datagram("a", encode(0, 0, 200), 0)
+        outputs = Desk(name).simulator.on_datagram("a", encode_frame(0, 0, 200), 0)
         assert Frame(outputs[0].data).code == result
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 140), st.lists(variants(), max_size=4)), max_size=12))
 def test_any_request_gets_one_answer_at_most(requests: list[tuple[int, list[Variant]]]) -> None:
-    desk = Desk("rc8", Start(motor=True))
+    desk = Desk("rc8", InitialState(motor=True))
     operator = Operator(desk, tcp=True)
     operator.robot("TakeArm")
     for function_id, arguments in requests:
         filled = [operator.controller if function_id < 26 else operator.arm, *arguments]
         operator.serial += 1
-        raw = encode(operator.serial, 0, function_id, filled)
-        outputs = desk.simulator.segment("client", raw, desk.now) + desk.wait(60_000)
+        raw = encode_frame(operator.serial, 0, function_id, filled)
+        outputs = desk.simulator.on_segment("client", raw, desk.now) + desk.wait(60_000)
         assert len([each for each in outputs if each.data]) <= 1
         if any(not each.data for each in outputs):
             return
@@ -147,8 +147,8 @@ def test_any_request_gets_one_answer_at_most(requests: list[tuple[int, list[Vari
 @given(st.lists(st.binary(max_size=80), max_size=10))
 def test_any_bytes_are_taken(chunks: list[bytes]) -> None:
     simulator = Simulator(PROFILES["rc7"])
-    simulator.connect("a", 0)
+    simulator.on_connect("a", 0)
     for number, chunk in enumerate(chunks):
-        simulator.segment("a", chunk, number * MS)
-        simulator.datagram("b", chunk, number * MS)
-        simulator.datagram("b", b"\x01" + (len(chunk) + 5).to_bytes(4, "little") + chunk, number * MS)
+        simulator.on_segment("a", chunk, number * MS)
+        simulator.on_datagram("b", chunk, number * MS)
+        simulator.on_datagram("b", b"\x01" + (len(chunk) + 5).to_bytes(4, "little") + chunk, number * MS)

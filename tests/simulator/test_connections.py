@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame, encode, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, encode_frame, parse_datagram
+from bcapscope.simulator.argument_values import bstr, i4
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import FORGOTTEN_AFTER, KEPT, MOST_CLIENTS, Simulator
-from bcapscope.simulator.values import bstr, i4
+from bcapscope.simulator.simulator import EVICTABLE_AFTER_NS, MAX_CLIENTS, STOP_CLIENTS, Simulator
 from tests.simulator.desk import Desk, Operator, Person
 
-START = encode(1, 0, 1, [bstr("")])
+START = encode_frame(1, 0, 1, [bstr("")])
 E_INVALIDARG = 0x80070057
 
 
@@ -66,49 +66,51 @@ def test_a_name_is_in_use_as_long_as_any_client_has_it() -> None:
     assert second.call("Controller_Connect", bstr("CELL"), *names[1:]).hresult == 0x80000205
     assert second.call("Controller_Connect", *names[:3], bstr("@IfNotMember")).hresult == 0
     assert second.call("Service_Stop").hresult == 0
-    desk.simulator.disconnect("first", desk.now)
+    desk.simulator.on_disconnect("first", desk.now)
     second.call("Service_Start", bstr(""))
     assert second.call("Controller_Connect", *names).hresult == 0
 
 
 @pytest.mark.parametrize("data", [b"", b"\x01", b"\x01\xff\xff\xff\xff" + bytes(20), b"x" * 600])
 def test_a_bad_datagram_is_dropped_and_counted(desk: Desk, data: bytes) -> None:
-    assert desk.simulator.datagram("a", data, 0) == []
-    assert (desk.simulator.dropped, desk.simulator.clients) == (1, 0)
+    assert desk.simulator.on_datagram("a", data, 0) == []
+    assert (desk.simulator.dropped, desk.simulator.client_count) == (1, 0)
 
 
 def test_a_bad_frame_ends_a_connection_without_reply(desk: Desk) -> None:
-    assert desk.simulator.connect("a", 0)
-    outputs = desk.simulator.segment("a", encode(1, 0, 1, [bstr("")])[:-1] + b"\x05" + b"\x01" * 40, 0)
+    assert desk.simulator.on_connect("a", 0)
+    outputs = desk.simulator.on_segment(
+        "a", encode_frame(1, 0, 1, [bstr("")])[:-1] + b"\x05" + b"\x01" * 40, 0
+    )
     assert outputs == [("a", b"")]
-    assert desk.simulator.clients == 0
+    assert desk.simulator.client_count == 0
 
 
 def test_twenty_clients_of_each_kind() -> None:
     simulator = Desk().simulator
-    request = encode(1, 0, 1, [bstr("")])
-    for number in range(MOST_CLIENTS):
-        assert simulator.connect(("tcp", number), 0)
-        assert simulator.datagram(("udp", number), request, number)
-    assert not simulator.connect("one more", 0)
-    assert simulator.datagram("one more", request, FORGOTTEN_AFTER - 1) == []
-    assert simulator.datagram("one more", request, FORGOTTEN_AFTER)
-    assert simulator.datagram("another", request, FORGOTTEN_AFTER) == []
+    request = encode_frame(1, 0, 1, [bstr("")])
+    for number in range(MAX_CLIENTS):
+        assert simulator.on_connect(("tcp", number), 0)
+        assert simulator.on_datagram(("udp", number), request, number)
+    assert not simulator.on_connect("one more", 0)
+    assert simulator.on_datagram("one more", request, EVICTABLE_AFTER_NS - 1) == []
+    assert simulator.on_datagram("one more", request, EVICTABLE_AFTER_NS)
+    assert simulator.on_datagram("another", request, EVICTABLE_AFTER_NS) == []
 
 
 def test_stops_find_a_place_when_all_are_taken_and_others_keep_theirs() -> None:
     simulator = Desk().simulator
-    request, halt = encode(1, 0, 1, [bstr("")]), encode(1, 0, 70, [i4(1), bstr("")])
-    for number in range(MOST_CLIENTS):
-        assert simulator.connect(("tcp", number), 0)
-        assert simulator.datagram(("udp", number), request, 0)
-    for number in range(3 * KEPT):
-        assert simulator.datagram(("stop", number), halt, 1)
-        assert simulator.connect(("stop, TCP", number), 1, is_stop=True) is (number < KEPT)
-        assert simulator.clients <= 2 * (MOST_CLIENTS + KEPT)
-    assert simulator.datagram("one more", request, 1) == []
-    for number in range(MOST_CLIENTS):
-        assert simulator.datagram(("udp", number), halt, 1)
+    request, halt = encode_frame(1, 0, 1, [bstr("")]), encode_frame(1, 0, 70, [i4(1), bstr("")])
+    for number in range(MAX_CLIENTS):
+        assert simulator.on_connect(("tcp", number), 0)
+        assert simulator.on_datagram(("udp", number), request, 0)
+    for number in range(3 * STOP_CLIENTS):
+        assert simulator.on_datagram(("stop", number), halt, 1)
+        assert simulator.on_connect(("stop, TCP", number), 1, is_stop=True) is (number < STOP_CLIENTS)
+        assert simulator.client_count <= 2 * (MAX_CLIENTS + STOP_CLIENTS)
+    assert simulator.on_datagram("one more", request, 1) == []
+    for number in range(MAX_CLIENTS):
+        assert simulator.on_datagram(("udp", number), halt, 1)
 
 
 def test_reset_lets_go_of_all() -> None:
@@ -127,7 +129,7 @@ def test_reset_lets_go_of_all() -> None:
 )
 def test_a_datagram_is_looked_at_or_dropped_as_its_frames_say(data: bytes) -> None:
     simulator = Simulator(PROFILES["rc8"])
-    simulator.datagram("a", data, 0)
+    simulator.on_datagram("a", data, 0)
     items = parse_datagram(data)
     sound = len(items) == 1 and isinstance(items[0], Frame) and not items[0].problems
     assert simulator.dropped == (not sound)

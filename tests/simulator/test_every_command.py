@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.protocol.commands import Command, commands
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.hresult import E_NOTIMPL, S_EXECUTING
-from bcapscope.protocol.variant import EMPTY, VT, Variant, vt_name
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, vt_name
+from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
+from bcapscope.protocol.tables.hresult import E_NOTIMPL, S_EXECUTING
+from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
 from bcapscope.simulator.behaviours import BEHAVIOURS, Certainty
-from bcapscope.simulator.context import accepted
-from bcapscope.simulator.controllercommands import CONTROLLER_COMMANDS, TASK_COMMANDS
-from bcapscope.simulator.machine import Start
-from bcapscope.simulator.refusals import INVALID_COMMAND
-from bcapscope.simulator.robotcommands import ROBOT_COMMANDS
-from bcapscope.simulator.values import boolean, bstr, i4, r8, row, variants
+from bcapscope.simulator.call_context import accept_without_effect
+from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
+from bcapscope.simulator.machine import InitialState
+from bcapscope.simulator.result_codes import INVALID_COMMAND
+from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
 from tests.simulator.desk import Desk, Operator, ints
 from tests.strategies import variants as any_variant
 
@@ -48,7 +48,7 @@ OTHER_PROVIDERS = frozenset(("EVP2", "ESC11"))
 HOME = "J(0, 0, 90, 0, 90, 0)"
 POSE = "P(400, 100, 500, 180, 0, 90)"
 CORNERS = tuple(bstr(f"P({x}, {y}, 50, 180, 0, 180, 5)") for x in (600, 400) for y in (-100, 100))
-SIX = row(VT.R8, (0.0,) * 6)
+SIX = float_array(VT.R8, (0.0,) * 6)
 
 PARAMETERS: Mapping[str, Variant] = {
     "slvChangeMode": i4(0),
@@ -59,43 +59,44 @@ PARAMETERS: Mapping[str, Variant] = {
     "Motor": ints(1, 0),
     "ExtSpeed": r8(50),
     "GetToolDef": i4(1),
-    "SetToolDef": variants(i4(1), bstr(POSE)),
-    "SetWorkDef": variants(i4(1), bstr(POSE)),
-    "ConvertPosWork": variants(bstr(POSE), i4(0), i4(1)),
+    "SetToolDef": variant_array(i4(1), bstr(POSE)),
+    "SetWorkDef": variant_array(i4(1), bstr(POSE)),
+    "ConvertPosWork": variant_array(bstr(POSE), i4(0), i4(1)),
     "Dev": Variant.array(VT.BSTR, (POSE, "P(10, 0, 0, 0, 0, 0)")),
-    "DevH": variants(
-        variants(row(VT.R8, (400, 0, 500, 180, 0, 90, 5)), bstr("P")), bstr("P(1, 2, 3, 0, 0, 0)")
+    "DevH": variant_array(
+        variant_array(float_array(VT.R8, (400, 0, 500, 180, 0, 90, 5)), bstr("P")),
+        bstr("P(1, 2, 3, 0, 0, 0)"),
     ),
     "J2P": bstr(HOME),
     "P2T": bstr(POSE),
-    "T2J": variants(row(VT.R8, (400, 0, 500, 0, 1, 0, 0, 0, -1, 5)), bstr("T")),
-    "OutRange": variants(bstr(HOME), i4(-1), i4(-1)),
+    "T2J": variant_array(float_array(VT.R8, (400, 0, 500, 0, 1, 0, 0, 0, -1, 5)), bstr("T")),
+    "OutRange": variant_array(bstr(HOME), i4(-1), i4(-1)),
     "CheckVirtualFence": bstr(HOME),
     "MotionComplete": ints(-1, 1),
     "MotionSkip": ints(-1, 0),
-    "Approach": variants(i4(1), bstr(HOME), bstr("@P 0")),
-    "Depart": variants(i4(1), bstr("@P 0")),
+    "Approach": variant_array(i4(1), bstr(HOME), bstr("@P 0")),
+    "Depart": variant_array(i4(1), bstr("@P 0")),
     "DriveEx": Variant.array(VT.BSTR, ("(1, 5)", "")),
     "DriveAEx": Variant.array(VT.BSTR, ("(1, 5)", "")),
     "GetSrvData": i4(4),
     "RobInfo": i4(1),
     "GetLogRecord": i4(0),
-    "PayLoad": variants(i4(500), row(VT.R8, (0, 0, 50)), row(VT.R8, (0, 0, 0))),
+    "PayLoad": variant_array(i4(500), float_array(VT.R8, (0, 0, 50)), float_array(VT.R8, (0, 0, 0))),
     "SpeedMode": i4(1),
     "HighPathAccuracy": boolean(True),
     "GrvOffset": boolean(True),
     "GetMechaButtonState": i4(0),
     "ClearMechaButtonState": i4(0),
     "SceneInfo": ints(0, 0),
-    "SetAreaEnabled": variants(i4(1), boolean(True)),
+    "SetAreaEnabled": variant_array(i4(1), boolean(True)),
     "GetAreaEnabled": ints(1),
     "ForceCtrl": ints(1, 1, 1),
-    "ForceParam": variants(i4(1), i4(1), SIX, *(SIX,) * 7, i4(0), SIX, r8(5.5), r8(5.6)),
+    "ForceParam": variant_array(i4(1), i4(1), SIX, *(SIX,) * 7, i4(0), SIX, r8(5.5), r8(5.6)),
     "ForceValue": ints(13, 0),
     "ForceSensor": ints(0),
-    "ForceWaitCondition": variants(SIX, SIX),
-    "TwofgGrip": variants(r8(5), i4(20), i4(50), i4(1)),
-    "TwofgRelease": variants(r8(30), i4(1)),
+    "ForceWaitCondition": variant_array(SIX, SIX),
+    "TwofgGrip": variant_array(r8(5), i4(20), i4(50), i4(1)),
+    "TwofgRelease": variant_array(r8(30), i4(1)),
     "GetErrorDescription": i4(0x84201482 - (1 << 32)),
     "GetCurErrorInfo": i4(0),
     "GetErrorLog": i4(0),
@@ -103,17 +104,17 @@ PARAMETERS: Mapping[str, Variant] = {
     "PutAutoMode": i4(2),
     "HandMoveA": ints(20, 100),
     "HandMoveR": ints(-5, 100),
-    "HandMoveH": variants(i4(10), boolean(True)),
-    "HandMoveAH": variants(r8(5), i4(100), r8(10)),
-    "HandMoveRH": variants(r8(-5), i4(100), r8(10)),
-    "HandMoveVH": variants(r8(60), boolean(True)),
+    "HandMoveH": variant_array(i4(10), boolean(True)),
+    "HandMoveAH": variant_array(r8(5), i4(100), r8(10)),
+    "HandMoveRH": variant_array(r8(-5), i4(100), r8(10)),
+    "HandMoveVH": variant_array(r8(60), boolean(True)),
     "open": i4(4),
     "close": i4(4),
     "clear": i4(4),
     "State": i4(4),
     "count": i4(4),
     "input": i4(4),
-    "CalcPos": variants(i4(3), i4(5), i4(20), *CORNERS, i4(2), i4(1)),
+    "CalcPos": variant_array(i4(3), i4(5), i4(20), *CORNERS, i4(2), i4(1)),
 }
 """What a command is called with that does not take EMPTY, in the shape that samples use."""
 
@@ -121,7 +122,7 @@ FIRST: Mapping[str, str] = {"SyncTimeEnd": "SyncTimeStart", "SyncMoveEnd": "Sync
 """What must be called before."""
 
 
-def _is_documented(known: Command, profile: str) -> bool:
+def _is_documented(known: CommandSpec, profile: str) -> bool:
     if profile == "rc7" and known.name in NOT_ON_RC7:
         return False
     return profile in DOCUMENTED[known.controllers]
@@ -131,17 +132,17 @@ CASES = [
     (profile, known)
     for profile in ALL
     for function_id in (CONTROLLER, EXTENSION, ROBOT, TASK)
-    for known in commands(function_id)
+    for known in commands_of(function_id)
     if known.controllers not in OTHER_PROVIDERS and _is_documented(known, profile)
 ]
 
 
-def _ready(profile: str, known: Command) -> Operator:
+def _ready(profile: str, known: CommandSpec) -> Operator:
     """Return a client that is ready for a command: an object lies between the fingers."""
-    operator = Operator(Desk(profile, Start(object_width=12.0)), tcp=True)
+    operator = Operator(Desk(profile, InitialState(object_width=12.0)), tcp=True)
     operator.ready()
     if known.name in ("GetCurErrorInfo", "GetErrorLog"):
-        operator.desk.machine.fail(0x84204051, operator.desk.now)
+        operator.desk.machine.raise_error(0x84204051, operator.desk.now)
     if known.name == "GetLogRecord":
         operator.robot("StartLog")
         operator.desk.wait(20)
@@ -150,15 +151,15 @@ def _ready(profile: str, known: Command) -> Operator:
     return operator
 
 
-def _parameter(operator: Operator, known: Command) -> Variant:
+def _parameter(operator: Operator, known: CommandSpec) -> Variant:
     if known.name == "slvMove":
         here = operator.robot("CurPos").value
         assert isinstance(here, tuple)
-        return row(VT.R8, [float(str(each)) for each in here])
+        return float_array(VT.R8, [float(str(each)) for each in here])
     return PARAMETERS.get(known.name, EMPTY)
 
 
-def _target(operator: Operator, known: Command) -> tuple[str, Variant]:
+def _target(operator: Operator, known: CommandSpec) -> tuple[str, Variant]:
     """Return the function that takes a command, and the object to call it on."""
     if known.function_id == CONTROLLER:
         return "Controller_Execute", operator.controller
@@ -176,7 +177,7 @@ def _target(operator: Operator, known: Command) -> tuple[str, Variant]:
     CASES,
     ids=[f"{profile}-{known.function_id}-{known.name}" for profile, known in CASES],
 )
-def test_a_documented_command_is_answered(profile: str, known: Command) -> None:
+def test_a_documented_command_is_answered(profile: str, known: CommandSpec) -> None:
     operator = _ready(profile, known)
     function, target = _target(operator, known)
     if known.name in FIRST:
@@ -201,7 +202,7 @@ NUMBERS = st.integers(-3, 110).map(i4) | st.floats(allow_nan=False).map(r8) | st
 TEXTS = st.sampled_from((HOME, POSE, "P1", "@E", "@P 10", "J", "", "SPEED=F1,NEXT", "(1,5)", "1")).map(bstr)
 LIKELY = st.recursive(
     NUMBERS | TEXTS,
-    lambda inner: st.lists(inner, max_size=9).map(lambda each: variants(*each)),
+    lambda inner: st.lists(inner, max_size=9).map(lambda each: variant_array(*each)),
     max_leaves=12,
 )
 """Parameters that are nearly right."""
@@ -209,8 +210,8 @@ LIKELY = st.recursive(
 
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from([known for profile, known in CASES if profile == "rc8"]), any_variant() | LIKELY)
-def test_any_parameter_is_answered_or_refused(known: Command, parameter: Variant) -> None:
-    operator = Operator(Desk("rc8", Start(motor=True, object_width=12.0)), tcp=True)
+def test_any_parameter_is_answered_or_refused(known: CommandSpec, parameter: Variant) -> None:
+    operator = Operator(Desk("rc8", InitialState(motor=True, object_width=12.0)), tcp=True)
     operator.ready()
     function, target = _target(operator, known)
     raw = operator.send(function, target, bstr(known.name), parameter) + operator.desk.wait(3_700_000)
@@ -241,7 +242,7 @@ def test_the_hand_of_cobotta_pro_is_unknown_to_others(profile: str, name: str) -
 
 def test_what_has_no_effect_is_listed_as_assumed() -> None:
     tables = (ROBOT_COMMANDS, CONTROLLER_COMMANDS, TASK_COMMANDS)
-    ineffective = {name for table in tables for name, run in table.items() if run is accepted}
+    ineffective = {name for table in tables for name, run in table.items() if run is accept_without_effect}
     listed = {
         name.casefold()
         for behaviour in BEHAVIOURS

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.functions import ObjectClass
-from bcapscope.protocol.hresult import E_REFUSED_IN_SLAVE_MODE
-from bcapscope.protocol.variables import VARIABLES, VariableKind
-from bcapscope.protocol.variant import ARRAY, EMPTY, VT, Variant, vt_name
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant, vt_name
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
+from bcapscope.protocol.tables.variables import VARIABLES, VariableKind
+from bcapscope.simulator.argument_values import bstr, float_array, i4, r4, variant_array
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.refusals import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND, TYPE_MISMATCH
-from bcapscope.simulator.values import bstr, i4, r4, row, variants
+from bcapscope.simulator.result_codes import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND, TYPE_MISMATCH
 from tests.simulator.desk import Desk, Operator
 
 ONLY_ON_RC7 = ("TOOL", "WORK", "_ITP")
@@ -44,7 +44,7 @@ def parent_of(operator: Operator, owner: ObjectClass) -> tuple[str, Variant]:
 def opened(operator: Operator, kind: VariableKind) -> Variant:
     """Open a variable; a numbered one has the number 8."""
     function, parent = parent_of(operator, kind.owner)
-    return operator.get(function, parent, f"{kind.name}8" if kind.numbered else kind.name)
+    return operator.get(function, parent, f"{kind.name}8" if kind.is_numbered else kind.name)
 
 
 @pytest.mark.parametrize(("profile", "kind"), CASES, ids=[f"{p}-{k.owner}-{k.name}" for p, k in CASES])
@@ -68,7 +68,7 @@ def test_a_documented_variable_is_read_and_written(profile: str, kind: VariableK
 def test_the_number_of_a_variable_may_follow_as_its_id(profile: str) -> None:
     operator = Operator(Desk(profile))
     for kind in VARIABLES:
-        if not kind.numbered or (kind.name in ONLY_ON_RC7 and profile != "rc7"):
+        if not kind.is_numbered or (kind.name in ONLY_ON_RC7 and profile != "rc7"):
             continue
         variable = operator.get("Controller_GetVariable", operator.controller, f"{kind.name}*")
         assert operator.call("Variable_GetValue", variable).hresult == BAD_INDEX
@@ -92,9 +92,9 @@ def test_variables_of_rc7_are_unknown_to_later_controllers(profile: str, name: s
 
 def test_a_tool_of_rc7_is_what_its_command_defines() -> None:
     operator = Operator(Desk("rc7"), tcp=True)
-    assert operator.robot("SetToolDef", variants(i4(1), bstr("P(1, 2, 3, 4, 5, 6)"))).hresult == 0
+    assert operator.robot("SetToolDef", variant_array(i4(1), bstr("P(1, 2, 3, 4, 5, 6)"))).hresult == 0
     assert operator.read("TOOL1").value == (1, 2, 3, 4, 5, 6)
-    assert operator.write("tool2", row(VT.R4, (6, 5, 4, 3, 2, 1, -1))).hresult == 0
+    assert operator.write("tool2", float_array(VT.R4, (6, 5, 4, 3, 2, 1, -1))).hresult == 0
     assert operator.robot("GetToolDef", i4(2)).value == operator.read("TOOL2").value == (6, 5, 4, 3, 2, 1)
     assert operator.read("WORK2").value == (0,) * 6
     listed = operator.call("Controller_GetVariableNames", operator.controller, bstr("")).value
@@ -105,11 +105,11 @@ def test_a_tool_of_rc7_is_what_its_command_defines() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "result"),
     [
-        ("TOOL0", row(VT.R4, (0,) * 6), BAD_INDEX),
-        ("WORK64", row(VT.R4, (0,) * 6), BAD_INDEX),
+        ("TOOL0", float_array(VT.R4, (0,) * 6), BAD_INDEX),
+        ("WORK64", float_array(VT.R4, (0,) * 6), BAD_INDEX),
         ("TOOL1", i4(5), TYPE_MISMATCH),
         ("TOOL1", bstr("P(1, 2, 3, 4, 5, 6)"), TYPE_MISMATCH),
-        ("WORK1", row(VT.R4, (0,) * 8), TYPE_MISMATCH),
+        ("WORK1", float_array(VT.R4, (0,) * 8), TYPE_MISMATCH),
         ("WORK1", EMPTY, TYPE_MISMATCH),
     ],
 )

@@ -15,11 +15,11 @@ from typing import Self
 
 import pytest
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.simulator.values import bstr, i4
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.simulator.argument_values import bstr, i4
 
 SECONDS = 2.0
-START = encode(1, 0, 1, [bstr("")])
+START = encode_frame(1, 0, 1, [bstr("")])
 TRIES, PATIENCE = 5, 1.0
 """Of a call that is no set point (DENSO Wave 2009, How to use the Slave mode): once, and four times again."""
 
@@ -47,8 +47,8 @@ def garbage(port: int, until: float) -> None:
 
 def lazy(port: int, until: float) -> None:
     """Ask for much over TCP, read nothing; come and go; leave some connections half a request."""
-    asked = START + encode(2, 0, 3, [bstr(""), bstr("CaoProv.DENSO.VRC"), bstr(""), bstr("")])
-    asked += encode(3, 0, 15, [i4(1), bstr("")]) * 300
+    asked = START + encode_frame(2, 0, 3, [bstr(""), bstr("CaoProv.DENSO.VRC"), bstr(""), bstr("")])
+    asked += encode_frame(3, 0, 15, [i4(1), bstr("")]) * 300
     socks: list[socket.socket] = []
     while time.monotonic() < until:
         try:
@@ -108,7 +108,7 @@ class Good:
         for retry in range(TRIES):
             self.serial += 1
             reserved = first if retry else 0
-            self.sock.send(encode(self.serial, reserved, 1, [bstr("")]))
+            self.sock.send(encode_frame(self.serial, reserved, 1, [bstr("")]))
             end = time.monotonic() + PATIENCE
             while (left := end - time.monotonic()) > 0:
                 self.sock.settimeout(left)

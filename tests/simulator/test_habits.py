@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.variant import EMPTY, VT, Value, Variant
-from bcapscope.simulator.conversation import Report
-from bcapscope.simulator.machine import Start
+from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant
+from bcapscope.simulator.argument_values import bstr, float_array, i4, r4, r8, variant_array
+from bcapscope.simulator.call_executor import CallReport
+from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
-from bcapscope.simulator.values import bstr, i4, r4, r8, row, variants
 from tests.simulator.desk import Desk, Operator, Person, ints, joints
 
 HOME = (0, 0, 90, 0, 90, 0)
@@ -33,35 +33,35 @@ def _angle(operator: Operator) -> Value:
 
 def _mixed(*values: float) -> Variant:
     """Make what the Python client makes of a list of whole and other numbers."""
-    return variants(*(i4(value) if isinstance(value, int) else r8(value) for value in values))
+    return variant_array(*(i4(value) if isinstance(value, int) else r8(value) for value in values))
 
 
 @pytest.mark.parametrize(
     "pose",
     [
-        variants(ints(*TURNED), bstr("J"), bstr("@E")),
-        variants(ints(*TURNED), bstr("@E"), bstr("J")),
-        variants(row(VT.R8, TURNED), bstr("J")),
-        variants(row(VT.R8, TURNED), bstr(""), bstr("@P")),
-        variants(row(VT.R4, TURNED), i4(2), i4(-2)),
-        variants(row(VT.R4, TURNED), i4(-1), i4(-1)),
-        variants(_mixed(10, 0.0, 90, 0, 90.0, 0), bstr("J"), bstr("@0")),
+        variant_array(ints(*TURNED), bstr("J"), bstr("@E")),
+        variant_array(ints(*TURNED), bstr("@E"), bstr("J")),
+        variant_array(float_array(VT.R8, TURNED), bstr("J")),
+        variant_array(float_array(VT.R8, TURNED), bstr(""), bstr("@P")),
+        variant_array(float_array(VT.R4, TURNED), i4(2), i4(-2)),
+        variant_array(float_array(VT.R4, TURNED), i4(-1), i4(-1)),
+        variant_array(_mixed(10, 0.0, 90, 0, 90.0, 0), bstr("J"), bstr("@0")),
         _mixed(10, 0.0, 90, 0, 90.0, 0),
         ints(*TURNED),
         ints(*TURNED, 0, 0),
         bstr("@E J(10, 0, 90, 0, 90, 0)"),
-        variants(bstr("J(10, 0, 90, 0, 90, 0)"), bstr(""), bstr("@E")),
+        variant_array(bstr("J(10, 0, 90, 0, 90, 0)"), bstr(""), bstr("@E")),
         bstr("J5"),
-        variants(i4(5), bstr("J"), bstr("@0")),
-        variants(i4(5), bstr("@E"), bstr("J")),
-        variants(i4(5), bstr("J")),
+        variant_array(i4(5), bstr("J"), bstr("@0")),
+        variant_array(i4(5), bstr("@E"), bstr("J")),
+        variant_array(i4(5), bstr("J")),
         ints(5, 2, 0),
-        variants(Variant(VT.R4, 5.0), bstr("J"), bstr("@0")),
-        row(VT.R4, (5, 2, -2)),
+        variant_array(Variant(VT.R4, 5.0), bstr("J"), bstr("@0")),
+        float_array(VT.R4, (5, 2, -2)),
     ],
 )
 def test_a_pose_is_taken_in_every_notation(operator: Operator, pose: Variant) -> None:
-    operator.write("J5", row(VT.R8, TURNED))
+    operator.write("J5", float_array(VT.R8, TURNED))
     assert operator.call("Robot_Move", operator.arm, i4(1), pose, bstr("")).hresult == 0
     assert _angle(operator) == joints(*TURNED)
 
@@ -69,15 +69,15 @@ def test_a_pose_is_taken_in_every_notation(operator: Operator, pose: Variant) ->
 @pytest.mark.parametrize(
     ("pose", "result"),
     [
-        (variants(i4(100), bstr("P"), bstr("@0")), 0x8002000B),
-        (variants(i4(-1), bstr("P"), bstr("@0")), 0x8002000B),
-        (variants(i4(1), bstr("Q"), bstr("@0")), 0x80070057),
-        (variants(i4(1), bstr("P"), bstr("@X")), 0x80070057),
-        (variants(i4(1), bstr("@0")), 0x80070057),
+        (variant_array(i4(100), bstr("P"), bstr("@0")), 0x8002000B),
+        (variant_array(i4(-1), bstr("P"), bstr("@0")), 0x8002000B),
+        (variant_array(i4(1), bstr("Q"), bstr("@0")), 0x80070057),
+        (variant_array(i4(1), bstr("P"), bstr("@X")), 0x80070057),
+        (variant_array(i4(1), bstr("@0")), 0x80070057),
         (ints(1), 0x80070057),
         (ints(1, 2, 3, 4, 5), 0x80070057),
-        (variants(ints(1, 2, 3), bstr("P")), 0x80070057),
-        (variants(), 0x80070057),
+        (variant_array(ints(1, 2, 3), bstr("P")), 0x80070057),
+        (variant_array(), 0x80070057),
         (EMPTY, 0x80070057),
     ],
 )
@@ -95,12 +95,15 @@ def _move(operator: Operator, interpolation: int, pose: Variant) -> int:
         bstr("J(5, 0, 90, 0, 90, 0), @E J(10, 0, 90, 0, 90, 0)"),
         bstr("J4,J5"),
         Variant.array(VT.BSTR, ("J4", "@E J5")),
-        variants(variants(row(VT.R8, HOME), bstr("J")), variants(row(VT.R8, TURNED), bstr("J"), bstr("@E"))),
+        variant_array(
+            variant_array(float_array(VT.R8, HOME), bstr("J")),
+            variant_array(float_array(VT.R8, TURNED), bstr("J"), bstr("@E")),
+        ),
     ],
 )
 def test_a_circle_goes_to_its_second_pose(operator: Operator, poses: Variant) -> None:
-    operator.write("J4", row(VT.R8, HOME))
-    operator.write("J5", row(VT.R8, TURNED))
+    operator.write("J4", float_array(VT.R8, HOME))
+    operator.write("J5", float_array(VT.R8, TURNED))
     assert _move(operator, 3, poses) == 0
     assert _angle(operator) == joints(*TURNED)
 
@@ -154,7 +157,7 @@ def test_an_option_that_makes_no_sense_is_refused(operator: Operator, option: st
 
 def _driven(axis: int, angle: float, kind: int = -1, passing: int = 0) -> Variant:
     """Make what DENSO's ROS driver makes of one axis."""
-    return variants(row(VT.R4, (axis, angle)), i4(kind), i4(passing))
+    return variant_array(float_array(VT.R4, (axis, angle)), i4(kind), i4(passing))
 
 
 @pytest.mark.parametrize(
@@ -165,9 +168,9 @@ def _driven(axis: int, angle: float, kind: int = -1, passing: int = 0) -> Varian
         Variant.array(VT.BSTR, ("(1, 3), (1, 2.0)", "")),
         Variant.array(VT.BSTR, ("(1, 5)",)),
         bstr("(1, 5)"),
-        variants(bstr("(1, 5)"), bstr("")),
-        variants(variants(_driven(1, 5, passing=-2)), bstr("")),
-        variants(variants(ints(1, 5)), bstr("")),
+        variant_array(bstr("(1, 5)"), bstr("")),
+        variant_array(variant_array(_driven(1, 5, passing=-2)), bstr("")),
+        variant_array(variant_array(ints(1, 5)), bstr("")),
     ],
 )
 def test_axes_are_driven_by_text_and_by_values(operator: Operator, parameter: Variant) -> None:
@@ -196,15 +199,18 @@ def test_axes_that_make_no_sense_are_refused(operator: Operator, text: str) -> N
 
 
 def test_the_distance_of_an_approach_may_be_a_list(operator: Operator) -> None:
-    pose = variants(_mixed(*TURNED), bstr("J"))
-    lists = variants(i4(1), pose, variants(r8(30.0), bstr(""), bstr("@P")))
-    texts = variants(i4(1), pose, bstr("@P 30"))
+    pose = variant_array(_mixed(*TURNED), bstr("J"))
+    lists = variant_array(i4(1), pose, variant_array(r8(30.0), bstr(""), bstr("@P")))
+    texts = variant_array(i4(1), pose, bstr("@P 30"))
     assert operator.robot("Approach", lists).hresult == 0
     there = _angle(operator)
     assert there != joints(*HOME)
     assert operator.robot("Approach", texts).hresult == 0
     assert _angle(operator) == pytest.approx(there)
-    assert operator.robot("Depart", variants(i4(2), variants(r8(30.0), bstr(""), bstr("@P")))).hresult == 0
+    assert (
+        operator.robot("Depart", variant_array(i4(2), variant_array(r8(30.0), bstr(""), bstr("@P")))).hresult
+        == 0
+    )
 
 
 def test_motion_skip_ends_a_motion_and_the_next_one_begins(operator: Operator) -> None:
@@ -248,13 +254,13 @@ def test_names_and_options_of_objects() -> None:
         ("Motor", i4(1)),
         ("ExtSpeed", bstr("50.0")),
         ("ExtSpeed", i4(50)),
-        ("ExtSpeed", row(VT.R8, (50.0, 25.0, 25.0))),
+        ("ExtSpeed", float_array(VT.R8, (50.0, 25.0, 25.0))),
         ("ExtSpeed", _mixed(50, -1, 25.0)),
         ("Givearm", bstr("")),
     ],
 )
 def test_parameters_as_text_and_as_other_numbers(command: str, parameter: Variant) -> None:
-    operator = Operator(Desk("rc8", Start(motor=False)))
+    operator = Operator(Desk("rc8", InitialState(motor=False)))
     assert operator.robot(command, parameter).hresult == 0
     if command == "ExtSpeed":
         assert operator.robot("CurExtSpd").value == 50
@@ -326,7 +332,7 @@ def test_force_control_needs_the_arm_and_a_number_from_1_to_10() -> None:
 
 def test_areas_are_kept(operator: Operator) -> None:
     assert operator.robot("GetAreaEnabled", ints(3)).value is False
-    assert operator.robot("SetAreaEnabled", variants(i4(3), Variant(VT.BOOL, True))).hresult == 0
+    assert operator.robot("SetAreaEnabled", variant_array(i4(3), Variant(VT.BOOL, True))).hresult == 0
     assert operator.robot("GetAreaEnabled", ints(3)).value is True
     assert operator.robot("GetAreaEnabled", ints(32)).hresult == 0x8002000B
 
@@ -339,15 +345,15 @@ def test_areas_are_kept(operator: Operator) -> None:
 )
 @pytest.mark.parametrize("profile", ["rc8", "rc9", "cserver"])
 def test_a_provider_that_is_not_simulated_is_refused_with_a_reason(profile: str, provider: str) -> None:
-    reports: list[Report] = []
+    reports: list[CallReport] = []
     desk = Desk(profile)
     desk.simulator = Simulator(PROFILES[profile], None, 0, lambda peer, report: reports.append(report))
     person = Person(desk, tcp=True)
     person.call("Service_Start", bstr(""))
     texts = ("", provider, "", "Server=192.168.0.90")
     assert person.call("Controller_Connect", *map(bstr, texts)).hresult == 0x80070057
-    assert [report.answer.reason[:30] for report in reports] == ["", "Controller_Connect is refused:"]
-    reason = reports[-1].answer.reason
+    assert [report.result.reason[:30] for report in reports] == ["", "Controller_Connect is refused:"]
+    reason = reports[-1].result.reason
     assert repr(provider[:60]) in reason
     assert reason.endswith("This profile simulates CaoProv.DENSO.VRC" + "9" * (profile == "rc9"))
     assert reason.isprintable()

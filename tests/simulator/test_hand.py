@@ -8,20 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.variant import EMPTY, VT, Variant
-from bcapscope.simulator.hand import COBOTTA_HAND, SECOND, Hand, Stroke
-from bcapscope.simulator.machine import Start
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, r8, variant_array
+from bcapscope.simulator.hand import COBOTTA_HAND, SECOND, Hand, HandMotion
+from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.scenario import read_scenario
-from bcapscope.simulator.values import boolean, bstr, i4, r8, row, variants
 from tests.simulator.desk import Desk, Operator, Reply, ints
 
-HOLDING = variants(i4(10), boolean(True))
+HOLDING = variant_array(i4(10), boolean(True))
 """Parameter of HandMoveH that closes with 10 N."""
 
 
 def ready(object_width: float | None = None, profile: str = "rc8") -> Operator:
-    operator = Operator(Desk(profile, Start(motor=True, object_width=object_width)))
+    operator = Operator(Desk(profile, InitialState(motor=True, object_width=object_width)))
     operator.ready()
     return operator
 
@@ -46,7 +46,7 @@ widths = st.floats(0, 30, allow_nan=False)
 
 @given(widths, widths, st.floats(0.8, 80), st.floats(0, 1))
 def test_a_stroke_never_leaves_its_way(a: float, b: float, speed: float, part: float) -> None:
-    stroke = Stroke.between(a, b, 0, speed, 800)
+    stroke = HandMotion.plan(a, b, 0, speed, 800)
     assert stroke.at(0) == pytest.approx(a, abs=1e-9)
     assert stroke.at(stroke.ends) == b
     between = stroke.at(round(stroke.ends * part))
@@ -56,13 +56,13 @@ def test_a_stroke_never_leaves_its_way(a: float, b: float, speed: float, part: f
 
 @given(widths, widths, st.floats(0.8, 80), st.floats(0, 1))
 def test_a_stroke_is_at_a_place_when_it_reaches_it(a: float, b: float, speed: float, part: float) -> None:
-    stroke = Stroke.between(a, b, 5, speed, 800)
+    stroke = HandMotion.plan(a, b, 5, speed, 800)
     way = abs(b - a) * part
-    assert abs(stroke.at(stroke.reaches(way)) - a) == pytest.approx(way, abs=1e-4)
+    assert abs(stroke.at(stroke.time_at_distance(way)) - a) == pytest.approx(way, abs=1e-4)
 
 
 def test_a_long_stroke_takes_its_way_at_its_speed_and_two_ramps() -> None:
-    stroke = Stroke.between(30, 0, 0, 80, 800)
+    stroke = HandMotion.plan(30, 0, 0, 80, 800)
     assert stroke.ends == pytest.approx((30 / 80 + 80 / 800) * SECOND, abs=2)
 
 
@@ -73,7 +73,7 @@ def test_fingers_never_pass_through_an_object(moves: list[tuple[float, float, in
         hand.move(goal, 80, now, force)
         now += wait
         assert hand.width(now) >= nextafter(hand.object_width or 0, 0)
-        if hand.holds(now):
+        if hand.is_gripping(now):
             assert hand.width(now) == hand.object_width
 
 
@@ -87,13 +87,13 @@ def test_a_motion_takes_its_time_and_the_width_follows() -> None:
     assert moved.hresult == 0
     assert moved.ms == pytest.approx(20 / 80 * 1000 + 100, abs=1)
     assert width(operator) == 10
-    assert operator.command("HandMoveR", variants(r8(5.0), i4(50))).ms > moved.ms / 4
+    assert operator.command("HandMoveR", variant_array(r8(5.0), i4(50))).ms > moved.ms / 4
     assert width(operator) == pytest.approx(15)
 
 
 def test_next_answers_at_once_and_a_moving_hand_refuses_the_next_command() -> None:
     operator = ready()
-    slow = variants(r8(0.0), i4(10), bstr("Next"))
+    slow = variant_array(r8(0.0), i4(10), bstr("Next"))
     assert operator.command("HandMoveA", slow) == Reply(0, None, 0, 0.0, 0, 0)
     operator.desk.wait(100)
     assert 28 < width(operator) < 30
@@ -108,7 +108,7 @@ def test_next_answers_at_once_and_a_moving_hand_refuses_the_next_command() -> No
         ("HandMoveA", ints(31, 100), 0x83500314),
         ("HandMoveA", ints(10, 0), 0x83500314),
         ("HandMoveA", ints(10, 101), 0x83500314),
-        ("HandMoveA", row(VT.R8, (float("1e300"), 100)), 0x83500314),
+        ("HandMoveA", float_array(VT.R8, (float("1e300"), 100)), 0x83500314),
         ("HandMoveA", ints(10), 0x80070057),
         ("HandMoveA", EMPTY, 0x80070057),
         ("HandMoveA", bstr("wide"), 0x80020005),
@@ -116,8 +116,8 @@ def test_next_answers_at_once_and_a_moving_hand_refuses_the_next_command() -> No
         ("HandMoveAH", ints(40, 100, 10), 0x83500362),
         ("HandMoveRH", ints(40, 100, 10), 0x83500363),
         ("HandMoveAH", ints(10, 100, 21), 0x83500314),
-        ("HandMoveH", variants(i4(5), boolean(True)), 0x83500314),
-        ("HandMoveVH", variants(r8(20), boolean(True)), 0x83500314),
+        ("HandMoveH", variant_array(i4(5), boolean(True)), 0x83500314),
+        ("HandMoveVH", variant_array(r8(20), boolean(True)), 0x83500314),
     ],
 )
 def test_what_a_hand_cannot_do_is_refused(command: str, parameter: Variant, result: int) -> None:
@@ -152,7 +152,7 @@ def test_a_grip_of_nothing_closes_and_holds_nothing() -> None:
     operator = ready()
     assert operator.command("HandMoveH", HOLDING).hresult == 0
     assert (holds(operator), width(operator)) == (False, 0)
-    assert operator.command("HandMoveH", variants(i4(10), boolean(False))).hresult == 0
+    assert operator.command("HandMoveH", variant_array(i4(10), boolean(False))).hresult == 0
     assert width(operator) == 30
 
 
@@ -185,7 +185,7 @@ def test_fingers_that_meet_an_object_without_gripping_are_an_error() -> None:
 
 def test_that_error_comes_in_time_if_nobody_waits_for_the_motion() -> None:
     operator = ready(object_width=10)
-    operator.command("HandMoveA", variants(i4(0), i4(100), bstr("NEXT")))
+    operator.command("HandMoveA", variant_array(i4(0), i4(100), bstr("NEXT")))
     operator.desk.wait(100)
     assert operator.machine_error() == 0
     operator.desk.wait(1000)
@@ -203,7 +203,7 @@ def test_without_power_the_grip_is_lost() -> None:
 
 
 def test_stop_ends_the_motion_of_another_client() -> None:
-    desk = Desk("rc8", Start(motor=True))
+    desk = Desk("rc8", InitialState(motor=True))
     first, second = Operator(desk, "a"), Operator(desk, "b")
     assert first.send("Controller_Execute", first.controller, bstr("HandMoveA"), ints(0, 10)) == []
     desk.wait(500)
@@ -218,7 +218,7 @@ def test_stop_ends_the_motion_of_another_client() -> None:
 def test_a_stop_leaves_a_grip_and_switches_the_vacuum_off() -> None:
     operator = ready(object_width=10)
     operator.command("HandMoveH", HOLDING)
-    operator.command("HandMoveVH", variants(r8(60.0), boolean(True)))
+    operator.command("HandMoveVH", variant_array(r8(60.0), boolean(True)))
     assert operator.command("HandCurPressure").value == -30
     assert operator.command("HandStop").hresult == 0
     assert holds(operator)
@@ -227,7 +227,7 @@ def test_a_stop_leaves_a_grip_and_switches_the_vacuum_off() -> None:
 
 
 def test_halt_stops_the_hand_too() -> None:
-    desk = Desk("rc8", Start(motor=True))
+    desk = Desk("rc8", InitialState(motor=True))
     first, second = Operator(desk, "a"), Operator(desk, "b")
     first.send("Controller_Execute", first.controller, bstr("HandMoveA"), ints(0, 10))
     outputs = second.send("Robot_Halt", second.arm, bstr(""))
@@ -287,14 +287,14 @@ def test_the_extension_is_the_same_hand() -> None:
 def test_a_two_finger_grip_that_waits_tells_whether_it_found_something() -> None:
     for thing, result in ((None, 0x8350048F), (10.0, 0)):
         operator = ready(thing, "rc9")
-        assert operator.robot("TwofgGrip", variants(r8(5), i4(20), i4(50), i4(1))).hresult == result
+        assert operator.robot("TwofgGrip", variant_array(r8(5), i4(20), i4(50), i4(1))).hresult == result
         assert operator.robot("TwofgIsGrip").value == int(thing is not None)
         assert operator.robot("TwofgGetWidth").value == (thing or 5)
 
 
 def test_a_two_finger_grip_that_does_not_wait_is_busy_until_it_ends() -> None:
     operator = ready(10, "rc9")
-    assert operator.robot("TwofgGrip", variants(r8(5), i4(20), i4(10), i4(0))).ms == 0
+    assert operator.robot("TwofgGrip", variant_array(r8(5), i4(20), i4(10), i4(0))).ms == 0
     assert operator.robot("TwofgIsBusy").value == 1
     operator.desk.wait(5000)
     assert operator.robot("TwofgIsBusy").value == 0
@@ -306,4 +306,4 @@ def test_a_two_finger_grip_that_does_not_wait_is_busy_until_it_ends() -> None:
 
 def test_a_scenario_puts_an_object_between_the_fingers() -> None:
     played = read_scenario("title: t\nstart: {motor: true, object_width: 12}\n")
-    assert played.beginning().object_width == 12
+    assert played.initial_state().object_width == 12

@@ -7,12 +7,12 @@ from random import Random
 
 import pytest
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.variant import VT, Value
-from bcapscope.simulator.conversation import Report
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Value
+from bcapscope.simulator.argument_values import bstr, float_array, i4
+from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.simulator import Output, Peer, Simulator
-from bcapscope.simulator.values import bstr, i4, row
+from bcapscope.simulator.simulator import Peer, Simulator, SimulatorOutput
 from tests.simulator.desk import MS, Desk, Operator
 
 TRIES, TIME_OUT = 8, 2 * MS
@@ -44,17 +44,17 @@ class Lossy:
         for _ in range(TRIES):
             self._serial += 1
             mark = reserved(self._convention, began, self._serial)
-            parts = (self._arm, bstr("slvMove"), row(VT.R8, (first, *HOME[1:])))
-            outputs: list[Output] = []
+            parts = (self._arm, bstr("slvMove"), float_array(VT.R8, (first, *HOME[1:])))
+            outputs: list[SimulatorOutput] = []
             if self._chance() >= self._loss:
-                raw = encode(self._serial, mark, 64, parts)
-                outputs = self._desk.simulator.datagram("client", raw, self._desk.now)
+                raw = encode_frame(self._serial, mark, 64, parts)
+                outputs = self._desk.simulator.on_datagram("client", raw, self._desk.now)
             code = self._wait(outputs)
             if code is not None:
                 return code
         return None
 
-    def _wait(self, outputs: list[Output]) -> int | None:
+    def _wait(self, outputs: list[SimulatorOutput]) -> int | None:
         end = self._desk.now + TIME_OUT
         while True:
             for output in outputs:
@@ -74,8 +74,8 @@ class Lossy:
 def test_no_set_point_is_taken_twice(profile: str, convention: str) -> None:
     desk, taken = Desk(profile), Counter[Value]()
 
-    def count(peer: Peer, report: Report) -> None:
-        if report.function_id == 64 and report.answer.hresult == 0 and len(report.arguments) == 3:
+    def count(peer: Peer, report: CallReport) -> None:
+        if report.function_id == 64 and report.result.hresult == 0 and len(report.arguments) == 3:
             taken[report.arguments[2].value] += 1
 
     desk.simulator = Simulator(PROFILES[profile], report=count)
@@ -88,7 +88,7 @@ def test_no_set_point_is_taken_twice(profile: str, convention: str) -> None:
     assert results == [0] * POINTS
     assert set(taken.values()) == {1}
     assert len(taken) == POINTS
-    assert desk.machine.slave.taken in range(POINTS - 3, POINTS + 1)
+    assert desk.machine.slave.consumed in range(POINTS - 3, POINTS + 1)
 
 
 def test_the_c_servers_defect_takes_one_twice() -> None:
@@ -98,9 +98,9 @@ def test_the_c_servers_defect_takes_one_twice() -> None:
         operator = Operator(desk)
         content = (9, [operator.controller, bstr("I1"), bstr("")])
         for serial in (101, 102):  # 100 was lost
-            desk.simulator.datagram("client", encode(serial, 100, *content), desk.now)
+            desk.simulator.on_datagram("client", encode_frame(serial, 100, *content), desk.now)
         handle = Frame(
-            desk.simulator.datagram("client", encode(200, 0, *content), desk.now)[0].data
+            desk.simulator.on_datagram("client", encode_frame(200, 0, *content), desk.now)[0].data
         ).arguments[0]
         counts.append(handle.variant)
     assert counts == [i4(4), i4(5)]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.functions import FUNCTIONS, ResultKind
-from bcapscope.protocol.variant import VT
+from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
+from bcapscope.simulator.argument_values import bstr, i2, i4
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.values import bstr, i2, i4
 from tests.simulator.desk import Desk, Operator
 
 _RETURNING = [each for each in FUNCTIONS.values() if each.result is not ResultKind.NONE]

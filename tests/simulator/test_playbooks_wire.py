@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
-from bcapscope.simulator.server import Server
+from bcapscope.simulator.simulator_server import SimulatorServer
 from tests.cli.proxying import proxy
 from tests.simulator.playbook import FOLDER, playbooks, read
 from tests.simulator.wire import Wire, WirePerformance
@@ -16,7 +16,7 @@ from tests.simulator.wire import Wire, WirePerformance
 class Reach(NamedTuple):
     """A server, what answers in it, and the port that clients connect to."""
 
-    server: Server
+    server: SimulatorServer
     wire: Wire
     port: int
 
@@ -24,7 +24,7 @@ class Reach(NamedTuple):
 @pytest.fixture(scope="module")
 def direct() -> Iterator[Reach]:
     wire = Wire()
-    server = Server(wire, "127.0.0.1", 0)
+    server = SimulatorServer(wire, "127.0.0.1", 0)
     yield Reach(server, wire, server.address[1])
     server.close()
 

@@ -9,15 +9,15 @@ from typing import get_args
 import pytest
 
 from bcapscope.faults.document import DocumentError
-from bcapscope.faults.fault import AnyFault, Drop
-from bcapscope.protocol.responder import Defect
-from bcapscope.protocol.variant import VT
-from bcapscope.simulator.event import AnyEvent, EmergencyStop
-from bcapscope.simulator.kinematics import LIMITS
+from bcapscope.faults.fault import AnyFault, DropFault
+from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.retry.responder import Defect
+from bcapscope.simulator.kinematics import AXIS_LIMITS
 from bcapscope.simulator.machine import Machine
-from bcapscope.simulator.memory import Memory
 from bcapscope.simulator.profile import NoArgument
-from bcapscope.simulator.scenario import Over, load_scenario, read_scenario, shipped
+from bcapscope.simulator.scenario import ScenarioTransport, bundled_scenarios, load_scenario, read_scenario
+from bcapscope.simulator.scenario_event import AnyEvent, EmergencyStop
+from bcapscope.simulator.variable_memory import VariableMemory
 
 WHOLE = """
 title: All of it
@@ -57,27 +57,27 @@ seed: 42
 
 def test_everything_that_can_be_said() -> None:
     scenario = read_scenario(WHOLE)
-    start = scenario.beginning(epoch=7)
+    start = scenario.initial_state(epoch=7)
     assert (start.joints, start.epoch) == ((1, 2, 93, 4, 5, 6, 0, 0), 7)
     assert (start.mode, start.token, start.motor, start.motor_time) == (2, False, True, 3_000_000_000)
     assert start.empty == ("@CURRENT_ANGLE",)
     assert (start.speed, start.type_name, start.errors) == (50, "VS-060", (0x84201482, 0x80004005))
     assert (start.emergency, start.arm_taken, start.udp_clients, start.tcp_clients) == (True, True, 3, 20)
     assert (start.tasks, start.running) == (("RobSlave", "Pro7"), ("robslave",))
-    assert start.limits[0] == LIMITS[0]._replace(low=0, high=10.5)
-    assert start.limits[1:5] == LIMITS[1:5]
-    assert start.limits[5] == LIMITS[5]._replace(speed=20, acceleration=30)
-    assert scenario.controller.defects is Defect.SERIAL_ZERO
-    assert scenario.controller.no_argument is NoArgument.ALWAYS
-    assert scenario.client.over is Over.TCP
-    assert isinstance(scenario.faults[0], Drop)
+    assert start.limits[0] == AXIS_LIMITS[0]._replace(low=0, high=10.5)
+    assert start.limits[1:5] == AXIS_LIMITS[1:5]
+    assert start.limits[5] == AXIS_LIMITS[5]._replace(speed=20, acceleration=30)
+    assert scenario.controller_profile.defects is Defect.SERIAL_ZERO
+    assert scenario.controller_profile.no_argument is NoArgument.ALWAYS
+    assert scenario.client.over is ScenarioTransport.TCP
+    assert isinstance(scenario.faults[0], DropFault)
     assert isinstance(scenario.in_slave_mode[0], EmergencyStop)
     assert scenario.seed == 42
 
 
 def test_variables_are_written() -> None:
-    memory = Memory(VT.R8)
-    read_scenario(WHOLE).fill(memory)
+    memory = VariableMemory(VT.R8)
+    read_scenario(WHOLE).write_variables(memory)
     places = (("I", 1), ("F", 2), ("P", 3), ("S", 4), ("IO", 128), ("IOB", 136))
     values = [memory.read(*place).value for place in places]
     assert values == [5, 1.5, (1, 2, 3, 4, 5, 6, 5), "text", True, 255]
@@ -85,7 +85,7 @@ def test_variables_are_written() -> None:
 
 def test_a_machine_begins_as_it_is_told() -> None:
     scenario = read_scenario(WHOLE)
-    machine = Machine(scenario.controller, scenario.beginning())
+    machine = Machine(scenario.controller_profile, scenario.initial_state())
     assert [alarm.code for alarm in machine.alarms.active] == [0x8150101A, 0x80004005, 0x84201482]
     assert machine.tasks == {"robslave": 3, "pro7": 2}
     assert (machine.emergency, machine.owner, machine.speeds.external) == (True, 0, 50)
@@ -93,8 +93,8 @@ def test_a_machine_begins_as_it_is_told() -> None:
 
 def test_a_title_is_enough() -> None:
     scenario = read_scenario("title: Nothing happens")
-    assert scenario.beginning().limits == LIMITS
-    assert scenario.controller.defects is Defect.NONE
+    assert scenario.initial_state().limits == AXIS_LIMITS
+    assert scenario.controller_profile.defects is Defect.NONE
 
 
 def _in(what: str) -> str:
@@ -172,7 +172,7 @@ def test_an_error_names_line_and_field(text: str, error: str) -> None:
 
 
 def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
-    assert load_scenario("emergency-stop") == read_scenario(shipped()["emergency-stop"])
+    assert load_scenario("emergency-stop") == read_scenario(bundled_scenarios()["emergency-stop"])
     path = tmp_path / "own.yaml"
     path.write_text("title: Täglich", encoding="utf-8")
     assert load_scenario(str(path)).title == "Täglich"

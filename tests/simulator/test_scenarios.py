@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.analysis.rules import RULES
-from bcapscope.simulator.scenario import Scenario, read_scenario, shipped
+from bcapscope.simulator.scenario import Scenario, bundled_scenarios, read_scenario
 from tests.analysis.scenes import diagnose_bytes
 from tests.simulator.theatre import perform, rehearse
 
-_SCENARIOS = {name: read_scenario(text) for name, text in shipped().items()}
+_SCENARIOS = {name: read_scenario(text) for name, text in bundled_scenarios().items()}
 
 every = pytest.mark.parametrize(
     "scenario", [pytest.param(scenario, id=name) for name, scenario in _SCENARIOS.items()]
@@ -50,7 +50,7 @@ def test_the_same_seed_gives_the_same_traffic() -> None:
 
 
 def test_the_first_defect_of_the_c_server_can_be_switched_off() -> None:
-    scenario = read_scenario(shipped()["forgetful-server"] + "defects: []\n")
+    scenario = read_scenario(bundled_scenarios()["forgetful-server"] + "defects: []\n")
     findings, _ = diagnose_bytes(perform(scenario))
     assert [finding.rule for finding in findings] == ["retried"]
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.variant import EMPTY, VT
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import EMPTY, VT
+from bcapscope.simulator.argument_values import bstr, float_array, i2, i4
 from bcapscope.simulator.profile import PROFILES
-from bcapscope.simulator.values import bstr, i2, i4, row
 from tests.simulator.desk import Desk, Operator, ints
 from tests.simulator.slavemode import (
     HOME,
@@ -164,7 +164,7 @@ def test_a_client_that_waits_for_its_turn_hears_of_the_error() -> None:
     other = Operator(operator.desk, "other")
     for _ in range(3):
         operator.point(*HOME)
-    assert operator.send("Robot_Execute", operator.arm, bstr("slvMove"), row(VT.R8, HOME)) == []
+    assert operator.send("Robot_Execute", operator.arm, bstr("slvMove"), float_array(VT.R8, HOME)) == []
     outputs = other.send("Robot_Execute", other.arm, bstr("TakeArm"), EMPTY)
     assert {output.peer: Frame(output.data).code for output in outputs} == {
         "client": REFUSED,
@@ -209,7 +209,7 @@ def test_an_error_while_slave_mode_is_left_is_not_answered_later(clears: bool) -
     operator = started(mode=0x002)
     send(operator, 0.3)
     assert operator.send("Robot_Execute", operator.arm, bstr("slvChangeMode"), i4(0)) == []
-    operator.desk.machine.fail(0x84204051, operator.desk.now)
+    operator.desk.machine.raise_error(0x84204051, operator.desk.now)
     (output,) = operator.desk.wait(0)
     assert Frame(output.data).code == 0
     if clears:
@@ -220,7 +220,7 @@ def test_an_error_while_slave_mode_is_left_is_not_answered_later(clears: bool) -
 def test_a_cleared_error_is_not_answered_later() -> None:
     operator = started()
     other = Operator(operator.desk, "other")
-    operator.desk.machine.fail(0x84204051, operator.desk.now)
+    operator.desk.machine.raise_error(0x84204051, operator.desk.now)
     assert other.command("ClearError").hresult == 0
     assert send(operator, 0) == OUTSIDE
 
@@ -229,7 +229,7 @@ def test_a_client_that_waits_is_told_and_nobody_else() -> None:
     operator = started(mode=0x202)
     for _ in range(3):
         operator.point(*HOME)
-    assert operator.send("Robot_Execute", operator.arm, bstr("slvMove"), row(VT.R8, HOME)) == []
+    assert operator.send("Robot_Execute", operator.arm, bstr("slvMove"), float_array(VT.R8, HOME)) == []
     operator.desk.machine.switch_motor(False, operator.desk.now)
     (output,) = operator.desk.wait(0)
     assert Frame(output.data).code == 0x81501003

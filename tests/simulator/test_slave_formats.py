@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.variant import EMPTY, VT, Variant
-from bcapscope.simulator.values import bstr, i4, row, variants
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.simulator.argument_values import bstr, float_array, i4, variant_array
 from tests.simulator.desk import Desk, Operator, ints
 from tests.simulator.slavemode import (
     HOME,
@@ -16,12 +16,12 @@ from tests.simulator.slavemode import (
 @pytest.mark.parametrize(
     ("parameter", "result"),
     [
-        (row(VT.R8, HOME), 0),
-        (row(VT.R4, (*HOME, 0, 0)), 0),
-        (row(VT.R8, (*HOME, 0, 0, 0x40003F)), 0),
-        (row(VT.R8, HOME[:5]), 0x80070057),
-        (row(VT.R8, range(10)), 0x80070057),
-        (row(VT.R8, (float("nan"), *HOME[1:])), 0x83201405),
+        (float_array(VT.R8, HOME), 0),
+        (float_array(VT.R4, (*HOME, 0, 0)), 0),
+        (float_array(VT.R8, (*HOME, 0, 0, 0x40003F)), 0),
+        (float_array(VT.R8, HOME[:5]), 0x80070057),
+        (float_array(VT.R8, range(10)), 0x80070057),
+        (float_array(VT.R8, (float("nan"), *HOME[1:])), 0x83201405),
         (EMPTY, 0x80070057),
         (bstr("J(0,0,90,0,90,0)"), 0x80070057),
     ],
@@ -49,7 +49,7 @@ def test_formats_of_rc8() -> None:
     assert operator.robot("slvSendFormat", i4(0x0020)).hresult == 0
     assert operator.robot("slvRecvFormat", ints(0x0034 | 0x40 | 0x100, 1)).hresult == 0
     operator.slave(0x202)
-    point = variants(row(VT.R8, HOME), i4(0x00AB0000))
+    point = variant_array(float_array(VT.R8, HOME), i4(0x00AB0000))
     reply = operator.robot("slvMove", point)
     assert reply.hresult == 0
     assert isinstance(reply.value, tuple)
@@ -71,11 +71,11 @@ def test_user_io_of_rc8() -> None:
     operator.robot("slvRecvFormat", i4(0x202))
     operator.slave(0x202)
     data = Variant.array(VT.UI1, b"\x12\x34")
-    whole = variants(row(VT.R8, HOME), i4(256), i4(16), data, i4(256), i4(16))
+    whole = variant_array(float_array(VT.R8, HOME), i4(256), i4(16), data, i4(256), i4(16))
     reply = operator.robot("slvMove", whole)
     assert isinstance(reply.value, tuple)
     assert reply.value[1] == data
-    far = variants(row(VT.R8, HOME), i4(504), i4(16), data, i4(256), i4(16))
+    far = variant_array(float_array(VT.R8, HOME), i4(504), i4(16), data, i4(256), i4(16))
     assert operator.robot("slvMove", far).hresult == 0x80070057
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.variant import EMPTY, VT
-from bcapscope.simulator.values import bstr, i2, i4, r8
+from bcapscope.protocol.codec.variant import EMPTY, VT
+from bcapscope.simulator.argument_values import bstr, i2, i4, r8
 from tests.simulator.desk import Desk, Operator, joints
 from tests.simulator.slavemode import (
     FULL,
@@ -127,9 +127,9 @@ def test_time_may_stand_still_only_where_clients_wait_for_replies(
     profile: str, mode: int, keeps_time: bool
 ) -> None:
     operator = started(profile, mode)
-    assert operator.desk.answerer.keeps_time is keeps_time
+    assert operator.desk.answerer.runs_in_real_time is keeps_time
     operator.slave(0)
-    assert not operator.desk.answerer.keeps_time
+    assert not operator.desk.answerer.runs_in_real_time
 
 
 def test_mode_0_warns_when_full_and_refuses_one_too_many() -> None:

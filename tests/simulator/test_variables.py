@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.simulated import SIMULATOR_TEXT, SIMULATOR_VARIABLE
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.values import bstr, i2, i4, r4, r8, row
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
+from bcapscope.simulator.argument_values import bstr, float_array, i2, i4, r4, r8
 from tests.simulator.desk import Desk, Operator, joints
 
 
@@ -18,8 +18,8 @@ from tests.simulator.desk import Desk, Operator, joints
         ("F7", r8(0.5), 0.5),
         ("D7", r8(0.1), 0.1),
         ("S7", bstr("日本"), "日本"),
-        ("V7", row(VT.R8, (1, 2, 3)), (1.0, 2.0, 3.0)),
-        ("J7", row(VT.R4, (1, 2)), joints(1.0, 2.0)),
+        ("V7", float_array(VT.R8, (1, 2, 3)), (1.0, 2.0, 3.0)),
+        ("J7", float_array(VT.R4, (1, 2)), joints(1.0, 2.0)),
         ("IO130", Variant(VT.BOOL, True), True),
         ("IOB128", i2(0x7F), 0x7F),
         ("IOW128", i4(0xABCD), 0xABCD),
@@ -37,7 +37,7 @@ def test_variables_keep_what_is_written(operator: Operator, name: str, value: Va
         ("I7", bstr("5"), 0x80020005),
         ("I7", r8(1e10), 0x8002000A),
         ("I100", i4(1), 0x8002000B),
-        ("P1", row(VT.R8, range(8)), 0x80020005),
+        ("P1", float_array(VT.R8, range(8)), 0x80020005),
         ("S1", bstr("x" * 248), 0x8007000E),
         ("IO512", i4(1), 0x8002000B),
         ("@MODE", i4(1), 0x8000020A),

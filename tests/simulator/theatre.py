@@ -6,15 +6,15 @@ import asyncio
 import io
 from collections.abc import Callable
 
-from bcapscope.capture.recording import Recording
+from bcapscope.capture.socket_recording import SocketRecording
 from bcapscope.client import over_link
-from bcapscope.client.session import Opener
-from bcapscope.simulator.scenario import Over, Scenario
-from bcapscope.simulator.server import Answerer
+from bcapscope.client.session import LinkOpener
+from bcapscope.simulator.scenario import Scenario, ScenarioTransport
+from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
-from bcapscope.simulator.stage import Stage
-from bcapscope.transport.clock import run_virtually
-from bcapscope.transport.memory import memory_pair
+from bcapscope.simulator.simulator_server import ControllerModel
+from bcapscope.transport.loop_clock import run_in_virtual_time
+from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
 from tests.simulator.sessions import play
 
@@ -31,9 +31,9 @@ LONGEST = 3600.0
 def perform(scenario: Scenario, seed: int | None = None) -> bytes:
     """Let the scenario's client meet the scenario; return the capture."""
 
-    def stage() -> Stage:
-        simulator = Simulator(scenario.controller, scenario.beginning())
-        return Stage(scenario, simulator, 0, seed=seed)
+    def stage() -> ScenarioRunner:
+        simulator = Simulator(scenario.controller_profile, scenario.initial_state())
+        return ScenarioRunner(scenario, simulator, 0, seed=seed)
 
     return _perform(stage, scenario)
 
@@ -43,15 +43,17 @@ def rehearse(scenario: Scenario) -> bytes:
     return _perform(lambda: Simulator(scenario.profile.profile), scenario)
 
 
-def _perform(make: Callable[[], Answerer], scenario: Scenario) -> bytes:
+def _perform(make: Callable[[], ControllerModel], scenario: Scenario) -> bytes:
     file = io.BytesIO()
-    recording = Recording(file)
+    recording = SocketRecording(file)
 
     async def run() -> None:
         controller = Controller(make(), recording)
 
-        def reach(name: str) -> Opener:
-            near, far = memory_pair(_takes_a_while, _takes_a_while, scenario.client.over is Over.UDP)
+        def reach(name: str) -> LinkOpener:
+            near, far = memory_link_pair(
+                _takes_a_while, _takes_a_while, scenario.client.over is ScenarioTransport.UDP
+            )
             controller.plug(name, far)
             return over_link(near)
 
@@ -59,7 +61,7 @@ def _perform(make: Callable[[], Answerer], scenario: Scenario) -> bytes:
             await play(scenario.client, scenario.profile.profile, reach)
         await asyncio.sleep(STRAGGLERS)
 
-    run_virtually(run())
+    run_in_virtual_time(run())
     return file.getvalue()
 
 

@@ -9,9 +9,9 @@ import socket
 import time
 from collections.abc import Callable
 
-from bcapscope.protocol.frame import Frame
-from bcapscope.simulator.server import Server
-from bcapscope.simulator.simulator import Output, Peer
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.simulator.simulator import Peer, SimulatorOutput
+from bcapscope.simulator.simulator_server import SimulatorServer
 from tests.simulator.desk import Desk
 from tests.simulator.performance import Performance
 from tests.simulator.playbook import Playbook
@@ -33,44 +33,44 @@ class Wire:
         peers: connections over TCP.
     """
 
-    keeps_time = False
-    waits = False
+    runs_in_real_time = False
+    has_running_calls = False
 
     def __init__(self) -> None:
         self.desk = Desk()
         self.heard = self.sent = 0
         self.peers: set[Peer] = set()
-        self._pending: list[Output] = []
+        self._pending: list[SimulatorOutput] = []
 
-    def send(self, outputs: list[Output]) -> None:
+    def send(self, outputs: list[SimulatorOutput]) -> None:
         """Have the server send something with its next step."""
         self._pending += outputs
 
-    def datagram(self, peer: Peer, data: bytes, now: int) -> list[Output]:
+    def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         """Take a datagram."""
         self.heard += len(data)
-        return self._counted(self.desk.answerer.datagram(peer, data, self.desk.now))
+        return self._counted(self.desk.answerer.on_datagram(peer, data, self.desk.now))
 
-    def connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
+    def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Take a connection."""
         self.peers.add(peer)
-        return self.desk.answerer.connect(peer, self.desk.now, is_stop)
+        return self.desk.answerer.on_connect(peer, self.desk.now, is_stop)
 
-    def segment(self, peer: Peer, data: bytes, now: int) -> list[Output]:
+    def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         """Take bytes of a connection."""
         self.heard += len(data)
-        return self._counted(self.desk.answerer.segment(peer, data, self.desk.now))
+        return self._counted(self.desk.answerer.on_segment(peer, data, self.desk.now))
 
-    def disconnect(self, peer: Peer, now: int) -> None:
+    def on_disconnect(self, peer: Peer, now: int) -> None:
         """Part from a connection."""
         self.peers.discard(peer)
-        self.desk.answerer.disconnect(peer, self.desk.now)
+        self.desk.answerer.on_disconnect(peer, self.desk.now)
 
-    def reset(self, now: int) -> list[Output]:
+    def reset(self, now: int) -> list[SimulatorOutput]:
         """Forget all clients."""
         return self._counted(self.desk.answerer.reset(self.desk.now))
 
-    def advance(self, now: int) -> list[Output]:
+    def advance(self, now: int) -> list[SimulatorOutput]:
         """Return what is to be sent."""
         outputs, self._pending = self._pending, []
         return self._counted(outputs)
@@ -79,7 +79,7 @@ class Wire:
         """Return `now` while something is to be sent."""
         return now if self._pending else None
 
-    def _counted(self, outputs: list[Output]) -> list[Output]:
+    def _counted(self, outputs: list[SimulatorOutput]) -> list[SimulatorOutput]:
         self.sent += sum(len(data) for _, data in outputs)
         return outputs
 
@@ -91,7 +91,9 @@ class WirePerformance(Performance):
         wire: answers in the server.
     """
 
-    def __init__(self, playbook: Playbook, profile: str, server: Server, wire: Wire, port: int) -> None:
+    def __init__(
+        self, playbook: Playbook, profile: str, server: SimulatorServer, wire: Wire, port: int
+    ) -> None:
         """Connect the clients to the port of `server`, in which `wire` answers, or of a proxy before it."""
         self.wire = wire
         self._server, self._port = server, port
@@ -116,14 +118,14 @@ class WirePerformance(Performance):
             each.close()
         self._step_until(lambda: not self.wire.peers)
 
-    def transmit(self, name: str, raw: bytes) -> list[Output]:
+    def transmit(self, name: str, raw: bytes) -> list[SimulatorOutput]:
         """Send a request over the client's socket."""
         self._sent += len(raw)
         assert self._sockets[name].send(raw) == len(raw)
         self.deliver([])
         return []
 
-    def deliver(self, outputs: list[Output]) -> None:
+    def deliver(self, outputs: list[SimulatorOutput]) -> None:
         """Let the server send, and wait until nothing is on its way in either direction."""
         self.wire.send(outputs)
         self._step_until(self._has_all_arrived)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bcapscope.protocol.frame import Frame, Malformed, encode
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.traffic.exchange import Exchange, Settled, Stray
+from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from bcapscope.traffic.tracker import Tracker
 
@@ -55,7 +55,7 @@ class Script:
         conversation = Conversation(Endpoint("10.0.0.2", port), SERVER, transport, "port 5007")
         return Client(self, conversation)
 
-    def track(self, stop: int | None = None) -> list[Settled]:
+    def track(self, stop: int | None = None) -> list[PairingResult]:
         """Run a new tracker over the first `stop` observations and give all that it gives out."""
         tracker = Tracker()
         settled = [item for observation in self.seen[:stop] for item in tracker.observe(observation)]
@@ -75,13 +75,13 @@ class Client:
     ) -> Observation:
         """Send a request or retry."""
         code, arguments = question
-        return self.see(ms, Direction.REQUEST, Frame(encode(serial, reserved, code, arguments)))
+        return self.see(ms, Direction.REQUEST, Frame(encode_frame(serial, reserved, code, arguments)))
 
     def reply(
         self, ms: float, serial: int, reserved: int = 0, code: int = 0, *results: Variant
     ) -> Observation:
         """Send a reply."""
-        return self.see(ms, Direction.RESPONSE, Frame(encode(serial, reserved, code, results)))
+        return self.see(ms, Direction.RESPONSE, Frame(encode_frame(serial, reserved, code, results)))
 
     def see(self, ms: float, direction: Direction, item: Frame | Malformed) -> Observation:
         time = START + round(ms * MS)
@@ -91,17 +91,17 @@ class Client:
         return observation
 
 
-def calls_of(settled: Iterable[Settled]) -> list[Exchange]:
-    return [item for item in settled if isinstance(item, Exchange)]
+def calls_of(settled: Iterable[PairingResult]) -> list[Call]:
+    return [item for item in settled if isinstance(item, Call)]
 
 
-def strays_of(settled: Iterable[Settled]) -> list[Stray]:
-    return [item for item in settled if isinstance(item, Stray)]
+def strays_of(settled: Iterable[PairingResult]) -> list[StrayReply]:
+    return [item for item in settled if isinstance(item, StrayReply)]
 
 
-def summary(exchange: Exchange) -> str:
+def summary(exchange: Call) -> str:
     """Tell a call in one line: each frame's number under its role, outcome and verdict."""
-    frames = " ".join(f"{_SIGNS[event.role]}{event.seen.number}" for event in exchange.events)
+    frames = " ".join(f"{_SIGNS[event.role]}{event.observation.number}" for event in exchange.frames)
     return f"{frames} {exchange.outcome}, {exchange.verdict}"
 
 
@@ -116,11 +116,11 @@ _SIGNS = {
 }
 
 
-def summaries(settled: Iterable[Settled]) -> list[str]:
+def summaries(settled: Iterable[PairingResult]) -> list[str]:
     return [
-        f"{item.call}: {summary(item)}"
-        if isinstance(item, Exchange)
-        else f"stray {item.seen.number} of {item.call}"
+        f"{item.number}: {summary(item)}"
+        if isinstance(item, Call)
+        else f"stray {item.observation.number} of {item.call_number}"
         for item in settled
     ]
 

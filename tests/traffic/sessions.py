@@ -12,8 +12,8 @@ import random
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 
 US, MS = 1_000, 1_000_000
@@ -196,7 +196,7 @@ class Session:
             reserved = call.serials[0]
         call.serials.append(serial)
         call.reserved.append(reserved)
-        raw = encode(serial, reserved, *call.body)
+        raw = encode_frame(serial, reserved, *call.body)
         record = Record(self._now, Direction.REQUEST, raw, call.number, "request", attempt)
         self._see(self.records, record)
         self._carry(record, "server", call, attempt)
@@ -279,8 +279,8 @@ class Session:
     def _reply(self, call: _Call, attempt: int, kind: str, body: int) -> bytes:
         reserved = call.reserved[attempt] if self.profile.echo else 0
         if kind == "notice":
-            return encode(call.serials[attempt], reserved, S_EXECUTING)
-        return encode(call.serials[attempt], reserved, 0, (Variant(VT.I4, body),))
+            return encode_frame(call.serials[attempt], reserved, S_EXECUTING)
+        return encode_frame(call.serials[attempt], reserved, 0, (Variant(VT.I4, body),))
 
 
 class Capture:

@@ -7,12 +7,12 @@ import re
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bcapscope.traffic.convention import Convention
-from bcapscope.traffic.exchange import Exchange, Settled
-from bcapscope.traffic.lane import COPIES_WITHIN_NS, LATE_WITHIN_NS, PATIENCE_NS
+from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call_verdict import CallVerdict
+from bcapscope.traffic.conversation_pairing import COPIES_WITHIN_NS, LATE_WITHIN_NS, SHORTEST_TIMEOUT_NS
 from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.tracker import Tracker
-from bcapscope.traffic.verdict import Verdict
 from tests.traffic.playbook import MS, Script, calls_of, i4, strays_of, summary
 from tests.traffic.sessions import Capture, Profile, Record, Session
 
@@ -57,7 +57,7 @@ def _line(records: dict[int, Record], next_call: int | None, passed: bool) -> st
     gone_on = accepted = False
     for number, record in records.items():
         if next_call is not None and record.time >= next_call and not accepted:
-            gone_on = gone_on or next_call - waiting_since >= PATIENCE_NS
+            gone_on = gone_on or next_call - waiting_since >= SHORTEST_TIMEOUT_NS
         role = "<"
         if record.kind == "notice":
             role = "..."
@@ -75,7 +75,7 @@ def _line(records: dict[int, Record], next_call: int | None, passed: bool) -> st
         words.append(f"{role}{number}")
         roles.append((role, record))
     if next_call is not None and not accepted:
-        gone_on = gone_on or next_call - waiting_since >= PATIENCE_NS
+        gone_on = gone_on or next_call - waiting_since >= SHORTEST_TIMEOUT_NS
     outcome = "answered" if accepted else "unanswered" if gone_on or passed else "capture_ended"
     return f"{' '.join(words)} {outcome}, {_verdict(roles, outcome)}"
 
@@ -96,13 +96,13 @@ def _verdict(roles: list[tuple[str, Record]], outcome: str) -> str:
     return "request lost" if noticed else "cannot tell"
 
 
-def track(capture: Capture) -> list[Settled]:
+def track(capture: Capture) -> list[PairingResult]:
     tracker = Tracker()
     settled = [item for seen in capture.observations for item in tracker.observe(seen)]
     return [*settled, *tracker.close()]
 
 
-def calls_by_client(capture: Capture, settled: list[Settled]) -> list[list[Exchange]]:
+def calls_by_client(capture: Capture, settled: list[PairingResult]) -> list[list[Call]]:
     return [
         [call for call in calls_of(settled) if call.conversation is conversation]
         for conversation in capture.conversations
@@ -122,12 +122,12 @@ def test_every_chain_is_found(profiles: list[Profile], seed: int) -> None:
     capture = Capture([(session.profile, session.records) for session in sessions])
     settled = track(capture)
     assert strays_of(settled) == []
-    assert sorted(call.call for call in calls_of(settled)) == list(range(1, len(calls_of(settled)) + 1))
+    assert sorted(call.number for call in calls_of(settled)) == list(range(1, len(calls_of(settled)) + 1))
     end = max((seen.time for seen in capture.observations), default=0)
     for records, calls in zip(capture.records, calls_by_client(capture, settled), strict=True):
         for call, line in zip(calls, told(records), strict=True):
             # Where others go on for so long, the capture did not end before a reply could come.
-            over = end - max(event.seen.time for event in call.events) >= LATE_WITHIN_NS
+            over = end - max(event.observation.time for event in call.frames) >= LATE_WITHIN_NS
             later = line.replace("capture_ended, capture ended", "unanswered, unanswered")
             later = later.replace("capture_ended", "unanswered")
             assert summary(call) in ((line, later) if over else (line,))
@@ -149,14 +149,14 @@ def test_the_convention_is_found(profile: Profile, seed: int) -> None:
     calls = calls_of(track(Capture([(profile, session.records)])))
     named = {call.convention for call in calls}
     if profile.is_tcp:
-        expected = Convention.TCP1 if profile.convention == "tcp1" else Convention.TCP0
+        expected = ReservedConvention.TCP1 if profile.convention == "tcp1" else ReservedConvention.TCP0
         assert calls[-1].convention is expected
     elif profile.convention == "own":
-        assert named == {Convention.OWN}
+        assert named == {ReservedConvention.OWN}
     else:
-        assert named <= {Convention.UNKNOWN, Convention(profile.convention)}
-        if any(len(call.requests) > 2 for call in calls):
-            assert calls[-1].convention is Convention(profile.convention)
+        assert named <= {ReservedConvention.UNKNOWN, ReservedConvention(profile.convention)}
+        if any(len(call.attempts) > 2 for call in calls):
+            assert calls[-1].convention is ReservedConvention(profile.convention)
 
 
 # Here the reply to a call came after that to the next one, which the client had asked soon after a notice.
@@ -168,7 +168,7 @@ def test_a_capture_that_is_cut_short_gives_the_same_calls_as_far_as_it_goes(
     session = Session(profile, 12, seed)
     capture = Capture([(profile, session.records)])
     whole = track(capture)
-    by_number = {call.call: call for call in calls_of(whole)}
+    by_number = {call.number: call for call in calls_of(whole)}
     tracker = Tracker()
     stop = round(part * len(capture.observations))
     settled = [item for seen in capture.observations[:stop] for item in tracker.observe(seen)]
@@ -176,9 +176,9 @@ def test_a_capture_that_is_cut_short_gives_the_same_calls_as_far_as_it_goes(
         summary(call) for call in calls_of(whole[: len(settled)])
     ]
     for call in calls_of(tracker.close()):
-        complete = by_number[call.call]
-        assert set(call.events) <= set(complete.events)
-        assert call.requests == complete.requests[: len(call.requests)]
+        complete = by_number[call.number]
+        assert set(call.frames) <= set(complete.frames)
+        assert call.attempts == complete.attempts[: len(call.attempts)]
         assert call.outcome in (complete.outcome, "capture_ended")
 
 
@@ -202,7 +202,7 @@ def test_between_the_ends_nothing_is_lost_and_nothing_mixed_up(profile: Profile,
     capture = Capture([(profile, session.crossing)])
     settled = track(capture)
     records = capture.records[0]
-    found = [{event.seen.number for event in call.events} for call in calls_of(settled)]
+    found = [{event.observation.number for event in call.frames} for call in calls_of(settled)]
     assert strays_of(settled) == []
     calls = {record.call for record in records.values()}
     known = [{number for number, record in records.items() if record.call == call} for call in calls]
@@ -228,7 +228,7 @@ def test_any_frames_at_any_time_are_each_in_one_place(
 ) -> None:
     script = Script()
     clients = [script.client(1), script.client(2, transport)]
-    tracker, settled, ms = Tracker(), list[Settled](), 0.0
+    tracker, settled, ms = Tracker(), list[PairingResult](), 0.0
     for index, is_request, serial, reserved, code, gap in steps:
         ms += gap / MS
         client = clients[index]
@@ -239,16 +239,16 @@ def test_any_frames_at_any_time_are_each_in_one_place(
         if expires:
             settled += tracker.expire(script.seen[-1].time)
     settled += tracker.close()
-    assert tracker.open == []
+    assert tracker.open_calls == []
     calls = calls_of(settled)
-    frames = [event.seen.number for call in calls for event in call.events]
-    frames += [stray.seen.number for stray in strays_of(settled)]
+    frames = [event.observation.number for call in calls for event in call.frames]
+    frames += [stray.observation.number for stray in strays_of(settled)]
     assert sorted(frames) == [seen.number for seen in script.seen]
-    assert sorted(call.call for call in calls) == list(range(1, len(calls) + 1))
+    assert sorted(call.number for call in calls) == list(range(1, len(calls) + 1))
     for client in clients:
-        numbers = [call.call for call in calls if call.conversation is client.conversation]
+        numbers = [call.number for call in calls if call.conversation is client.conversation]
         assert numbers == sorted(numbers)
     for call in calls:
         assert (call.reply is not None) == (call.outcome in ("answered", "refused"))
         assert (call.latency is None) == (call.rtt is None) == (call.reply is None)
-        assert call.verdict in Verdict
+        assert call.verdict in CallVerdict

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.frame import Malformed, Problem
+from bcapscope.protocol.codec.frame import Malformed, Problem
 from bcapscope.traffic import tracker as tracker_module
-from bcapscope.traffic.exchange import Settled, Stray
-from bcapscope.traffic.lane import (
+from bcapscope.traffic.call import PairingResult, StrayReply
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+from bcapscope.traffic.conversation_pairing import (
     BUSY_WITHIN_NS,
     COPIES_WITHIN_NS,
     EXECUTION_NS,
@@ -15,9 +17,7 @@ from bcapscope.traffic.lane import (
     RETRY_WITHIN_NS,
 )
 from bcapscope.traffic.observation import Direction, Transport
-from bcapscope.traffic.question import MOST_CONVERSATIONS
-from bcapscope.traffic.tracker import MOST_OPEN, Tracker
-from bcapscope.traffic.verdict import Outcome, Verdict
+from bcapscope.traffic.tracker import MAX_OPEN, Tracker
 from tests.traffic.playbook import (
     MOVE,
     MS,
@@ -44,12 +44,12 @@ def test_calls_settle_by_time_alone() -> None:
     reply = client.reply(1, 1)
     tracker = Tracker()
     assert list(tracker.observe(answered)) == []
-    assert [call.call for call in tracker.open] == [1]
-    assert tracker.open[0].outcome is Outcome.CAPTURE_ENDED
+    assert [call.number for call in tracker.open_calls] == [1]
+    assert tracker.open_calls[0].outcome is Outcome.CAPTURE_ENDED
     assert list(tracker.observe(reply)) == []
     assert list(tracker.expire(reply.time + RETRY_WITHIN_NS - 1)) == []
     assert summaries(tracker.expire(reply.time + RETRY_WITHIN_NS)) == ["1: >1 <2 answered, answered"]
-    assert tracker.open == []
+    assert tracker.open_calls == []
     silent = client.ask(6000, 2, 2, MOVE)
     assert list(tracker.observe(silent)) == []
     assert list(tracker.expire(silent.time + EXECUTION_NS - 1)) == []
@@ -87,12 +87,12 @@ def test_four_clients_that_get_no_answer_are_followed() -> None:
     script = Script()
     clients = [script.client(50001 + number) for number in range(4)]
     tracker = Tracker()
-    settled: list[Settled] = []
+    settled: list[PairingResult] = []
     for number in range(1, 3001):
         for client in clients:
             settled += tracker.observe(client.ask(2 * number, number, number, MOVE))
     assert {call.outcome for call in calls_of(settled)} == {Outcome.UNANSWERED}
-    assert len(settled) + len(tracker.open) == 12_000
+    assert len(settled) + len(tracker.open_calls) == 12_000
 
 
 def test_calls_of_a_conversation_come_in_order_and_others_do_not_wait() -> None:
@@ -100,16 +100,16 @@ def test_calls_of_a_conversation_come_in_order_and_others_do_not_wait() -> None:
     slow, quick = script.client(1), script.client(2)
     tracker = Tracker()
     tracker.observe(slow.ask(0, 1, 1, MOVE))
-    settled: list[Settled] = []
+    settled: list[PairingResult] = []
     for step in range(100):
         settled += tracker.observe(quick.ask(8 * step, 1 + step, 1 + step, MOVE))
         settled += tracker.observe(quick.reply(8 * step + 1, 1 + step))
     assert len(settled) > 80
     assert {call.conversation for call in calls_of(settled)} == {quick.conversation}
     settled += tracker.close()
-    assert sorted(call.call for call in calls_of(settled)) == list(range(1, 102))
+    assert sorted(call.number for call in calls_of(settled)) == list(range(1, 102))
     for client in (slow, quick):
-        numbers = [call.call for call in calls_of(settled) if call.conversation is client.conversation]
+        numbers = [call.number for call in calls_of(settled) if call.conversation is client.conversation]
         assert numbers == sorted(numbers)
 
 
@@ -120,7 +120,7 @@ def test_a_clock_that_is_set_back_stops_nothing() -> None:
         client.ask(3_600_000 - 120_000 * step, step, step, MOVE)
         client.reply(3_600_000 - 120_000 * step + 1, step)
     calls = calls_of(script.track())
-    assert [call.verdict for call in calls] == [Verdict.ANSWERED] * 59
+    assert [call.verdict for call in calls] == [CallVerdict.ANSWERED] * 59
 
 
 def test_open_calls_are_bounded_and_the_busiest_makes_room() -> None:
@@ -128,33 +128,33 @@ def test_open_calls_are_bounded_and_the_busiest_makes_room() -> None:
     patient, flood = script.client(1), script.client(2)
     tracker = Tracker()
     tracker.observe(patient.ask(0, 1, 1, MOVE))
-    settled: list[Settled] = []
-    for step in range(3 * MOST_OPEN):
+    settled: list[PairingResult] = []
+    for step in range(3 * MAX_OPEN):
         settled += tracker.observe(flood.ask(0.001 * step, step % 65536, step % 65536, MOVE))
-        assert len(tracker.open) <= MOST_OPEN if step % 1000 == 0 else True
-    assert patient.conversation in {call.conversation for call in tracker.open}
+        assert len(tracker.open_calls) <= MAX_OPEN if step % 1000 == 0 else True
+    assert patient.conversation in {call.conversation for call in tracker.open_calls}
     settled += tracker.close()
-    assert [call.call for call in calls_of(settled) if call.conversation is flood.conversation] == list(
-        range(2, 3 * MOST_OPEN + 2)
+    assert [call.number for call in calls_of(settled) if call.conversation is flood.conversation] == list(
+        range(2, 3 * MAX_OPEN + 2)
     )
 
 
 def test_conversations_are_bounded_and_the_silent_one_goes_first() -> None:
     script = Script()
     tracker = Tracker()
-    settled: list[Settled] = []
-    clients = [script.client(port) for port in range(MOST_CONVERSATIONS + 2)]
+    settled: list[PairingResult] = []
+    clients = [script.client(port) for port in range(MAX_CONVERSATIONS + 2)]
     for step, client in enumerate(clients):
         settled += tracker.observe(client.ask(0.001 * step, 1, 1, MOVE))
     assert [call.conversation for call in calls_of(settled)] == [
         client.conversation for client in clients[:2]
     ]
     assert {call.outcome for call in calls_of(settled)} == {Outcome.NOT_FOLLOWED}
-    assert len(tracker.open) == MOST_CONVERSATIONS
+    assert len(tracker.open_calls) == MAX_CONVERSATIONS
 
 
 def test_a_call_that_is_let_go_is_not_said_to_be_unanswered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracker_module, "MOST_OPEN", 4)
+    monkeypatch.setattr(tracker_module, "MAX_OPEN", 4)
     script = Script()
     client, other = script.client(1), script.client(2)
     client.ask(0, 1, 1, MOVE)
@@ -177,12 +177,12 @@ def test_a_call_that_is_let_go_is_not_said_to_be_unanswered(monkeypatch: pytest.
         "5: >6 <9 answered, answered",
         "6: >11 capture_ended, capture ended",
     ]
-    assert [call.given_up for call in calls_of(settled)[1:3]] == [False, False]
-    assert [stray.overlooked for stray in strays_of(settled)] == [True, True, False]
+    assert [call.surely_unanswered for call in calls_of(settled)[1:3]] == [False, False]
+    assert [stray.may_answer_evicted for stray in strays_of(settled)] == [True, True, False]
 
 
 def test_what_comes_for_a_conversation_that_was_let_go_may_answer_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracker_module, "MOST_CONVERSATIONS", 1)
+    monkeypatch.setattr(tracker_module, "MAX_CONVERSATIONS", 1)
     script = Script()
     done, busy, other = (script.client(port) for port in (1, 2, 3))
     done.ask(0, 1, 1, MOVE)
@@ -193,12 +193,12 @@ def test_what_comes_for_a_conversation_that_was_let_go_may_answer_it(monkeypatch
     other.ask(7003, 1, 1, MOVE)
     other.reply(7004, 1)
     settled = script.track()
-    assert [stray.overlooked for stray in strays_of(settled)] == [False, True]
+    assert [stray.may_answer_evicted for stray in strays_of(settled)] == [False, True]
     assert [str(call.outcome) for call in calls_of(settled)] == ["answered", "not_followed", "answered"]
 
 
 def test_a_late_reply_to_a_call_that_was_not_let_go_is_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracker_module, "MOST_OPEN", 2)
+    monkeypatch.setattr(tracker_module, "MAX_OPEN", 2)
     script = Script()
     client = script.client()
     for serial in range(1, 4):
@@ -206,7 +206,9 @@ def test_a_late_reply_to_a_call_that_was_not_let_go_is_late(monkeypatch: pytest.
     client.reply(4, 3)
     client.ask(20_000, 5, 5, MOVE)
     client.reply(20_001, 3, 0, 0x600B)
-    assert [(stray.call, stray.overlooked) for stray in strays_of(script.track())] == [(3, False)]
+    assert [(stray.call_number, stray.may_answer_evicted) for stray in strays_of(script.track())] == [
+        (3, False)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -226,7 +228,7 @@ def test_no_reply_comes_over_a_connection_that_is_gone(
     script = Script()
     asked = script.client(transport=Transport.TCP).ask(0, 1, 1, MOVE)
     for by, reset in ends:
-        asked.flow.conversation.close(by, reset, asked.time + MS)
+        asked.flow.conversation.record_end(by, reset, asked.time + MS)
     (call,) = calls_of(script.track())
     assert call.outcome is outcome
 
@@ -247,10 +249,10 @@ def test_the_open_calls_of_a_client_that_is_gone_are_given_out_and_it_is_forgott
     tracker.observe(first)
     tracker.observe(second)
     gone = first.flow.conversation
-    assert [call.call for call in calls_of(tracker.forget(gone))] == [1]
-    assert [call.call for call in tracker.open] == [2]
-    assert list(tracker.forget(gone)) == []
+    assert [call.number for call in calls_of(tracker.close_conversation(gone))] == [1]
+    assert [call.number for call in tracker.open_calls] == [2]
+    assert list(tracker.close_conversation(gone)) == []
     late = client.reply(2, 1)
     (stray,) = tracker.observe(late)
-    assert isinstance(stray, Stray)
-    assert stray.call is None
+    assert isinstance(stray, StrayReply)
+    assert stray.call_number is None

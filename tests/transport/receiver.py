@@ -11,11 +11,11 @@ class Notes:
     def __init__(self) -> None:
         self.told: asyncio.Queue[tuple[str, bytes | str]] = asyncio.Queue()
 
-    def received(self, data: bytes) -> None:
+    def on_data(self, data: bytes) -> None:
         self.told.put_nowait(("received", data))
 
-    def trouble(self, text: str) -> None:
+    def on_send_error(self, text: str) -> None:
         self.told.put_nowait(("trouble", text))
 
-    def lost(self, reason: str) -> None:
+    def on_link_lost(self, reason: str) -> None:
         self.told.put_nowait(("lost", reason))

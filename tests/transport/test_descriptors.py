@@ -10,39 +10,44 @@ import sys
 
 import pytest
 
-from bcapscope.transport.descriptors import SpareDescriptors, accept, can_be_read, none_left
+from bcapscope.transport.descriptors import (
+    SpareDescriptors,
+    accept_connection,
+    is_out_of_descriptors,
+    wait_readable,
+)
 
 
 def test_what_was_given_is_taken_back_when_there_is_some(monkeypatch: pytest.MonkeyPatch) -> None:
     spares = SpareDescriptors(2)
-    assert not spares.give()
-    assert spares.fill()
-    assert not spares.give(keep=2)
-    assert spares.give(keep=1)
+    assert not spares.release_one()
+    assert spares.refill()
+    assert not spares.release_one(keep=2)
+    assert spares.release_one(keep=1)
     with monkeypatch.context() as patched:
         patched.setattr(os, "open", _refuse)
-        assert not spares.fill()
-        assert spares.give()
-        assert not spares.give()
-    assert spares.fill()
+        assert not spares.refill()
+        assert spares.release_one()
+        assert not spares.release_one()
+    assert spares.refill()
     spares.close()
-    assert not spares.give()
-    assert spares.fill()  # of none
-    assert not spares.give()
+    assert not spares.release_one()
+    assert spares.refill()  # of none
+    assert not spares.release_one()
 
 
 def test_a_system_without_descriptors_gives_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "open", _refuse)
     spares = SpareDescriptors(2)
-    assert not spares.fill()
-    assert not spares.give()
+    assert not spares.refill()
+    assert not spares.release_one()
 
 
 @pytest.mark.parametrize(
     ("number", "expected"), [(errno.EMFILE, True), (errno.ENFILE, True), (errno.ECONNREFUSED, False)]
 )
 def test_which_errors_mean_that_none_is_left(number: int, expected: bool) -> None:
-    assert none_left(OSError(number, "")) is expected
+    assert is_out_of_descriptors(OSError(number, "")) is expected
 
 
 def test_the_limit_is_raised_as_far_as_the_user_may() -> None:
@@ -74,13 +79,13 @@ def test_without_descriptors_nothing_is_freed_unless_somebody_waits(monkeypatch:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.setblocking(False)
         monkeypatch.setattr(socket.socket, "accept", _refuse)
-        assert accept(listener, free) is None
+        assert accept_connection(listener, free) is None
         assert not freed
         with socket.create_connection(listener.getsockname()) as client:
-            assert can_be_read(listener.fileno(), 20)
+            assert wait_readable(listener.fileno(), 20)
             with pytest.raises(OSError, match=str(errno.EMFILE)):
-                accept(listener, lambda: False)
-            accepted = accept(listener, free)
+                accept_connection(listener, lambda: False)
+            accepted = accept_connection(listener, free)
             assert accepted is not None
             assert accepted[1] == client.getsockname()
             accepted[0].close()
@@ -98,9 +103,9 @@ def test_a_descriptor_of_any_number_can_be_waited_for() -> None:
     reader, writer = os.pipe()
     try:
         os.dup2(reader, number)
-        assert not can_be_read(number, 0.001)
+        assert not wait_readable(number, 0.001)
         os.write(writer, b"x")
-        assert can_be_read(number, 1)
+        assert wait_readable(number, 1)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
         for each in (reader, writer, number):

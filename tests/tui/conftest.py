@@ -13,7 +13,9 @@ from bcapscope.tui.words import Language, speak
 @pytest.fixture(autouse=True)
 def _own_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Keep settings in the folder of the test."""
-    monkeypatch.setattr("bcapscope.tui.app.default_path", lambda: tmp_path / "own-settings" / "screen.yaml")
+    monkeypatch.setattr(
+        "bcapscope.tui.app.default_settings_path", lambda: tmp_path / "own-settings" / "screen.yaml"
+    )
 
 
 @pytest.fixture(autouse=True)

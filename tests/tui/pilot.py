@@ -15,7 +15,7 @@ from textual._context import visible_screen_stack
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from bcapscope.tui.app import Scope, Spot
+from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.words import Language
 
 LIMIT = 60.0
@@ -95,7 +95,7 @@ class Hand(Pilot[None]):
         return bool(waiting)
 
 
-def drive(app: Scope, act: Act, size: tuple[int, int] = (80, 24), limit: float = LIMIT) -> None:
+def drive(app: BcapApp, act: Act, size: tuple[int, int] = (80, 24), limit: float = LIMIT) -> None:
     """Run `act` on the screen, `size` being columns and rows, for `limit` seconds at most; quit then."""
 
     async def run() -> None:
@@ -111,9 +111,9 @@ def drive(app: Scope, act: Act, size: tuple[int, int] = (80, 24), limit: float =
     asyncio.run(run())
 
 
-def make(*spots: Spot, language: Language = Language.ENGLISH, settings: Path | None = None) -> Scope:
+def make(*spots: ScreenEntry, language: Language = Language.ENGLISH, settings: Path | None = None) -> BcapApp:
     """Make the application; its settings lie in the folder of the test."""
-    return Scope(spots, settings, language)
+    return BcapApp(spots, settings, language)
 
 
 async def until(pilot: Pilot[None], true: Callable[[], object], limit: float = LIMIT) -> None:
@@ -129,7 +129,7 @@ async def until(pilot: Pilot[None], true: Callable[[], object], limit: float = L
     await pilot.pause()
 
 
-def picture(app: Scope) -> bytes:
+def picture(app: BcapApp) -> bytes:
     """Return what is shown as SVG, without what differs from run to run."""
     svg = app.export_screenshot(title="bcapscope")
     unique = sorted(set(re.findall(r"terminal-\d+", svg)))
@@ -138,7 +138,7 @@ def picture(app: Scope) -> bytes:
     return svg.encode()
 
 
-def shown(app: Scope) -> str:
+def shown(app: BcapApp) -> str:
     """Return what is shown as text, a line each."""
     width, height = app.size
     visible_screen_stack.set(

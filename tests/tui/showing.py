@@ -9,10 +9,10 @@ from pathlib import Path
 from textual.pilot import Pilot
 from textual.widgets import Static
 
-from bcapscope.tui.app import Scope, Spot
-from bcapscope.tui.screens.traffic import TrafficScreen
-from bcapscope.tui.traffic.feed import Feed
-from bcapscope.tui.widgets.viewbar import ViewBar
+from bcapscope.tui.app import BcapApp, ScreenEntry
+from bcapscope.tui.screens.traffic_screen import TrafficScreen
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+from bcapscope.tui.widgets.view_bar import ViewBar
 from bcapscope.tui.words import Language
 from tests.tui.pilot import Act, drive, make, until
 
@@ -20,11 +20,11 @@ from tests.tui.pilot import Act, drive, make, until
 @contextmanager
 def shown(
     path: Path, follow: bool = False, settings: Path | None = None, language: Language = Language.ENGLISH
-) -> Iterator[tuple[Scope, Feed]]:
+) -> Iterator[tuple[BcapApp, TrafficFeed]]:
     """Make the application with a capture; its processes are ended at the end."""
-    feed = Feed(path=str(path), follow=follow)
+    feed = TrafficFeed(path=str(path), follow=follow)
     try:
-        spot = Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, path.name))
+        spot = ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, path.name))
         yield make(spot, language=language, settings=settings), feed
     finally:
         feed.close()
@@ -41,7 +41,7 @@ def act_on(path: Path, act: Act, size: tuple[int, int] = (80, 24)) -> None:
         drive(app, when_read, size)
 
 
-async def read(pilot: Pilot[None], feed: Feed) -> None:
+async def read(pilot: Pilot[None], feed: TrafficFeed) -> None:
     """Wait until all was read and shown."""
     await until(pilot, lambda: feed.progress.ended)
     await until(pilot, lambda: not any("●" in text for text in screen(pilot).query_one(ViewBar)._states))

@@ -19,18 +19,18 @@ from textual.app import ComposeResult
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
-from bcapscope.tui.app import Scope, Spot
-from bcapscope.tui.screens.help import HelpScreen
-from bcapscope.tui.screens.palette import all_commands
-from bcapscope.tui.screens.place import Place
-from bcapscope.tui.settings import load
-from bcapscope.tui.widgets.topbar import TopBar
+from bcapscope.tui.app import BcapApp, ScreenEntry
+from bcapscope.tui.screens.base_screen import BaseScreen
+from bcapscope.tui.screens.help_screen import HelpScreen
+from bcapscope.tui.screens.screen_commands import all_commands
+from bcapscope.tui.settings import read_settings
+from bcapscope.tui.widgets.top_bar import TopBar
 from bcapscope.tui.words import Language
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, make, shown, until
 
 
-class _Here(Place):
+class _Here(BaseScreen):
     NAME = "traffic"
     ABOUT = "shell.help.tip"
 
@@ -39,7 +39,7 @@ class _Here(Place):
         yield Static("here")
 
 
-class _There(Place):
+class _There(BaseScreen):
     NAME = "shell.keys"
     ABOUT = "shell.help.tip"
 
@@ -47,8 +47,8 @@ class _There(Place):
         yield Static("there")
 
 
-def app(settings: Path | None = None, language: Language = Language.ENGLISH) -> Scope:
-    spots = (Spot("here", "f2", "traffic", _Here), Spot("there", "f3", "shell.keys", _There))
+def app(settings: Path | None = None, language: Language = Language.ENGLISH) -> BcapApp:
+    spots = (ScreenEntry("here", "f2", "traffic", _Here), ScreenEntry("there", "f3", "shell.keys", _There))
     return make(*spots, settings=settings, language=language)
 
 
@@ -82,16 +82,16 @@ def test_an_error_of_ours_ends_the_screen_and_lets_go_of_everything(
         done.append("failing")
         raise OSError("and this one")
 
-    made = make(Spot("here", "f2", "traffic", Faulty))
-    made.at_close(closed)
-    made.at_close(failing)
+    made = make(ScreenEntry("here", "f2", "traffic", Faulty))
+    made.add_closer(closed)
+    made.add_closer(failing)
     with pytest.raises(OSError, match="and this one"):
         asyncio.run(made.run_async(headless=True))
     assert done == ["failing", "closed"]
     assert "ours" in capsys.readouterr().err
     monkeypatch.setattr(made, "run", lambda: None)  # it has just been run
     with pytest.raises(SystemExit, match="1"):
-        made.show()
+        made.run_until_closed()
 
 
 def test_a_screen_that_was_left_takes_the_theme_that_is_chosen_elsewhere() -> None:
@@ -164,7 +164,7 @@ def test_ctrl_c_tells_how_to_end() -> None:
         (note,) = made._notifications
         assert note.message == "Ctrl-Q ends"
 
-    spots = (Spot("there", "f3", "shell.keys", _There),)
+    spots = (ScreenEntry("there", "f3", "shell.keys", _There),)
     drive(made := make(*spots), act)
 
 
@@ -181,7 +181,7 @@ def test_the_theme_is_remembered(tmp_path: Path) -> None:
         await pilot.press("ctrl+t")
 
     drive(app(tmp_path / "screen.yaml"), act)
-    assert load(tmp_path / "screen.yaml")[0].theme == "light"
+    assert read_settings(tmp_path / "screen.yaml")[0].theme == "light"
     again = app(tmp_path / "screen.yaml")
     assert again.theme == "light"
 
@@ -218,7 +218,7 @@ def test_what_is_to_be_let_go_of_is_before_the_end_the_last_first() -> None:
             async def close(name: str = name) -> None:
                 done.append(name)
 
-            made.at_close(close)
+            made.add_closer(close)
         await pilot.press("ctrl+q")
         await pilot.press("ctrl+q")
 
@@ -228,13 +228,13 @@ def test_what_is_to_be_let_go_of_is_before_the_end_the_last_first() -> None:
 
 @pytest.mark.lifecycle
 def test_what_does_not_let_go_does_not_keep_the_screen_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bcapscope.tui.app.CLOSING_LIMIT", 0.05)
+    monkeypatch.setattr("bcapscope.tui.app.CLOSE_TIMEOUT", 0.05)
 
     async def act(pilot: Pilot[None]) -> None:
         async def hang() -> None:
             await asyncio.Event().wait()
 
-        made.at_close(hang)
+        made.add_closer(hang)
         await pilot.press("ctrl+q")
 
     drive(made := app(), act)

@@ -17,14 +17,14 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widgets import Select
 
-from bcapscope.tui.halting import HALT_KEYS, halting
-from bcapscope.tui.screens.help import HelpScreen
-from bcapscope.tui.screens.slave import SlaveScreen
-from bcapscope.tui.screens.tester import Tester as Window
-from bcapscope.tui.tester.ask import ArmDialog, ChoiceDialog, NameDialog
-from bcapscope.tui.tester.files import FilePicker
-from bcapscope.tui.tester.picker import CommandPicker, FunctionPicker
-from bcapscope.tui.tester.recovery import RecoveryDialog
+from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
+from bcapscope.tui.screens.help_screen import HelpScreen
+from bcapscope.tui.screens.slave_screen import SlaveScreen
+from bcapscope.tui.screens.tester_screen import TesterScreen as Window
+from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog, NameDialog
+from bcapscope.tui.tester.file_picker import FilePicker
+from bcapscope.tui.tester.list_pickers import CommandPicker, FunctionPicker
+from bcapscope.tui.tester.recovery_dialog import RecoveryDialog
 from tests.tui.pilot import drive, until
 from tests.tui.tester import focus, make_tester
 
@@ -89,7 +89,7 @@ def test_each_key_halts_whatever_is_open(tmp_path: Path) -> None:
         return True
 
     async def act(pilot: Pilot[None]) -> None:
-        app.at_halt(halt)
+        app.add_halt_callback(halt)
         below = len(app.screen_stack)
         for opened, what in PLACES:
             halted.clear()
@@ -114,7 +114,7 @@ def test_the_driver_halts_before_the_event_loop_knows() -> None:
         def process_message(self, message: object) -> None:
             passed.append(message)
 
-    driver = object.__new__(halting(Terminal, pressed.set))
+    driver = object.__new__(make_halt_driver(Terminal, pressed.set))
     driver.process_message(Key("a", "a"))
     assert not pressed.is_set()
     driver.process_message(Key("f12", None))
@@ -131,7 +131,7 @@ def test_a_key_that_the_driver_has_seen_halts_once(tmp_path: Path) -> None:
         return True
 
     async def act(pilot: Pilot[None]) -> None:
-        app.at_halt(halt)
+        app.add_halt_callback(halt)
         driver = app._driver
         assert driver is not None
         driver.process_message(Key("f12", None))
@@ -153,7 +153,7 @@ def test_a_terminal_that_has_hung_up_is_not_taken_again() -> None:
             done.append("resume")
 
     master, slave = os.openpty()
-    driver: Any = object.__new__(halting(Terminal, lambda: None))
+    driver: Any = object.__new__(make_halt_driver(Terminal, lambda: None))
     vars(driver).update(fileno=slave, _auto_restart=True, _must_signal_resume=True)
     for expected, asked in ((["resume"], True), (["suspend", "resume"], False)):
         vars(driver)["_must_signal_resume"] = asked
@@ -175,8 +175,8 @@ def test_halt_while_the_screen_hangs(tmp_path: Path) -> None:
         return True
 
     async def act(pilot: Pilot[None]) -> None:
-        app.at_halt(halt)
-        driver = halting(HeadlessDriver, app.halt)(app)
+        app.add_halt_callback(halt)
+        driver = make_halt_driver(HeadlessDriver, app.halt)(app)
         loop = asyncio.get_running_loop()
         read = loop.run_in_executor(None, driver.process_message, Key("f12", None))
         assert halted.wait(10)  # which holds up the event loop meanwhile

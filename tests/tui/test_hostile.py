@@ -13,22 +13,22 @@ from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from bcapscope.capture.recording import Recording
-from bcapscope.protocol.frame import encode
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.proxy.control_answers import Client, Figures, Held, Rule
+from bcapscope.capture.socket_recording import SocketRecording
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatus, ProxyStats
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Direction, Transport
-from bcapscope.tui.app import Scope, Spot
-from bcapscope.tui.harmless import Harmless
-from bcapscope.tui.proxy.editing import edited, proposal
-from bcapscope.tui.proxy.news import Said, Stands
-from bcapscope.tui.proxy.standing import Standing
-from bcapscope.tui.screens.proxy import ProxyScreen
-from bcapscope.tui.screens.traffic import TrafficScreen
-from bcapscope.tui.tester.choice import Choice
-from bcapscope.tui.tester.history import HistoryLines
-from bcapscope.tui.traffic.feed import Feed
+from bcapscope.tui.app import BcapApp, ScreenEntry
+from bcapscope.tui.control_char_filter import ControlCharFilter
+from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
+from bcapscope.tui.proxy_panel.proxy_events import ProxyOutput, ProxyStateRead
+from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+from bcapscope.tui.screens.proxy_screen import ProxyScreen
+from bcapscope.tui.screens.traffic_screen import TrafficScreen
+from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.history_panel import HistoryLines
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, make, shown, until
 from tests.tui.showing import read
@@ -50,7 +50,7 @@ pytestmark = pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
 async def look(pilot: Pilot[None]) -> None:
     """Let all be drawn, and look at every character."""
     await pilot.pause()
-    assert isinstance(pilot.app, Scope)
+    assert isinstance(pilot.app, BcapApp)
     drawn = shown(pilot.app)
     assert [char for char in drawn if not char.isprintable() and char not in "\n\u3000"] == []
 
@@ -65,28 +65,30 @@ def capture(path: Path, text: str) -> None:
     """Write a capture in which the text is everywhere that a peer can put it."""
     string = Variant(VT.BSTR, text)
     with path.open("wb") as file:
-        recording = Recording(file)
+        recording = SocketRecording(file)
 
         def say(
             serial: int, code: int, values: list[Variant], answer: list[Variant], result: int = 0
         ) -> None:
             at = TIME + serial * 10**7
-            recording.segment(CLIENT, SERVER, encode(serial, 0, code, values), at)
-            recording.segment(SERVER, CLIENT, encode(serial, 0, result, answer), at + 10**6)
+            recording.write_segment(CLIENT, SERVER, encode_frame(serial, 0, code, values), at)
+            recording.write_segment(SERVER, CLIENT, encode_frame(serial, 0, result, answer), at + 10**6)
 
         say(1, 1, [string], [])
         say(2, 3, [string, string, string, string], [Variant(VT.I4, 1)])
         say(3, 7, [Variant(VT.I4, 1), string, string], [Variant(VT.I4, 2)])
         say(4, EXECUTE, [Variant(VT.I4, 2), string, string], [string], INVALID)
         say(5, EXECUTE, [Variant(VT.I4, 2), string, Variant.array(VT.BSTR, (text, text))], [string])
-        recording.segment(CLIENT, SERVER, b"\x01" + text.encode("utf-16-le", "surrogatepass"), TIME + 10**9)
+        recording.write_segment(
+            CLIENT, SERVER, b"\x01" + text.encode("utf-16-le", "surrogatepass"), TIME + 10**9
+        )
 
 
 def test_traffic(text: str, tmp_path: Path) -> None:
     path = tmp_path / "hostile.pcapng"
     capture(path, text)
-    feed = Feed(path=str(path))
-    app = make(Spot("traffic", "f3", "traffic", lambda: TrafficScreen(feed, text)))
+    feed = TrafficFeed(path=str(path))
+    app = make(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, text)))
 
     async def act(pilot: Pilot[None]) -> None:
         await read(pilot, feed)
@@ -120,10 +122,10 @@ def test_traffic(text: str, tmp_path: Path) -> None:
         await pilot.press("enter")
         await look(pilot)
         assert here.frames.marks
-        feed.doubt(text)
+        feed.report_source_problem(text)
         await pilot.pause()
-        here._open(text)
-        app.tell(text, "error")
+        here._open_capture(text)
+        app.show_message(text, "error")
         await picture(pilot)
         await pilot.press("s")
         app.screen.query_one("#prompt-input", Input).value = str(tmp_path / "notes.pcapng")
@@ -139,38 +141,40 @@ def test_traffic(text: str, tmp_path: Path) -> None:
 class _Told(ProxyScreen):
     """A proxy that says what it is made to."""
 
-    def __init__(self, standing: Standing, way: str) -> None:
+    def __init__(self, standing: ProxyState, way: str) -> None:
         super().__init__("nowhere", way)
-        self._stands = Stands(standing)
+        self._stands = ProxyStateRead(standing)
 
-    def _ask_all(self) -> Stands:
+    def _read_state(self) -> ProxyStateRead:
         return self._stands
 
 
-def standing(text: str) -> Standing:
+def standing(text: str) -> ProxyState:
     """Make up a proxy that has the text wherever one can be."""
     string = Variant(VT.BSTR, text)
-    message = encode(1, 0, EXECUTE, [Variant(VT.I4, 1), string, string]).hex()
+    message = encode_frame(1, 0, EXECUTE, [Variant(VT.I4, 1), string, string]).hex()
     address = "10.0.0.2:50001"
     ends = (address, "10.0.0.1:5007", Transport.TCP, Direction.REQUEST)
-    return Standing(
-        [Client(1, text, text, text, text, 1.0, 1, None, 0, None)],
-        [Rule(text, True, 1, text)],
+    return ProxyState(
+        [ClientStatus(1, text, text, text, text, 1.0, 1, None, 0, None)],
+        [FaultStatus(text, True, 1, text)],
         [
-            Held(1, *ends, EXECUTE, text, text, 1.0, 59.0, message),
-            Held(2, *ends, None, None, None, 1.0, 59.0, text.encode("utf-16-le", "surrogatepass").hex()),
+            HeldStatus(1, *ends, EXECUTE, text, text, 1.0, 59.0, message),
+            HeldStatus(
+                2, *ends, None, None, None, 1.0, 59.0, text.encode("utf-16-le", "surrogatepass").hex()
+            ),
         ],
-        Figures({text: 1}, 0, True, text, 1, recording=text),
+        ProxyStats({text: 1}, 0, True, text, 1, recording=text),
     )
 
 
 def test_proxy(text: str) -> None:
     place = _Told(standing(text), text)
-    app = make(Spot("proxy", "f2", "proxy", lambda: place))
+    app = make(ScreenEntry("proxy", "f2", "proxy", lambda: place))
 
     async def act(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: place.held.items)
-        place.post_message(Said(text, False))
+        place.post_message(ProxyOutput(text, False))
         for key in "1234":
             await pilot.press(key)
             await picture(pilot)
@@ -185,7 +189,7 @@ def test_proxy(text: str) -> None:
         await pilot.press("escape", "a")
         app.post_message(Paste(text))
         await look(pilot)
-        place.post_message(Said(text, True))
+        place.post_message(ProxyOutput(text, True))
         await look(pilot)
 
     drive(app, act)
@@ -193,11 +197,11 @@ def test_proxy(text: str) -> None:
 
 def test_what_is_proposed_for_a_held_message_is_read_back_as_it_was(text: str) -> None:
     flow = standing("x").held[0].flow
-    message = encode(1, 0, EXECUTE, [Variant(VT.I4, 1), Variant(VT.BSTR, text)])
-    proposed = proposal(message, len(message) - 10)
+    message = encode_frame(1, 0, EXECUTE, [Variant(VT.I4, 1), Variant(VT.BSTR, text)])
+    proposed = proposed_edit(message, len(message) - 10)
     assert proposed.isprintable()
     with pytest.raises(ValueError, match="changes nothing"):
-        edited(message, flow, proposed)
+        edited_message(message, flow, proposed)
 
 
 def test_tester(text: str, tmp_path: Path) -> None:
@@ -216,7 +220,7 @@ def test_tester(text: str, tmp_path: Path) -> None:
             await answered(pilot, "#execute ResultView", printable(text)[:20])
             await look(pilot)
             for name in ("received", "saved", "history"):
-                here.query_one("#view", Choice).chosen = name
+                here.query_one("#view", ChoiceRow).chosen = name
                 await look(pilot)
             here.query_one(HistoryLines).focus()
             await pilot.press("end")
@@ -233,7 +237,7 @@ def test_tester(text: str, tmp_path: Path) -> None:
 
 
 def test_the_guard_before_the_terminal_keeps_every_column(text: str) -> None:
-    guard: Callable[[list[Segment], Color], list[Segment]] = Harmless().apply
+    guard: Callable[[list[Segment], Color], list[Segment]] = ControlCharFilter().apply
     line = [Segment("名前 "), Segment(text), Segment("\u3000")]
     (first, middle, last) = guard(line, Color(0, 0, 0))
     assert first.text == "名前 "

@@ -8,29 +8,38 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.style import Style
 
+from bcapscope.render.color_palette import PLAIN
 from bcapscope.render.escape import printable
-from bcapscope.render.palette import PLAIN
-from bcapscope.tui.ink import CURSOR, INK, LIT, inked, pieces, plain, segments, style_names
-from bcapscope.tui.themes import THEMES, styles_of
+from bcapscope.tui.ink import (
+    CURSOR,
+    INK,
+    LIT,
+    strip_styles,
+    style_names,
+    styled_pieces,
+    styled_segments,
+    styled_text,
+)
+from bcapscope.tui.themes import THEMES, theme_styles
 
 
 def test_a_line_falls_into_pieces() -> None:
     line = f"a {INK.bad}E_FAIL{INK.reset} b {LIT}01{CURSOR}02{INK.reset}"
     found = [("", "a "), ("bad", "E_FAIL"), ("", " b "), ("lit", "01"), ("cursor", "02")]
-    assert list(pieces(line)) == found
-    assert plain(line) == "a E_FAIL b 0102"
-    assert inked(line, {}).plain == plain(line)
+    assert list(styled_pieces(line)) == found
+    assert strip_styles(line) == "a E_FAIL b 0102"
+    assert styled_text(line, {}).plain == strip_styles(line)
 
 
 def test_segments_have_the_styles_of_the_theme() -> None:
     red = Style(color="red")
-    (first, second) = segments(f"{INK.bad}no{INK.reset} yes", {"bad": red})
+    (first, second) = styled_segments(f"{INK.bad}no{INK.reset} yes", {"bad": red})
     assert (first.style, second.style) == (red, None)
 
 
 @given(st.text())
 def test_no_text_from_the_wire_is_a_mark(text: str) -> None:
-    assert list(pieces(printable(text))) == ([("", printable(text))] if text else [])
+    assert list(styled_pieces(printable(text))) == ([("", printable(text))] if text else [])
 
 
 def test_every_mark_is_a_style_of_every_theme() -> None:
@@ -39,4 +48,4 @@ def test_every_mark_is_a_style_of_every_theme() -> None:
     assert len(style_names()) == len(marks) - 1 + 2
     assert all(getattr(PLAIN, each.name) == "" for each in fields(PLAIN))
     for theme in THEMES:
-        assert set(styles_of(theme)) == set(style_names())
+        assert set(theme_styles(theme)) == set(style_names())

@@ -11,19 +11,19 @@ from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Button, Input, Select
 
-from bcapscope.player.messages import Outcome
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.tui.desk.builtin import JOINTS
-from bcapscope.tui.desk.record import Ending
-from bcapscope.tui.desk.recovery import Step
-from bcapscope.tui.ink import plain
-from bcapscope.tui.screens.slave import SlaveScreen
-from bcapscope.tui.tester.ask import ArmDialog
-from bcapscope.tui.tester.choice import Choice
-from bcapscope.tui.tester.connection import ConnectionPanel
-from bcapscope.tui.tester.history import HistoryLines
-from bcapscope.tui.tester.tabs import TABS, FormTabs
-from bcapscope.tui.tester.watchlist import WatchList
+from bcapscope.player.player_messages import PlayOutcome
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
+from bcapscope.tui.controller_access.error_recovery import RecoveryStep
+from bcapscope.tui.controller_access.history_record import RecordOutcome
+from bcapscope.tui.ink import strip_styles
+from bcapscope.tui.screens.slave_screen import SlaveScreen
+from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.connection_panel import ConnectionPanel
+from bcapscope.tui.tester.dialogs import ArmDialog
+from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.history_panel import HistoryLines
+from bcapscope.tui.tester.watch_list import WatchList
 from tests.client.peer import Answer, Peer
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, until
@@ -61,12 +61,12 @@ def test_hostile_strings_are_shown_and_never_interpreted(tmp_path: Path) -> None
 
         async def act(pilot: Pilot[None]) -> None:
             here = await connected(pilot)
-            assert not here.desk.status.identity.simulator
+            assert not here.session.status.identity.is_simulator
             await execute(pilot, "slvGetMode")
             text = await answered(pilot, RESULT, "[/foo]\\x1b[31m\\u202e\\ud800[red]AAA")
             assert len(text) < 5000
             for name in ("received", "history"):
-                here.query_one("#view", Choice).chosen = name
+                here.query_one("#view", ChoiceRow).chosen = name
                 await pilot.pause()
                 assert "[/foo]" in sight(pilot)
                 assert "\x1b" not in sight(pilot)
@@ -106,10 +106,12 @@ def test_nothing_that_moves_goes_out_before_one_has_armed(tmp_path: Path) -> Non
             assert moves() == 1
             assert "ARMED 2:5" in sight(pilot)
             await pilot.press("f8")
-            assert not here.desk.arming.is_armed(here.desk.now())
-            here.query_one(FormTabs).turn_to("task")  # what is out of sight gets no keys when it is connected
+            assert not here.session.arming.is_armed(here.session.now())
+            here.query_one(FormTabs).show_tab(
+                "task"
+            )  # what is out of sight gets no keys when it is connected
             await pilot.press("f5")
-            await until(pilot, lambda: not here.desk.status.is_connected)
+            await until(pilot, lambda: not here.session.status.is_connected)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
             await pilot.press("f5")
             await until(pilot, lambda: here.query_one("#task").has_focus_within)
@@ -150,7 +152,7 @@ def test_who_has_gone_elsewhere_while_it_was_connecting_is_left_there(tmp_path: 
             workers = pilot.app.workers
             await workers.wait_for_complete([each for each in workers if each.group == "connect"])
             await pilot.pause()
-            assert here.desk.status.robot is not None
+            assert here.session.status.robot is not None
             assert here.focused is here.query_one("#view")
             await finish(pilot)
 
@@ -162,7 +164,7 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
         here = screen(pilot)
         panel = here.query_one(ConnectionPanel)
         here.query_one("#option", Input).value = "Timeout=abc"
-        assert isinstance(panel.wish(), str)
+        assert isinstance(panel.wanted_connection(), str)
         assert "F5 Connect" in sight(pilot)
         await until(pilot, lambda: "1 to 600000 is expected" in sight(pilot))
         here.query_one("#option", Input).value = "Timeout=50,Retry=1"
@@ -183,14 +185,14 @@ def test_history_again_edit_copy_save_and_filter(tmp_path: Path) -> None:
         here = await connected(pilot)
         await execute(pilot, "slvGetMode")
         await answered(pilot, RESULT, "0")
-        here.query_one("#view", Choice).chosen = "history"
+        here.query_one("#view", ChoiceRow).chosen = "history"
         lines = here.query_one(HistoryLines)
         lines.focus()
         count = lines.count
         await pilot.press("r")
         await until(pilot, lambda: lines.count == count + 1)
-        assert lines.chosen is not None
-        assert lines.chosen.ending is Ending.ANSWERED
+        assert lines.current_record is not None
+        assert lines.current_record.outcome is RecordOutcome.ANSWERED
         for key, text in (("x", "01 "), ("p", "from bcapscope.client"), ("c", "bcapscope call 127.0.0.1")):
             await pilot.press(key)
             assert pilot.app.clipboard.startswith(text)
@@ -217,11 +219,11 @@ def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
         await until(pilot, lambda: "F5 Disconnect" in sight(pilot))
-        here.query_one("#tabs", Choice).chosen = "variable"
+        here.query_one("#tabs", ChoiceRow).chosen = "variable"
         await focus(pilot, "#variable .name")
         await write(pilot, "I5")
         await pilot.press("enter")
-        await until(pilot, lambda: here.desk.status.open[-1].label == "I5")
+        await until(pilot, lambda: here.session.status.open_objects[-1].label == "I5")
         await go(pilot, "#variable .value")
         await write(pilot, "x")
         await until(pilot, lambda: "expected: a whole number" in result(pilot, "#variable ResultView"))
@@ -231,12 +233,12 @@ def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
         await pilot.press("tab", "enter")
         await answered(pilot, "#variable ResultView", "42")
         lines = here.query_one(HistoryLines)
-        put, got = (plain(lines.line(lines.count - back)) for back in (2, 1))
+        put, got = (strip_styles(lines.line(lines.count - back)) for back in (2, 1))
         assert "Variable_PutValue I5(42) S_OK" in put
         assert "Variable_GetValue I5 S_OK" in got
         await pilot.press("tab", "tab", "enter")
         watch = here.query_one(WatchList)
-        await until(pilot, lambda: watch.count == 2 and "  42  " in plain(watch.line(1)))
+        await until(pilot, lambda: watch.count == 2 and "  42  " in strip_styles(watch.line(1)))
         watch.focus()
         await pilot.press("end", "delete")
         await until(pilot, lambda: watch.count == 0)
@@ -248,7 +250,7 @@ def test_variables_are_read_written_and_watched(tmp_path: Path) -> None:
 def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
-        here.query_one("#tabs", Choice).chosen = "raw"
+        here.query_one("#tabs", ChoiceRow).chosen = "raw"
         await focus(pilot, "#raw .value")
         field = here.query_one("#raw .value", Input)
         field.value = "01 1"
@@ -273,14 +275,14 @@ def test_the_way_out_of_an_error(tmp_path: Path) -> None:
         await executed(pilot, "slvMove", "12.42, 60.36, 17.63, 35.81, 20.43, 23.95")
         for _ in range(2):  # the error is the answer to the next set point
             await executed(pilot, "slvMove", "90, 60.36, 17.63, 35.81, 20.43, 23.95")
-        await until(pilot, lambda: here.desk.status.slave_mode == 0)
+        await until(pilot, lambda: here.session.status.slave_mode == 0)
         await pilot.press("f7")
         await errors_read(pilot)
-        for step in list(Step)[1:]:
+        for step in list(RecoveryStep)[1:]:
             button = pilot.app.screen.query_one(f"#do-{step}")
             await until(pilot, lambda button=button: pilot.app.focused is button)  # type: ignore[misc]  # bound now
             await pilot.press("enter")
-        await until(pilot, lambda: here.desk.status.slave_mode == 2)
+        await until(pilot, lambda: here.session.status.slave_mode == 2)
         await pilot.press("escape", "f12")
         await finish(pilot)
 
@@ -290,7 +292,7 @@ def test_the_way_out_of_an_error(tmp_path: Path) -> None:
 def trajectory(folder: Path) -> Path:
     """Write a small swing of J6 that begins and ends where the simulator stands."""
     path = folder / "swing.csv"
-    points = np.tile(np.array(JOINTS[:6]), (120, 1))
+    points = np.tile(np.array(START_JOINTS[:6]), (120, 1))
     points[:, 5] += 1.0 - np.cos(np.linspace(0, 2 * np.pi, 120))
     rows = "\n".join(",".join(f"{value:.6f}" for value in row) for row in points)
     path.write_text(f"J1,J2,J3,J4,J5,J6\n{rows}\n")
@@ -301,7 +303,7 @@ def test_slave_mode_with_a_log_file_and_start(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         tester = await connected(pilot)
         await executed(pilot, "TakeArm", "0, 0")
-        assert tester.desk.status.holds_arm  # which the player needs
+        assert tester.session.status.holds_arm  # which the player needs
         await pilot.press("f9")
         await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
         here = pilot.app.screen
@@ -311,8 +313,8 @@ def test_slave_mode_with_a_log_file_and_start(tmp_path: Path) -> None:
         await until(pilot, lambda: not here.query_one("#start", Button).disabled)
         assert "fit to play: 120 set points" in sight(pilot)
         await pilot.press("f9")
-        await until(pilot, lambda: here.run is not None and here.run.progress is not None)
-        assert (await watched(pilot, here)).outcome is Outcome.DONE
+        await until(pilot, lambda: here.playback is not None and here.playback.progress is not None)
+        assert (await watched(pilot, here)).outcome is PlayOutcome.DONE
         await until(pilot, lambda: "played to the end" in sight(pilot))
         assert "commanded" in sight(pilot)
         assert list((tmp_path / "log").glob("slave-*.pcapng"))
@@ -334,9 +336,11 @@ def test_slave_mode_is_halted_and_the_screen_closed_in_order(tmp_path: Path) -> 
         await write(pilot, str(trajectory(tmp_path)))
         await until(pilot, lambda: not here.query_one("#start", Button).disabled)
         await pilot.press("f9")
-        await until(pilot, lambda: here.run is not None and here.run.course)
+        await until(pilot, lambda: here.playback is not None and here.playback.samples)
         await pilot.press("f12")
-        await until(pilot, lambda: here.run is not None and (here.run.ended or here.run.question))
+        await until(
+            pilot, lambda: here.playback is not None and (here.playback.ended or here.playback.question)
+        )
         await asyncio.sleep(0)
         await finish(pilot)
 
@@ -413,7 +417,7 @@ def test_a_name_that_was_begun_is_completed_first_and_its_parameter_asked_for(tm
 def test_a_wrong_filter_says_why(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = screen(pilot)
-        here.query_one("#view", Choice).chosen = "history"
+        here.query_one("#view", ChoiceRow).chosen = "history"
         await focus(pilot, "#history-filter")
         await pilot.press(*"hresult !=")
         await until(pilot, lambda: "^" in sight(pilot))

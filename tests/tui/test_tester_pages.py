@@ -14,19 +14,19 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Select
 
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.observer import Observer
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.client.session import command_of
-from bcapscope.player.messages import Outcome, Pacing
-from bcapscope.protocol.frame import Frame, encode
-from bcapscope.protocol.functions import function_name
-from bcapscope.protocol.slavemode import PoseType
-from bcapscope.protocol.variant import VT, Variant
-from bcapscope.simulator.kinematics import eight, pose_of
-from bcapscope.tui.desk.builtin import JOINTS
-from bcapscope.tui.screens.slave import SlaveScreen
-from bcapscope.tui.tester.history import HistoryLines
-from bcapscope.tui.tester.packetbox import PacketBox
+from bcapscope.player.player_messages import PlayOutcome, SlaveModePacing
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.simulator.kinematics import pad_joints, pose_of
+from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
+from bcapscope.tui.screens.slave_screen import SlaveScreen
+from bcapscope.tui.tester.history_panel import HistoryLines
+from bcapscope.tui.tester.packet_box import PacketBox
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (
     COMMAND,
@@ -85,7 +85,7 @@ async def change_mode(pilot: Pilot[None], vt: str, mode: int) -> None:
     await write(pilot, str(mode))
     await pilot.press("enter")
     here = screen(pilot)
-    await until(pilot, lambda: here.desk.status.slave_mode == mode)
+    await until(pilot, lambda: here.session.status.slave_mode == mode)
     assert "(EMPTY)" in await answered(pilot, RESULT, "(EMPTY)")
 
 
@@ -104,20 +104,20 @@ async def read_position(pilot: Pilot[None]) -> None:
     await write(pilot, "@CURRENT_POSITION")
     await pilot.press("enter")
     here = screen(pilot)
-    await until(pilot, lambda: here.desk.status.open[-1].label == "@CURRENT_POSITION")
+    await until(pilot, lambda: here.session.status.open_objects[-1].label == "@CURRENT_POSITION")
     await go(pilot, "#robot-variable .get")
     await pilot.press("enter")
-    joints = eight(tuple(map(float, POINT.split(", "))))
+    joints = pad_joints(tuple(map(float, POINT.split(", "))))
     told = (await answered(pilot, VALUE, "63")).partition("  ")[0]
     assert [float(each) for each in told.split(", ")] == pytest.approx(pose_of(PoseType.P, joints), abs=1e-4)
-    handle = here.desk.status.open[-1].handle
+    handle = here.session.status.open_objects[-1].handle
     sent, _ = sent_and_received(pilot)
-    assert sent == encode(Frame(sent).serial, 0, GET_VALUE, [Variant(VT.I4, handle)])
+    assert sent == encode_frame(Frame(sent).serial, 0, GET_VALUE, [Variant(VT.I4, handle)])
 
 
 def sent_and_received(pilot: Pilot[None]) -> tuple[bytes, bytes]:
     here = screen(pilot)
-    sent, received = (here.query_one(f"#{name}", PacketBox).shown for name in ("sent", "received"))
+    sent, received = (here.query_one(f"#{name}", PacketBox).shown_packet for name in ("sent", "received"))
     assert sent is not None
     assert received is not None
     return sent.item.raw, received.item.raw
@@ -131,7 +131,7 @@ def hex_in_sight(pilot: Pilot[None], raw: bytes) -> bool:
 def control_log(folder: Path) -> Path:
     """Write a log as a controller does: a small swing of J6 from where the robot stands, and back."""
     path = folder / "log.csv"
-    points = np.tile(np.array(JOINTS[:6]), (100, 1))
+    points = np.tile(np.array(START_JOINTS[:6]), (100, 1))
     points[:, 5] += 1.0 - np.cos(np.linspace(0, 2 * np.pi, 100))
     titles = ",".join(f"[J{axis} - 指令値]" for axis in range(1, 7))
     rows = "\n".join(",".join(f"{value:.6f}" for value in row) for row in points)
@@ -139,7 +139,7 @@ def control_log(folder: Path) -> Path:
     return path
 
 
-async def play(pilot: Pilot[None], log: Path, pacing: Pacing) -> None:
+async def play(pilot: Pilot[None], log: Path, pacing: SlaveModePacing) -> None:
     """Push Slave Mode, choose the log, push Start, and watch it to the end."""
     await go(pilot, "#slave-mode", "shift+tab")
     await pilot.press("enter")
@@ -149,20 +149,20 @@ async def play(pilot: Pilot[None], log: Path, pacing: Pacing) -> None:
     await until(pilot, lambda: isinstance(pilot.app.focused, Input))
     await write(pilot, str(log))
     await go(pilot, "#mode")
-    await pilot.press("enter", "home", *["down"] * list(Pacing).index(pacing), "enter")
+    await pilot.press("enter", "home", *["down"] * list(SlaveModePacing).index(pacing), "enter")
     assert here.query_one("#mode", Select).value is pacing
     start = here.query_one("#start")
     await until(pilot, lambda: not start.disabled)
     assert "fit to play: 100 set points" in sight(pilot)
     await go(pilot, "#start")
     await pilot.press("enter")
-    await until(pilot, lambda: here.run is not None and here.run.plan.mode is pacing)
+    await until(pilot, lambda: here.playback is not None and here.playback.plan.mode is pacing)
     ended = await watched(pilot, here)
-    assert ended.outcome is Outcome.DONE
+    assert ended.outcome is PlayOutcome.DONE
     assert "played to the end" in sight(pilot)
-    assert here.run is not None
-    asked = list(commands(Path(here.run.plan.record or "")))
-    mode = 0x002 if pacing is Pacing.SYNC else 0x102
+    assert here.playback is not None
+    asked = list(commands(Path(here.playback.plan.record or "")))
+    mode = 0x002 if pacing is SlaveModePacing.SYNC else 0x102
     assert [value for name, value in asked if name == "slvchangemode"][-2:] == [mode, 0]
     assert sum(name == "slvmove" for name, _ in asked) >= 100
     await pilot.press("escape")
@@ -172,7 +172,7 @@ async def play(pilot: Pilot[None], log: Path, pacing: Pacing) -> None:
 def commands(record: Path) -> Iterator[tuple[str, object]]:
     """Yield the commands in a recording, retries left out, each with its parameter."""
     with open_capture(record) as capture:
-        for seen in Observer().observe(capture):
+        for seen in PacketDecoder().decode(capture):
             item = seen.item
             if isinstance(item, Frame) and item.code == 64 and item.reserved == 0:
                 values = tuple(argument.variant for argument in item.arguments)
@@ -181,9 +181,11 @@ def commands(record: Path) -> Iterator[tuple[str, object]]:
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    ("size", "pacing"), [((80, 24), Pacing.SYNC), ((160, 48), Pacing.ASYNC)], ids=["80x24", "160x48"]
+    ("size", "pacing"),
+    [((80, 24), SlaveModePacing.SYNC), ((160, 48), SlaveModePacing.ASYNC)],
+    ids=["80x24", "160x48"],
 )
-def test_the_pages(tmp_path: Path, size: tuple[int, int], pacing: Pacing) -> None:
+def test_the_pages(tmp_path: Path, size: tuple[int, int], pacing: SlaveModePacing) -> None:
     async def act(pilot: Pilot[None]) -> None:
         await connected(pilot)
         await add_gundam(pilot)
@@ -216,4 +218,4 @@ def test_the_pages(tmp_path: Path, size: tuple[int, int], pacing: Pacing) -> Non
 
 def _names(pilot: Pilot[None]) -> list[str]:
     lines = screen(pilot).query_one(HistoryLines)
-    return [function_name(record.function_id) for record in lines._shown]
+    return [function_name(record.function_id) for record in lines._records]

@@ -9,14 +9,14 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Button, Input
 
-from bcapscope.tui.app import Scope
-from bcapscope.tui.desk import recorder
-from bcapscope.tui.desk.halt import HaltState
-from bcapscope.tui.desk.pulse import Pulse
-from bcapscope.tui.desk.record import Record
-from bcapscope.tui.screens.slave import SlaveScreen
-from bcapscope.tui.tester.choice import Choice
-from bcapscope.tui.tester.tick import Tick
+from bcapscope.tui.app import BcapApp
+from bcapscope.tui.controller_access import history_recorder
+from bcapscope.tui.controller_access.halt_connection import HaltState
+from bcapscope.tui.controller_access.history_record import HistoryRecord
+from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
+from bcapscope.tui.screens.slave_screen import SlaveScreen
+from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.tick_box import TickBox
 from tests.cli.run import CAPTURES
 from tests.tui.pilot import drive, picture, until
 from tests.tui.test_pictures import PICTURES
@@ -48,12 +48,12 @@ def _same_times(monkeypatch: pytest.MonkeyPatch) -> None:
     The controller was heard just now, however long a picture takes.
     """
 
-    def tamed(**told: Any) -> Record:
-        return Record(**{**told, "took": 1_234_000, "began": NEW_YEAR + told["number"] * SECOND})
+    def tamed(**told: Any) -> HistoryRecord:
+        return HistoryRecord(**{**told, "took": 1_234_000, "began": NEW_YEAR + told["number"] * SECOND})
 
-    monkeypatch.setattr(recorder, "Record", tamed)
-    monkeypatch.setattr(Pulse, "age", lambda self, now: 0)
-    monkeypatch.setattr(Pulse, "is_silent", lambda self, now: False)
+    monkeypatch.setattr(history_recorder, "HistoryRecord", tamed)
+    monkeypatch.setattr(ReplyMonitor, "silence", lambda self, now: 0)
+    monkeypatch.setattr(ReplyMonitor, "is_reply_overdue", lambda self, now: False)
 
 
 class Album:
@@ -62,7 +62,7 @@ class Album:
     What differs is laid into `folder`.
     """
 
-    def __init__(self, app: Scope, folder: Path, write: bool) -> None:
+    def __init__(self, app: BcapApp, folder: Path, write: bool) -> None:
         self._app, self._folder, self._write = app, folder, write
         self._others: list[str] = []
 
@@ -95,12 +95,12 @@ class Album:
 
 async def begin(pilot: Pilot[None]) -> None:
     """Connect, add the robot of the pages, and start RobSlave; over TCP, where no serials go into retries."""
-    screen(pilot).query_one("#udp", Tick).value = False
+    screen(pilot).query_one("#udp", TickBox).value = False
     here = await connected(pilot)
     here.query_one("#port", Input).value = "5007"
     await add_gundam(pilot)
     await pilot.press("ctrl+b")
-    await until(pilot, lambda: any(each.label == "RobSlave" for each in here.desk.status.open))
+    await until(pilot, lambda: any(each.label == "RobSlave" for each in here.session.status.open_objects))
 
 
 @pytest.mark.timeout(300)
@@ -147,11 +147,11 @@ def test_each_of_its_parts(
 async def variable(pilot: Pilot[None], album: Album) -> None:
     here = screen(pilot)
     await executed(pilot, "slvChangeMode", "0")
-    here.query_one("#tabs", Choice).chosen = "variable"
+    here.query_one("#tabs", ChoiceRow).chosen = "variable"
     await focus(pilot, "#variable .name")
     await write(pilot, "I5")
     await pilot.press("enter")
-    await until(pilot, lambda: here.desk.status.open[-1].label == "I5")
+    await until(pilot, lambda: here.session.status.open_objects[-1].label == "I5")
     await go(pilot, "#variable .value")
     await write(pilot, "42")
     await pilot.press("enter")
@@ -162,7 +162,7 @@ async def variable(pilot: Pilot[None], album: Album) -> None:
 
 
 async def task(pilot: Pilot[None], album: Album) -> None:
-    screen(pilot).query_one("#tabs", Choice).chosen = "task"
+    screen(pilot).query_one("#tabs", ChoiceRow).chosen = "task"
     await focus(pilot, "#task #state")
     await pilot.press("enter")
     await answered(pilot, "#task-result", "3")
@@ -172,7 +172,7 @@ async def task(pilot: Pilot[None], album: Album) -> None:
 
 
 async def function(pilot: Pilot[None], album: Album) -> None:
-    screen(pilot).query_one("#tabs", Choice).chosen = "function"
+    screen(pilot).query_one("#tabs", ChoiceRow).chosen = "function"
     await focus(pilot, "#choose-function")
     await pilot.press("enter")
     await pilot.press(*"robot_move", "enter")
@@ -182,19 +182,19 @@ async def function(pilot: Pilot[None], album: Album) -> None:
 
 
 async def history(pilot: Pilot[None], album: Album) -> None:
-    screen(pilot).query_one("#view", Choice).chosen = "history"
+    screen(pilot).query_one("#view", ChoiceRow).chosen = "history"
     await focus(pilot, "HistoryLines")
     await album.take(pilot, "tester-history")
 
 
 async def recovery(pilot: Pilot[None], album: Album) -> None:
     here = screen(pilot)
-    here.query_one("#tabs", Choice).chosen = "robot"
+    here.query_one("#tabs", ChoiceRow).chosen = "robot"
     await executed(pilot, "slvChangeMode", "2")
     await executed(pilot, "slvMove", POINT)
     for _ in range(2):  # the error is the answer to the next set point
         await executed(pilot, "slvMove", f"90{POINT[8:]}")
-    await until(pilot, lambda: here.desk.status.slave_mode == 0)
+    await until(pilot, lambda: here.session.status.slave_mode == 0)
     await pilot.press("f7")
     await errors_read(pilot)
     here.query_one("#left").scroll_home(animate=False)

@@ -7,7 +7,7 @@ from rich.style import Style
 from textual.color import Color
 from textual.theme import Theme
 
-from bcapscope.tui.themes import THEMES, contrast, on_ground, styles_of
+from bcapscope.tui.themes import THEMES, contrast, readable_style, theme_styles
 
 INKS = ("number", "name", "hex", "problem", "good", "bad", "dim")
 
@@ -28,8 +28,8 @@ def test_every_ink_can_be_read_on_the_line_of_the_cursor(theme: Theme, ground: s
         Color.parse(theme.variables[f"block-{ground}-{which}"]) for which in ("foreground", "background")
     )
     own = Style(color=letters.rich_color, bgcolor=behind.rich_color)
-    for ink, style in styles_of(theme).items():
-        drawn = on_ground(style, own)
+    for ink, style in theme_styles(theme).items():
+        drawn = readable_style(style, own)
         assert drawn.color is not None
         assert drawn.bgcolor is not None
         assert contrast(*map(Color.from_rich_color, (drawn.color, drawn.bgcolor))) >= 4.5, ink

@@ -22,20 +22,20 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Button, Checkbox, Input, Select
 
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.observer import Observer
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.client.session import command_of
-from bcapscope.player.messages import Outcome, Pacing
-from bcapscope.protocol.frame import Frame
-from bcapscope.protocol.functions import function_name
+from bcapscope.live.child_process import ChildProcess
+from bcapscope.player.player_messages import PlayOutcome, SlaveModePacing
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.traffic.observation import Direction
-from bcapscope.tui.child import Child
-from bcapscope.tui.desk.builtin import JOINTS, builtin_simulator
-from bcapscope.tui.desk.halt import HaltState
-from bcapscope.tui.screens.slave import SlaveScreen
-from bcapscope.tui.screens.tester import Tester as Window
-from bcapscope.tui.tester.connection import ConnectionPanel
-from bcapscope.tui.tester.packets import PacketPane
+from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS, run_builtin_simulator
+from bcapscope.tui.controller_access.halt_connection import HaltState
+from bcapscope.tui.screens.slave_screen import SlaveScreen
+from bcapscope.tui.screens.tester_screen import TesterScreen as Window
+from bcapscope.tui.tester.connection_panel import ConnectionPanel
+from bcapscope.tui.tester.packet_pane import PacketPane
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (
@@ -92,19 +92,19 @@ async def begin_to_move(pilot: Pilot[None]) -> None:
 )
 def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, told: str) -> None:
     async def act(pilot: Pilot[None]) -> None:
-        with builtin_simulator() as simulator:
+        with run_builtin_simulator() as simulator:
             here = await join(pilot, simulator.port, tcp=tcp)
             await begin_to_move(pilot)
             simulator.process.kill()
             await until(pilot, lambda: told in result(pilot, MOVED))
             await until(pilot, lambda: here.halt_state in (HaltState.LOST, HaltState.CLOSED))
-            assert here.desk.status.is_connected is not tcp  # over UDP, it may come back
+            assert here.session.status.is_connected is not tcp  # over UDP, it may come back
             assert told in sight(pilot)
             if not tcp:
-                here.query_one(PacketPane).turn_to("history")
+                here.query_one(PacketPane).show_view("history")
                 await until(pilot, lambda: re.search(r"5 serial \d+, reserved \d+, sent at", sight(pilot)))
                 await pilot.press("f5")
-                await until(pilot, lambda: not here.desk.status.is_connected)
+                await until(pilot, lambda: not here.session.status.is_connected)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
             await pilot.press("f5")
             refused = "connection refused" if tcp else "no answer to 5 tries"
@@ -125,7 +125,7 @@ def test_gone_in_the_middle_of_a_connect_over_udp(tmp_path: Path) -> None:
             assert "● service" in sight(pilot)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
             assert "no answer to 2 tries" in sight(pilot)
-            assert not here.desk.status.is_connected
+            assert not here.session.status.is_connected
             await finish(pilot)
 
         drive(make_tester(tmp_path, "127.0.0.1", server.port), act)
@@ -178,7 +178,7 @@ def test_a_connect_is_given_up(tmp_path: Path) -> None:
             await until(pilot, lambda: "◌ controller" in sight(pilot))
             await pilot.press("escape")
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
-            assert not here.desk.status.is_connected
+            assert not here.session.status.is_connected
             await finish(pilot)
 
         drive(make_tester(tmp_path, "127.0.0.1", server.port), act)
@@ -188,27 +188,27 @@ def test_the_built_in_simulator_is_killed_and_started_anew(tmp_path: Path) -> No
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
         first = here.query_one("#port", Input).value
-        assert here._builtin is not None
-        here._builtin.process.kill()
-        here._builtin.process.wait()
+        assert here._simulator is not None
+        here._simulator.process.kill()
+        here._simulator.process.wait()
         await until(pilot, lambda: here.halt_state is HaltState.LOST)
         assert "HALT lost" in sight(pilot)
         await pilot.press("f5")
-        await until(pilot, lambda: not here.desk.status.is_connected)
+        await until(pilot, lambda: not here.session.status.is_connected)
         panel = here.query_one(ConnectionPanel)
         await until(pilot, lambda: not panel.query_one("#connect", Button).disabled)
         await pilot.press("f5")
-        await until(pilot, lambda: here.desk.status.robot is not None)
+        await until(pilot, lambda: here.session.status.robot is not None)
         assert here.query_one("#port", Input).value != first
         await finish(pilot)
 
     drive(make_tester(tmp_path), act, limit=LIMIT)
 
 
-@pytest.mark.parametrize("pacing", Pacing)
-def test_killed_while_the_player_plays(tmp_path: Path, pacing: Pacing) -> None:
+@pytest.mark.parametrize("pacing", SlaveModePacing)
+def test_killed_while_the_player_plays(tmp_path: Path, pacing: SlaveModePacing) -> None:
     async def act(pilot: Pilot[None]) -> None:
-        with builtin_simulator() as simulator:
+        with run_builtin_simulator() as simulator:
             await join(pilot, simulator.port)
             await pilot.press("f9")
             await until(pilot, lambda: isinstance(pilot.app.screen, SlaveScreen))
@@ -220,15 +220,15 @@ def test_killed_while_the_player_plays(tmp_path: Path, pacing: Pacing) -> None:
             await write(pilot, str(standing(tmp_path)))
             await until(pilot, lambda: not here.query_one("#start", Button).disabled)
             await pilot.press("f9")
-            await until(pilot, lambda: here.run is not None and here.run.course)
+            await until(pilot, lambda: here.playback is not None and here.playback.samples)
             simulator.process.kill()
-            await until(pilot, lambda: here.run is not None and here.run.ended is not None)
-            assert here.run is not None
-            assert here.run.ended is not None
-            assert here.run.ended.outcome is Outcome.UNANSWERED
+            await until(pilot, lambda: here.playback is not None and here.playback.ended is not None)
+            assert here.playback is not None
+            assert here.playback.ended is not None
+            assert here.playback.ended.outcome is PlayOutcome.UNANSWERED
             assert "given up: no answer" in sight(pilot)
             await until(pilot, lambda: not here.query_one("#start", Button).disabled)
-            assert list(recorded(Path(here.run.plan.record or "")))
+            assert list(recorded(Path(here.playback.plan.record or "")))
             await pilot.press("escape")
             await until(pilot, lambda: pilot.app.screen is screen(pilot))
             await finish(pilot)
@@ -239,8 +239,8 @@ def test_killed_while_the_player_plays(tmp_path: Path, pacing: Pacing) -> None:
 def standing(folder: Path) -> Path:
     """Write set points that hold the built-in simulator where it stands, but for a breath of J6."""
     path = folder / "standing.csv"
-    axes = ",".join(f"{value:.6f}" for value in JOINTS[:5])
-    rows = [f"{axes},{JOINTS[5] + 0.001 * (number % 2):.6f}" for number in range(100)]
+    axes = ",".join(f"{value:.6f}" for value in START_JOINTS[:5])
+    rows = [f"{axes},{START_JOINTS[5] + 0.001 * (number % 2):.6f}" for number in range(100)]
     path.write_text("J1,J2,J3,J4,J5,J6\n" + "\n".join(rows) + "\n")
     return path
 
@@ -248,7 +248,7 @@ def standing(folder: Path) -> Path:
 def recorded(path: Path) -> Iterator[tuple[str, str, object]]:
     """Yield what clients asked: port of the client, command or function, parameter of a command."""
     with open_capture(path) as capture:
-        for seen in Observer().observe(capture):
+        for seen in PacketDecoder().decode(capture):
             item = seen.item
             if isinstance(item, Frame) and seen.flow.direction is Direction.REQUEST:
                 values = tuple(argument.variant for argument in item.arguments)
@@ -267,9 +267,9 @@ def test_the_terminal_is_closed_while_the_player_plays(tmp_path: Path, way: str)
     (tmp_path / "bcapscope").mkdir()
     (tmp_path / "bcapscope" / "screen.yaml").write_text(f"trajectories:\n- {swing}\n")
     record = tmp_path / "seen.pcapng"
-    simulator = Child("sim", "--port", "0", "--record", str(record), "--quiet")
+    simulator = ChildProcess("sim", "--port", "0", "--record", str(record), "--quiet")
     try:
-        port = simulator.listening[0].rpartition(":")[2]
+        port = simulator.listen_addresses[0].rpartition(":")[2]
         with screen_on_a_terminal(tmp_path, "127.0.0.1", "-p", port) as (process, near):
             told = Told(near)
             told.until(b"Enter or F5 connects")
@@ -288,7 +288,7 @@ def test_the_terminal_is_closed_while_the_player_plays(tmp_path: Path, way: str)
             assert process.wait(LIMIT) == 0
             assert b"Traceback" not in told.seen
     finally:
-        simulator.end()
+        simulator.terminate()
     asked = list(recorded(record))
     clients = {client for client, name, _ in asked if name == "Service_Start"}
     assert len(clients) == 3  # the calls, HALT, the player

@@ -9,16 +9,16 @@ from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Button, Input
 
-from bcapscope.player.messages import Ended
-from bcapscope.protocol.functions import ObjectClass
-from bcapscope.tui.app import Scope, Spot
-from bcapscope.tui.desk.halt import HaltState
-from bcapscope.tui.ink import plain
-from bcapscope.tui.screens.slave import SlaveScreen
-from bcapscope.tui.screens.tester import Start, Tester
-from bcapscope.tui.tester.ask import ChoiceDialog
-from bcapscope.tui.tester.result import ResultView
-from bcapscope.tui.widgets.inked import InkedText
+from bcapscope.player.player_messages import PlayEnded
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.tui.app import BcapApp, ScreenEntry
+from bcapscope.tui.controller_access.halt_connection import HaltState
+from bcapscope.tui.ink import strip_styles
+from bcapscope.tui.screens.slave_screen import SlaveScreen
+from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
+from bcapscope.tui.tester.dialogs import ChoiceDialog
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.words import Language
 from tests.tui.pilot import make, shown, until
 
@@ -30,17 +30,17 @@ PLAYED = 100.0
 """Seconds that playing may take on a busy machine."""
 
 
-def make_tester(folder: Path, host: str = "", port: int = 5007, *, japanese: bool = False) -> Scope:
+def make_tester(folder: Path, host: str = "", port: int = 5007, *, japanese: bool = False) -> BcapApp:
     """Make the application with the Tester alone; everything it writes goes to `folder`."""
-    start = Start(folder / "requests", folder / "log", host, port)
+    start = TesterOptions(folder / "requests", folder / "log", host, port)
     language = Language.JAPANESE if japanese else Language.ENGLISH
-    spot = Spot("tester", "f2", "tester.name.screen", lambda: Tester(start))
+    spot = ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start))
     return make(spot, language=language, settings=folder / "screen.yaml")
 
 
-def screen(pilot: Pilot[None]) -> Tester:
+def screen(pilot: Pilot[None]) -> TesterScreen:
     """Return the Tester, whatever lies above it."""
-    return next(each for each in pilot.app.screen_stack if isinstance(each, Tester))
+    return next(each for each in pilot.app.screen_stack if isinstance(each, TesterScreen))
 
 
 async def write(pilot: Pilot[None], text: str) -> None:
@@ -74,7 +74,7 @@ async def focus(pilot: Pilot[None], selector: str) -> None:
     await until(pilot, lambda: pilot.app.focused is widget)
 
 
-async def connected(pilot: Pilot[None]) -> Tester:
+async def connected(pilot: Pilot[None]) -> TesterScreen:
     """Connect as one does: Enter on the button that has the focus."""
     here = screen(pilot)
     await until(pilot, lambda: here.query_one("#host", Input).value)
@@ -86,7 +86,7 @@ async def connected(pilot: Pilot[None]) -> Tester:
 async def ready(pilot: Pilot[None]) -> None:
     """Wait until it is connected, a command can be typed and HALT is at hand."""
     here = screen(pilot)
-    await until(pilot, lambda: here.desk.status.robot is not None)
+    await until(pilot, lambda: here.session.status.robot is not None)
     await until(pilot, lambda: here.halt_state is HaltState.READY)
     await until(pilot, lambda: pilot.app.focused is here.query_one(COMMAND))
 
@@ -99,7 +99,9 @@ async def add_gundam(pilot: Pilot[None]) -> None:
     await pilot.press("enter")
     added = here.query_one("#add-robot ResultView", ResultView)
     await until(pilot, lambda: added.record)
-    assert [each.label for each in here.desk.status.open if each.kind is ObjectClass.ROBOT][-1] == "Gundam"
+    assert [each.label for each in here.session.status.open_objects if each.kind is ObjectClass.ROBOT][
+        -1
+    ] == "Gundam"
 
 
 async def errors_read(pilot: Pilot[None]) -> None:
@@ -113,12 +115,12 @@ async def errors_read(pilot: Pilot[None]) -> None:
 
 def sight(pilot: Pilot[None]) -> str:
     """Return all that is in sight."""
-    return shown(cast(Scope, pilot.app))
+    return shown(cast(BcapApp, pilot.app))
 
 
 def result(pilot: Pilot[None], selector: str) -> str:
     """Return what a result shows."""
-    return plain(screen(pilot).query_one(selector, ResultView).text)
+    return strip_styles(screen(pilot).query_one(selector, ResultView).text)
 
 
 async def answered(pilot: Pilot[None], selector: str, begins: str) -> str:
@@ -147,14 +149,14 @@ async def executed(pilot: Pilot[None], command: str, parameter: str = "") -> str
 async def finish(pilot: Pilot[None]) -> None:
     """Quit as the user does, so that everything is let go."""
     await pilot.press("ctrl+q")
-    await until(pilot, lambda: not screen(pilot).desk.status.is_connected)
+    await until(pilot, lambda: not screen(pilot).session.status.is_connected)
 
 
-async def watched(pilot: Pilot[None], here: SlaveScreen) -> Ended:
+async def watched(pilot: Pilot[None], here: SlaveScreen) -> PlayEnded:
     """Wait for the end; where this machine was too slow for the mode, clear the error and play again."""
 
-    def ended() -> Ended | None:
-        return here.run.ended if here.run is not None else None
+    def ended() -> PlayEnded | None:
+        return here.playback.ended if here.playback is not None else None
 
     def is_asked() -> bool:
         return isinstance(pilot.app.screen, ChoiceDialog)

@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.rules.connection import Connection
-from bcapscope.analysis.rules.errors import Errors
-from bcapscope.analysis.rules.limits import Limits
-from bcapscope.analysis.rules.objects import Objects
-from bcapscope.analysis.rules.pacing import Pacing
-from bcapscope.analysis.rules.polling import Polling
-from bcapscope.analysis.rules.preparation import Preparation
-from bcapscope.analysis.rules.refusals import Refusals
-from bcapscope.analysis.rules.replies import Replies
-from bcapscope.analysis.rules.requests import Requests
-from bcapscope.analysis.rules.retries import Retries
-from bcapscope.analysis.rules.rule import Rule, Watcher
-from bcapscope.analysis.rules.session import Session
-from bcapscope.analysis.rules.slavemode import SlaveMode
-from bcapscope.analysis.rules.wire import Wire
+from bcapscope.analysis.rules.connection_rules import ConnectionChecker
+from bcapscope.analysis.rules.error_rules import ErrorChecker
+from bcapscope.analysis.rules.limit_rules import LimitChecker
+from bcapscope.analysis.rules.object_rules import ObjectChecker
+from bcapscope.analysis.rules.pacing_rules import PacingChecker
+from bcapscope.analysis.rules.polling_rules import PollingChecker
+from bcapscope.analysis.rules.preparation_rules import PreparationChecker
+from bcapscope.analysis.rules.refusal_checker import RefusalChecker
+from bcapscope.analysis.rules.reply_rules import ReplyChecker
+from bcapscope.analysis.rules.request_rules import RequestChecker
+from bcapscope.analysis.rules.retry_rules import RetryChecker
+from bcapscope.analysis.rules.rule_checker import DiagnosisRule, RuleChecker
+from bcapscope.analysis.rules.session_rules import SessionChecker
+from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
+from bcapscope.analysis.rules.wire_rules import WireChecker
 
-WATCHERS: tuple[type[Watcher], ...] = (
-    *(Wire, Connection, Replies, Retries, Session, Objects, Preparation, Requests),
-    *(Pacing, Limits, Refusals, SlaveMode, Errors, Polling),
+CHECKERS: tuple[type[RuleChecker], ...] = (
+    *(
+        WireChecker,
+        ConnectionChecker,
+        ReplyChecker,
+        RetryChecker,
+        SessionChecker,
+        ObjectChecker,
+        PreparationChecker,
+        RequestChecker,
+    ),
+    *(PacingChecker, LimitChecker, RefusalChecker, SlaveModeChecker, ErrorChecker, PollingChecker),
 )
 """All watchers, in the order in which they see a call."""
 
-RULES: tuple[Rule, ...] = tuple(dict.fromkeys(rule for watcher in WATCHERS for rule in watcher.rules))
+RULES: tuple[DiagnosisRule, ...] = tuple(
+    dict.fromkeys(rule for watcher in CHECKERS for rule in watcher.rules)
+)
 """All rules, each once."""

@@ -5,39 +5,39 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.analysis.client import Client, Clients
-from bcapscope.analysis.rules.rule import Rule
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.analysis.speech import Speech, called, name_of, result_text, span
-from bcapscope.protocol.hresult import describe
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.traffic.call import Call
 
 
-class Why(NamedTuple):
+class RefusalReason(NamedTuple):
     """What is known about the reason of a refusal.
 
     Attributes:
         text: adds to the sentence, after a colon; None for nothing.
         say: the whole sentence, where the usual one will not do.
         then: the clause for the sentence of its cause, where the usual one will not do.
-        because: numbers of calls that explain it.
-        before: a call whose frames help to prove it.
-        key: tells findings of one rule apart.
+        explaining_calls: numbers of calls that explain it.
+        evidence_call: a call whose frames help to prove it.
+        group_key: tells findings of one rule apart.
         advice: for this case.
     """
 
     text: Callable[[Speech], str] | None = None
     say: Callable[[Speech], str] | None = None
     then: Callable[[Speech, int], str] | None = None
-    because: tuple[int, ...] = ()
-    before: Exchange | None = None
-    key: str = ""
+    explaining_calls: tuple[int, ...] = ()
+    evidence_call: Call | None = None
+    group_key: str = ""
     advice: str = ""
 
 
-NO_MORE = Why()
+NO_REASON = RefusalReason()
 """Nothing is known but the code."""
 
-Explain: TypeAlias = Callable[[Exchange, Client, Clients], "Why | None"]
+ExplainRefusal: TypeAlias = Callable[[Call, ClientState, ClientRegistry], "RefusalReason | None"]
 
 
 class Refusal(NamedTuple):
@@ -49,22 +49,22 @@ class Refusal(NamedTuple):
         explain: looks for the reason; None where it is not about this call after all.
     """
 
-    rule: Rule
+    rule: DiagnosisRule
     codes: frozenset[int]
-    explain: Explain
+    explain: ExplainRefusal
 
 
-def refusal(rule: Rule, codes: Iterable[int], explain: Explain | None = None) -> Refusal:
+def make_refusal(rule: DiagnosisRule, codes: Iterable[int], explain: ExplainRefusal | None = None) -> Refusal:
     """Make a `Refusal`; without `explain`, code and call say it all."""
-    return Refusal(rule, frozenset(codes), explain or (lambda call, client, clients: NO_MORE))
+    return Refusal(rule, frozenset(codes), explain or (lambda call, client, clients: NO_REASON))
 
 
-def fixed(text: str) -> Why:
+def fixed_reason(text: str) -> RefusalReason:
     """Make a reason of one text."""
-    return Why(lambda speech: text)
+    return RefusalReason(lambda speech: text)
 
 
-def usual_sentence(call: Exchange, code: int, why: Why) -> Callable[[Speech], str]:
+def usual_sentence(call: Call, code: int, why: RefusalReason) -> Callable[[Speech], str]:
     """Return the sentence of a refusal."""
 
     def say(speech: Speech) -> str:
@@ -75,11 +75,11 @@ def usual_sentence(call: Exchange, code: int, why: Why) -> Callable[[Speech], st
     return say
 
 
-def usual_clause(call: Exchange, code: int) -> Callable[[Speech, int], str]:
+def usual_clause(call: Call, code: int) -> Callable[[Speech, int], str]:
     """Return how a refusal is told as a consequence."""
 
     def then(speech: Speech, after: int) -> str:
         when = f" {span(after)} later" if after > 0 else ""
-        return f"{name_of(call)} was refused{when} (0x{code:08X}, {describe(code).text})"
+        return f"{name_of(call)} was refused{when} (0x{code:08X}, {describe_hresult(code).text})"
 
     return then

@@ -19,16 +19,16 @@ from textual.reactive import reactive
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
-from bcapscope.tui.app import scope_of
-from bcapscope.tui.ink import Styles, segments
-from bcapscope.tui.themes import on_ground
+from bcapscope.tui.app import app_of
+from bcapscope.tui.ink import Styles, styled_segments
+from bcapscope.tui.themes import readable_style
 
-_KEPT = 500
+_MAX_STRIPS = 500
 """Strips that are kept: several screens full."""
 
-_SIDEWAYS = 8
+_SIDEWAYS_COLUMNS = 8
 
-_UNTOLD = 8
+_SCROLLBAR_SLACK = 8
 """Which part of a list may be added before its scroll bar is told, though the bar looks the same: how far it
 leads when dragged depends on what it was told."""
 
@@ -39,7 +39,7 @@ _EIGHTHS = 8
 class Lines(ScrollView, can_focus=True):
     """A list with a cursor; what it shows is what `count` and `line` say.
 
-    A subclass tells by `changed` that its lines are others than before, and by `grown` that there are more of
+    A subclass tells by `reset_lines` that its lines are others than before, and by `lines_added` that there are more of
     them. It has neither border nor padding, which would not be drawn.
 
     Attributes:
@@ -78,9 +78,9 @@ class Lines(ScrollView, can_focus=True):
 
     def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
-        self._strips: FIFOCache[tuple[object, ...], Strip] = FIFOCache(_KEPT)
+        self._strips: FIFOCache[tuple[object, ...], Strip] = FIFOCache(_MAX_STRIPS)
         self._width = 0
-        self._told = 0
+        self._known_count = 0
         self._styles: dict[str, Styles] = {}
         self._background = TRANSPARENT
         self._filters: tuple[LineFilter, ...] = ()
@@ -96,58 +96,61 @@ class Lines(ScrollView, can_focus=True):
 
     # what a subclass says
 
-    def changed(self, cursor: int = 0) -> None:
+    def reset_lines(self, cursor: int = 0) -> None:
         """Show other lines than before, with the cursor on one of them."""
         self._strips.clear()
         self._width = 0
-        self._told = self.count
-        self._measure()
+        self._known_count = self.count
+        self._update_extent()
         self.set_reactive(Lines.cursor, max(0, min(cursor, self.count - 1)))
         self.scroll_x = self.scroll_target_x = 0
-        self._see_cursor()
+        self._scroll_to_cursor()
         self.refresh()
-        self._tell_moved()
+        self._post_moved()
 
-    def grown(self) -> None:
-        """Show that there are more lines; see `follows` for a cursor on the last one."""
-        before, count = self._told, self.count
+    def lines_added(self) -> None:
+        """Show that there are more lines; see `follows_end` for a cursor on the last one."""
+        before, count = self._known_count, self.count
         if count == before:
             return
-        self._told = count
-        self._measure()
-        if self.follows and self.cursor >= before - 1:
+        self._known_count = count
+        self._update_extent()
+        if self.follows_end and self.cursor >= before - 1:
             self.cursor = count - 1
         if before < self.scroll_offset.y + self.size.height:
             self.refresh()
         if before == 0:
-            self._tell_moved()
+            self._post_moved()
 
-    def _measure(self) -> None:
+    def _update_extent(self) -> None:
         """Tell the scroll bar how much there is.
 
         Not by assigning `virtual_size`, which would lay out the whole screen anew for every frame shown.
         """
-        size = Size(max(self._width, self.size.width), max(self._told, self.size.height))
+        size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
             self.set_reactive(Lines.virtual_size, size)
-            self._tell_bar()
+            self._update_scrollbar_thumb()
 
-    def _tell_bar(self) -> None:
+    def _update_scrollbar_thumb(self) -> None:
         """Tell the scroll bar what is in sight, if it looks otherwise then: it takes long to draw."""
         bar, height = self.vertical_scrollbar, self.size.height
         there, told = self.virtual_size.height, bar.window_virtual_size
-        before = _thumb(told, bar.window_size, bar.position)
-        if before != _thumb(there, height, self.scroll_y) or not told <= there <= told + told // _UNTOLD:
+        before = _scroll_thumb(told, bar.window_size, bar.position)
+        if (
+            before != _scroll_thumb(there, height, self.scroll_y)
+            or not told <= there <= told + told // _SCROLLBAR_SLACK
+        ):
             bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
         """Draw what came in sight."""
         if round(old_value) != round(new_value):
             self.refresh(self.size.region)
-            self._tell_bar()
+            self._update_scrollbar_thumb()
 
     @property
-    def follows(self) -> bool:
+    def follows_end(self) -> bool:
         """Whether a cursor on the last line goes along when there are more."""
         return False
 
@@ -156,7 +159,7 @@ class Lines(ScrollView, can_focus=True):
         self._strips.clear()
         self.refresh()
 
-    def redraw(self, *indexes: int) -> None:
+    def redraw_lines(self, *indexes: int) -> None:
         """Draw some lines anew, those of them that are in sight."""
         top, height = self.scroll_offset.y, self.size.height
         seen = [index - top for index in indexes if 0 <= index - top < height]
@@ -173,8 +176,8 @@ class Lines(ScrollView, can_focus=True):
 
     def on_resize(self, event: Resize) -> None:
         """Keep the cursor in sight."""
-        self._measure()
-        self._see_cursor()
+        self._update_extent()
+        self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """Draw what is in sight.
@@ -188,71 +191,75 @@ class Lines(ScrollView, can_focus=True):
             self._strips.clear()
         x, top = self.scroll_offset
         width = self.size.width
-        strips = [self._strip(min(y + top, self._told), x, width) for y in crop.line_range]
+        strips = [self._line_strip(min(y + top, self._known_count), x, width) for y in crop.line_range]
         return [strip.crop(crop.x, crop.right) for strip in strips]
 
-    def _strip(self, index: int, x: int, width: int) -> Strip:
+    def _line_strip(self, index: int, x: int, width: int) -> Strip:
         """Return a line, or a blank one for what is behind the last."""
-        is_there = index < self._told
-        is_cursor = is_there and self.marks_cursor and index == self.cursor
-        sign = self.sign(index) if is_there else None
+        is_there = index < self._known_count
+        is_cursor = is_there and self.highlights_cursor_line and index == self.cursor
+        sign = self.line_state(index) if is_there else None
         key = (index, x, width, is_cursor, is_cursor and self.has_focus, sign)
         strip = self._strips.get(key)
         if strip is None:
-            strip = self._strips[key] = self._draw(self.line(index) if is_there else "", x, width, is_cursor)
+            strip = self._strips[key] = self._draw_line(
+                self.line(index) if is_there else "", x, width, is_cursor
+            )
         return strip
 
-    def sign(self, index: int) -> str:
-        """Return what else a line depends on, where that changes without `changed` or `repaint`."""
+    def line_state(self, index: int) -> str:
+        """Return what else a line depends on, where that changes without `reset_lines` or `repaint`."""
         return ""
 
     @property
-    def marks_cursor(self) -> bool:
+    def highlights_cursor_line(self) -> bool:
         """Whether the line of the cursor has a colour of its own."""
         return True
 
-    def _draw(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
-        styles = self._styles_on(("cursor" if self.has_focus else "blurred") if is_cursor else "")
-        drawn = segments(line, styles)
+    def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
+        styles = self._line_styles(("cursor" if self.has_focus else "blurred") if is_cursor else "")
+        drawn = styled_segments(line, styles)
         length = sum(segment.cell_length for segment in drawn)
         if length > self._width:
             self._width = length
-            self.call_later(self._measure)
+            self.call_later(self._update_extent)
         if length < x + width:
             drawn.append(Segment(" " * (x + width - length), styles[""]))
         for each in self._filters:
             drawn = each.apply(drawn, self._background)
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
-    def _styles_on(self, ground: str) -> Styles:
+    def _line_styles(self, cursor_state: str) -> Styles:
         """Return the styles of pieces of a line, "" for the line itself; they are looked up once for a theme.
 
         Args:
-            ground: "cursor" or "blurred" for the line of the cursor, "" for others.
+            cursor_state: "cursor" or "blurred" for the line of the cursor, "" for others.
         """
-        if ground not in self._styles:
-            own, inks = self._ground(ground), scope_of(self).inks
-            self._styles[ground] = {"": own} | {name: on_ground(ink, own) for name, ink in inks.items()}
-        return self._styles[ground]
+        if cursor_state not in self._styles:
+            own, inks = self._line_style(cursor_state), app_of(self).text_styles
+            self._styles[cursor_state] = {"": own} | {
+                name: readable_style(ink, own) for name, ink in inks.items()
+            }
+        return self._styles[cursor_state]
 
-    def _ground(self, ground: str) -> Style:
-        if not ground:
+    def _line_style(self, cursor_state: str) -> Style:
+        if not cursor_state:
             return self.rich_style
-        if scope_of(self).no_color:
-            return Style(reverse=ground == "cursor", underline=ground == "blurred")
-        return self.get_component_rich_style(f"lines--{ground}")
+        if app_of(self).no_color:
+            return Style(reverse=cursor_state == "cursor", underline=cursor_state == "blurred")
+        return self.get_component_rich_style(f"lines--{cursor_state}")
 
     # the cursor
 
-    def go(self, index: int) -> None:
+    def move_cursor_to(self, index: int) -> None:
         """Put the cursor on a line, the nearest there is."""
         self.cursor = max(0, min(index, self.count - 1))
 
     def watch_cursor(self, old: int, new: int) -> None:
         """Draw both lines anew and tell."""
-        self.redraw(old, new)
-        self._see_cursor()
-        self._tell_moved()
+        self.redraw_lines(old, new)
+        self._scroll_to_cursor()
+        self._post_moved()
 
     def on_focus(self) -> None:
         """Show that keys come here."""
@@ -262,10 +269,10 @@ class Lines(ScrollView, can_focus=True):
         """Show that keys go elsewhere."""
         self.refresh()
 
-    def _tell_moved(self) -> None:
+    def _post_moved(self) -> None:
         self.post_message(self.Moved(self, self.cursor))
 
-    def _see_cursor(self) -> None:
+    def _scroll_to_cursor(self) -> None:
         height = self.size.height
         top, at = self.scroll_offset.y, self.cursor
         if height and not top <= at < top + height:
@@ -276,23 +283,23 @@ class Lines(ScrollView, can_focus=True):
 
     def action_move(self, by: int) -> None:
         """Go up or down."""
-        self.go(self.cursor + by)
+        self.move_cursor_to(self.cursor + by)
 
     def action_page(self, by: int) -> None:
         """Go up or down by what is in sight."""
-        self.go(self.cursor + by * max(1, self.size.height - 1))
+        self.move_cursor_to(self.cursor + by * max(1, self.size.height - 1))
 
     def action_to_start(self) -> None:
         """Go to the first line."""
-        self.go(0)
+        self.move_cursor_to(0)
 
     def action_to_end(self) -> None:
         """Go to the last line."""
-        self.go(self.count - 1)
+        self.move_cursor_to(self.count - 1)
 
     def action_sideways(self, by: int) -> None:
         """Show what is further left or right."""
-        self.scroll_to(x=max(0, self.scroll_offset.x + by * _SIDEWAYS), animate=False, force=True)
+        self.scroll_to(x=max(0, self.scroll_offset.x + by * _SIDEWAYS_COLUMNS), animate=False, force=True)
 
     def action_choose(self) -> None:
         """Choose the line."""
@@ -309,10 +316,10 @@ class Lines(ScrollView, can_focus=True):
             return
         if index == self.cursor and event.chain > 1:
             self.action_choose()
-        self.go(index)
+        self.move_cursor_to(index)
 
 
-def _thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
+def _scroll_thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
     """Tell where the thumb of a scroll bar is drawn, and how long it is; None where there is none."""
     if in_sight >= there:
         return None

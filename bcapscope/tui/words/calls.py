@@ -1,4 +1,4 @@
-"""How calls went and which frames they have, as `render.call` and `render.line` list them."""
+"""How calls went and which frames they have, as `render.call_text` and `render.frame_line` list them."""
 
 PHRASES: dict[str, str] = {
     # how a call ended

@@ -1,4 +1,4 @@
-"""What commands do and take, as `protocol.command_table` has it in English."""
+"""What commands do and take, as `protocol.tables.command_table` has it in English."""
 
 PHRASES: dict[str, str] = {
     # what they do

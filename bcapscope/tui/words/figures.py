@@ -1,4 +1,4 @@
-"""Stays in slave mode and statistics of calls: captions, heads of columns and clauses of `render.slave` and others."""
+"""Stays in slave mode and statistics of calls: captions, heads of columns and clauses of `render.slave_session_text` and others."""
 
 PHRASES: dict[str, str] = {
     # statistics

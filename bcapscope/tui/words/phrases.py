@@ -14,10 +14,10 @@ LONGEST = 1200
 _DEEPEST = 12
 """Phrases within phrases."""
 
-_MOST_LOOKS = 300
+_MAX_LOOKS = 300
 """Parts of one sentence that are looked up; a real one has a few dozen."""
 
-_MOST_JOINTS = 24
+_MAX_JOINTS = 24
 """Places at which a sentence is looked upon as two clauses; more have only lists of names."""
 
 _JOINTS = MappingProxyType({"; ": "。", ": ": ": "})
@@ -138,7 +138,7 @@ class _Reading:
         self._patterns = patterns
         self._known: dict[str, str | None] = {}
         self._depth = 0
-        self._looks = _MOST_LOOKS
+        self._looks = _MAX_LOOKS
 
     def put(self, text: str) -> str:
         """Return a text in Japanese, as far as it is known."""
@@ -222,7 +222,7 @@ class _Reading:
 
 def _splits(text: str) -> Iterator[tuple[str, str, str]]:
     """Yield the ways to take a text for two clauses, with what stands between them in Japanese."""
-    for match in islice(_JOINT.finditer(text), _MOST_JOINTS):
+    for match in islice(_JOINT.finditer(text), _MAX_JOINTS):
         yield text[: match.start()], _JOINTS[match.group()], text[match.end() :]
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a capture, an interface or a filter, as `capture` and `traffic.filters` say it; roles of frames."""
+"""What is wrong with a capture, an interface or a filter, as `capture` and `traffic.filter.compiler` say it; roles of frames."""
 
 PHRASES: dict[str, str] = {
     # what a frame is to its call

@@ -1,4 +1,4 @@
-"""What was done to a message, as a proxy writes it on packets: `faults`, `proxy.guard`, `proxy.intercept`."""
+"""What was done to a message, as a proxy writes it on packets: `faults`, `proxy.request_guard`, `proxy.intercept`."""
 
 PHRASES: dict[str, str] = {
     # faults

@@ -1,4 +1,4 @@
-"""Meanings of result codes and what to do about them, as `protocol.hresult_table` has them in English."""
+"""Meanings of result codes and what to do about them, as `protocol.tables.hresult_table` has them in English."""
 
 PHRASES: dict[str, str] = {
     # levels and parts of the controller

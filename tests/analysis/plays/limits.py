@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bcapscope.protocol.variant import EMPTY
+from bcapscope.protocol.codec.variant import EMPTY
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import HOME, Play, Story, good
 from tests.samples.calls import r8s

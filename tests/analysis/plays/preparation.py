@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.variant import EMPTY
+from bcapscope.protocol.codec.variant import EMPTY
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import CONTROLLER, HOME, ROBOT, Play, Story, good
 from tests.samples.calls import i2, i4, i4s, mixed, r4s, r8s, text

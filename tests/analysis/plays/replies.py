@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT, Variant
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import HOME, ROBOT, Play, Story, Talker, good
 from tests.samples.calls import i4, r8s, text

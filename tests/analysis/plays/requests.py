@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.variant import Variant
+from bcapscope.protocol.codec.variant import Variant
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import HOME, Play, Story, good
 from tests.samples.calls import i4, r4s, r8s, text

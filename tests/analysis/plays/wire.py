@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.protocol.variant import EMPTY
+from bcapscope.protocol.codec.variant import EMPTY
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import ROBOT, Play, Story, good
 from tests.samples.calls import MS, START, i4, reply, request, text

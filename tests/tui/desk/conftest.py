@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from bcapscope.tui.desk.builtin import BuiltIn, builtin_simulator
+from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
 
 
 @pytest.fixture(scope="module")
-def simulator() -> Iterator[BuiltIn]:
+def simulator() -> Iterator[BuiltInSimulator]:
     """Run the built-in simulator."""
-    with builtin_simulator() as place:
+    with run_builtin_simulator() as place:
         yield place

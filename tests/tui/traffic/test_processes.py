@@ -14,42 +14,57 @@ from typing import BinaryIO, cast
 
 import pytest
 
-from bcapscope.capture.callbook import Callbook
-from bcapscope.capture.file import open_capture
-from bcapscope.capture.journal import Journal
-from bcapscope.render.verdict import verdict as verdict_line
-from bcapscope.traffic.exchange import Exchange
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.verdict import Outcome
-from bcapscope.tui.ink import plain
-from bcapscope.tui.traffic import reading as readings
-from bcapscope.tui.traffic.reading import Reading
-from bcapscope.tui.traffic.report import Ask, Job, Matches, Progress, Saving, Verdict, receive, send
-from bcapscope.tui.traffic.saving import save
-from bcapscope.tui.traffic.searching import Searching
+from bcapscope.capture.call_store import CallStore
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.observation_store import ObservationStore
+from bcapscope.render.diagnosis_summary import diagnosis_summary as verdict_line
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_verdict import Outcome
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.tui.ink import strip_styles
+from bcapscope.tui.traffic_processes import reader_process as readings
+from bcapscope.tui.traffic_processes.process_messages import (
+    ReadJob,
+    ReadProgress,
+    SaveJob,
+    SearchMatches,
+    SearchRequest,
+    TrafficAnalysis,
+    receive_messages,
+    send_message,
+)
+from bcapscope.tui.traffic_processes.reader_process import TrafficReader
+from bcapscope.tui.traffic_processes.save_process import save_packets
+from bcapscope.tui.traffic_processes.search_process import TrafficSearch
 from tests.analysis.scenes import HOME, ROBOT, Story
+from tests.cli.common.test_call_reading import captured, in_slave_mode
 from tests.cli.run import CAPTURES, run
-from tests.cli.test_pairing import captured, in_slave_mode
 from tests.samples.calls import r8s, text
 
 LIMIT = 20.0
 
 
-def read(folder: Path, path: Path, own: bool = False) -> list[Progress | Verdict]:
+def read(folder: Path, path: Path, own: bool = False) -> list[ReadProgress | TrafficAnalysis]:
     """Read a capture as the process does and return what it tells."""
     reports = BytesIO()
-    Reading(Job(str(folder), str(path), own=own), reports, threading.Event(), threading.Event()).run()
+    TrafficReader(
+        ReadJob(str(folder), str(path), own_clients=own), reports, threading.Event(), threading.Event()
+    ).run()
     return told(reports)
 
 
-def told(reports: BytesIO) -> list[Progress | Verdict]:
+def told(reports: BytesIO) -> list[ReadProgress | TrafficAnalysis]:
     reports.seek(0)
-    return list(receive(reports, cast("type[Progress | Verdict]", Progress | Verdict)))
+    return list(
+        receive_messages(
+            reports, cast("type[ReadProgress | TrafficAnalysis]", ReadProgress | TrafficAnalysis)
+        )
+    )
 
 
 def lines(folder: Path) -> tuple[int, int]:
-    journal = Journal(folder)
-    calls = Callbook(folder, journal)
+    journal = ObservationStore(folder)
+    calls = CallStore(folder, journal)
     try:
         return journal.refresh(), calls.refresh()
     finally:
@@ -61,15 +76,15 @@ def lines(folder: Path) -> tuple[int, int]:
 def test_what_is_read_is_what_the_command_line_tells(tmp_path: Path, name: str) -> None:
     path = CAPTURES / name
     verdict, end = read(tmp_path, path)[-2:]
-    assert isinstance(end, Progress)
+    assert isinstance(end, ReadProgress)
     assert end.ended
-    assert isinstance(verdict, Verdict)
+    assert isinstance(verdict, TrafficAnalysis)
     frames = run("decode", path).lines
     calls = run("calls", path).lines
     assert lines(tmp_path) == (len(frames), len(calls))
     severities = [cause.severity for cause in verdict.findings]
-    assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
-    assert verdict.stays
+    assert verdict_line(severities, verdict.examined) == run("diagnose", path).lines[-1]
+    assert verdict.slave_sessions
 
 
 @pytest.mark.parametrize(("own", "told"), [(False, ["unclean-quit"]), (True, [])])
@@ -85,7 +100,7 @@ def test_a_session_of_our_own_that_is_idle_has_not_vanished(
     path = tmp_path / "capture.pcap"
     path.write_bytes(story.capture())
     verdict, _ = read(tmp_path, path, own)[-2:]
-    assert isinstance(verdict, Verdict)
+    assert isinstance(verdict, TrafficAnalysis)
     assert [cause.rule for cause in verdict.findings] == told
 
 
@@ -96,10 +111,10 @@ def test_packets_of_other_protocols_tell_the_screen_too_how_long_a_capture_goes_
     path = tmp_path / "capture.pcap"
     path.write_bytes(captured(in_slave_mode(), goes_on_for))
     verdict = read(tmp_path, path)[-2]
-    assert isinstance(verdict, Verdict)
+    assert isinstance(verdict, TrafficAnalysis)
     severities = [cause.severity for cause in verdict.findings]
-    assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
-    stays = [plain(line) for line in verdict.stays]
+    assert verdict_line(severities, verdict.examined) == run("diagnose", path).lines[-1]
+    stays = [strip_styles(line) for line in verdict.slave_sessions]
     assert stays == run("slave", path).lines[: len(stays)]
 
 
@@ -109,21 +124,21 @@ def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
     for name, path, why in (("a", cut, "breaks off"), ("b", tmp_path / "none", "No such file")):
         (tmp_path / name).mkdir()
         *_, end = read(tmp_path / name, path)
-        assert isinstance(end, Progress)
-        assert why in end.trouble
+        assert isinstance(end, ReadProgress)
+        assert why in end.problem
     assert lines(tmp_path / "a")[0] == 517
 
 
 def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readings, "JUDGE", 0.0)
-    monkeypatch.setattr(readings, "FLUSH", 0.0)
+    monkeypatch.setattr(readings, "ANALYSIS_INTERVAL", 0.0)
+    monkeypatch.setattr(readings, "FLUSH_INTERVAL", 0.0)
     data = (CAPTURES / "retry-story.pcapng").read_bytes()
     path = tmp_path / "growing.pcapng"
     path.write_bytes(data[: len(data) // 2])
     (tmp_path / "journal").mkdir()
     reports, ended = BytesIO(), threading.Event()
-    job = Job(str(tmp_path / "journal"), str(path), follow=True)
-    reading = Reading(job, reports, ended, threading.Event())
+    job = ReadJob(str(tmp_path / "journal"), str(path), follow=True)
+    reading = TrafficReader(job, reports, ended, threading.Event())
     thread = threading.Thread(target=reading.run)
     thread.start()
     try:
@@ -136,9 +151,9 @@ def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch
         ended.set()
         thread.join(LIMIT)
     found = told(reports)
-    assert isinstance(found[-1], Progress)
+    assert isinstance(found[-1], ReadProgress)
     assert found[-1].ended
-    assert len({verdict.seen for verdict in found if isinstance(verdict, Verdict)}) >= 2
+    assert len({verdict.examined for verdict in found if isinstance(verdict, TrafficAnalysis)}) >= 2
 
 
 class _OverSoon(threading.Event):
@@ -154,17 +169,17 @@ def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_p
     story.talkers[0].ask(200, "Robot_Execute", ROBOT, text("slvMove"), r8s(*HOME))
     path, reports = tmp_path / "capture.pcap", BytesIO()
     path.write_bytes(captured(story, 100))
-    job = Job(str(tmp_path), str(path), follow=True)
-    Reading(job, reports, _OverSoon(), threading.Event()).run()
+    job = ReadJob(str(tmp_path), str(path), follow=True)
+    TrafficReader(job, reports, _OverSoon(), threading.Event()).run()
     verdict = told(reports)[-2]
-    assert isinstance(verdict, Verdict)
+    assert isinstance(verdict, TrafficAnalysis)
     severities = [cause.severity for cause in verdict.findings]
-    assert verdict_line(severities, verdict.seen) == run("diagnose", path).lines[-1]
-    journal = Journal(tmp_path)
-    calls = Callbook(tmp_path, journal)
+    assert verdict_line(severities, verdict.examined) == run("diagnose", path).lines[-1]
+    journal = ObservationStore(tmp_path)
+    calls = CallStore(tmp_path, journal)
     journal.refresh()
-    last = calls.row(calls.refresh() - 1).settled
-    assert isinstance(last, Exchange)
+    last = calls.read_call(calls.refresh() - 1).settled
+    assert isinstance(last, Call)
     assert last.outcome is Outcome.CAPTURE_ENDED
     calls.close()
     journal.close()
@@ -173,16 +188,16 @@ def test_what_is_open_in_a_capture_of_long_ago_is_not_given_up_for_its_age(tmp_p
 def test_nothing_more_is_read_when_nothing_more_is_wanted(tmp_path: Path) -> None:
     unwanted, reports = threading.Event(), BytesIO()
     unwanted.set()
-    job = Job(str(tmp_path), str(CAPTURES / "slave-session.pcapng"))
-    Reading(job, reports, threading.Event(), unwanted).run()
-    assert lines(tmp_path)[0] == readings._BATCH + 1
+    job = ReadJob(str(tmp_path), str(CAPTURES / "slave-session.pcapng"))
+    TrafficReader(job, reports, threading.Event(), unwanted).run()
+    assert lines(tmp_path)[0] == readings._BATCH_MASK + 1
 
 
 def test_what_is_there_when_its_source_ends_is_read_to_the_end(tmp_path: Path) -> None:
     ended, reports = threading.Event(), BytesIO()
     ended.set()
-    job = Job(str(tmp_path), str(CAPTURES / "slave-session.pcapng"), follow=True)
-    Reading(job, reports, ended, threading.Event()).run()
+    job = ReadJob(str(tmp_path), str(CAPTURES / "slave-session.pcapng"), follow=True)
+    TrafficReader(job, reports, ended, threading.Event()).run()
     assert lines(tmp_path)[0] == 518
 
 
@@ -212,17 +227,17 @@ class _Search:
         self.answers = os.fdopen(answers_out, "rb")
         _OPEN.append(self.answers)
         self._written = os.fdopen(answers_in, "wb")
-        self.searching = Searching(folder, self._written)
+        self.searching = TrafficSearch(folder, self._written)
         self.thread = threading.Thread(target=self.searching.run, daemon=True)
         self.thread.start()
 
     def ask(self, generation: int, kind: str, expression: str) -> None:
-        self.searching._asked = Ask(generation, kind, expression)
-        self.searching._new.set()
+        self.searching._latest_request = SearchRequest(generation, kind, expression)
+        self.searching._request_arrived.set()
 
     def found(self, generation: int, there: int) -> list[int]:
         rows = array("I")
-        for message in receive(self.answers, Matches):
+        for message in receive_messages(self.answers, SearchMatches):
             if message.generation == generation:
                 rows.frombytes(message.rows)
                 if message.searched == there:
@@ -262,10 +277,10 @@ def test_the_search_finds_what_the_command_line_finds(
 def test_what_is_asked_again_is_not_told_twice(search: _Search) -> None:
     search.ask(1, RecordKind.CALL, "latency > 30ms")
     found = search.found(1, 257)
-    search.searching._new.set()  # as if it came after the ask had been seen
+    search.searching._request_arrived.set()  # as if it came after the ask had been seen
     search.ask(2, RecordKind.FRAME, "serial > 250")
     generations = []
-    for message in receive(search.answers, Matches):
+    for message in receive_messages(search.answers, SearchMatches):
         generations.append(message.generation)
         if message.generation == 2:
             break
@@ -276,16 +291,16 @@ def test_what_is_asked_again_is_not_told_twice(search: _Search) -> None:
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_saving_makes_a_new_file_only(tmp_path: Path) -> None:
     source, target = CAPTURES / "retry-story.pcapng", tmp_path / "new.pcapng"
-    assert save(Saving(str(source), str(target), {2: "why?"}, 4)) == ""
+    assert save_packets(SaveJob(str(source), str(target), {2: "why?"}, 4)) == ""
     with open_capture(target) as capture:
         found = [packet[4] for packet in capture]
     assert len(found) == 4
     assert [number for number, comments in enumerate(found, 1) if "why?" in comments] == [2]
     before = target.read_bytes()
-    assert "exists" in save(Saving(str(source), str(target), {}))
+    assert "exists" in save_packets(SaveJob(str(source), str(target), {}))
     assert target.read_bytes() == before
-    assert "No such file" in save(Saving(str(source), str(tmp_path / "no" / "a"), {}))
-    assert "cannot be opened" in save(Saving(str(tmp_path / "none"), str(tmp_path / "b"), {}))
+    assert "No such file" in save_packets(SaveJob(str(source), str(tmp_path / "no" / "a"), {}))
+    assert "cannot be opened" in save_packets(SaveJob(str(tmp_path / "none"), str(tmp_path / "b"), {}))
 
 
 def test_messages_come_through_a_pipe_that_gives_little_at_a_time() -> None:
@@ -298,7 +313,7 @@ def test_messages_come_through_a_pipe_that_gives_little_at_a_time() -> None:
             return data
 
     stream = BytesIO()
-    asks = [Ask(1, "frame", "軸 == 1"), Ask(2, "call", "")]
+    asks = [SearchRequest(1, "frame", "軸 == 1"), SearchRequest(2, "call", "")]
     for ask in asks:
-        send(stream, ask)
-    assert list(receive(Slow(stream.getvalue()), Ask)) == asks
+        send_message(stream, ask)
+    assert list(receive_messages(Slow(stream.getvalue()), SearchRequest)) == asks

@@ -22,7 +22,7 @@ class Numbers(Lines):
         return self.there
 
     @property
-    def follows(self) -> bool:
+    def follows_end(self) -> bool:
         return self.live
 
     def line(self, index: int) -> str:
@@ -37,7 +37,7 @@ def numbers(pilot: Pilot[None]) -> Numbers:
 def test_only_what_is_in_sight_is_asked_for_and_only_once() -> None:
     async def act(pilot: Pilot[None]) -> None:
         lines = numbers(pilot)
-        lines.changed()
+        lines.reset_lines()
         await pilot.pause()
         assert "line 0 " in shown(scope(pilot))
         assert len(lines.asked) < 100
@@ -52,7 +52,7 @@ def test_only_what_is_in_sight_is_asked_for_and_only_once() -> None:
 def test_the_cursor_stays_in_sight_and_in_bounds() -> None:
     async def act(pilot: Pilot[None]) -> None:
         lines = numbers(pilot)
-        lines.changed()
+        lines.reset_lines()
         for key, wanted in (
             ("up", 0),
             ("down", 1),
@@ -79,7 +79,7 @@ def test_the_cursor_stays_in_sight_and_in_bounds() -> None:
 
 def test_what_is_further_right_can_be_seen() -> None:
     async def act(pilot: Pilot[None]) -> None:
-        numbers(pilot).changed()
+        numbers(pilot).reset_lines()
         await pilot.pause()
         assert "end" not in shown(scope(pilot))
         for _ in range(30):
@@ -101,13 +101,13 @@ def test_only_live_lists_are_followed_and_only_from_the_last_line() -> None:
             lines = numbers(pilot)
             for there in (1, 10, 100):
                 lines.there = there
-                lines.grown()
+                lines.lines_added()
                 drawn = {0, min(there, 10) // 2, min(there, 10) - 1}
                 await until(pilot, lambda drawn=drawn: drawn <= set(lines.asked))  # type: ignore[misc]
                 assert lines.cursor == (there - 1 if live else 0)
             await pilot.press("home")
             lines.there = 200
-            lines.grown()
+            lines.lines_added()
             assert lines.cursor == 0
 
         on_stage(lambda live=live: Numbers(0, live), act)  # type: ignore[misc]
@@ -115,7 +115,7 @@ def test_only_live_lists_are_followed_and_only_from_the_last_line() -> None:
 
 def test_an_empty_list_takes_every_key() -> None:
     async def act(pilot: Pilot[None]) -> None:
-        numbers(pilot).changed()
+        numbers(pilot).reset_lines()
         await pilot.press("up", "down", "pageup", "pagedown", "home", "end", "left", "right", "enter")
         await pilot.click("#numbers", offset=(3, 3))
         assert numbers(pilot).cursor == 0
@@ -125,7 +125,7 @@ def test_an_empty_list_takes_every_key() -> None:
 
 def test_a_click_goes_to_the_line() -> None:
     async def act(pilot: Pilot[None]) -> None:
-        numbers(pilot).changed()
+        numbers(pilot).reset_lines()
         await pilot.press("end")
         await pilot.pause()
         await pilot.click("#numbers", offset=(5, 0))
@@ -139,12 +139,12 @@ def test_a_click_goes_to_the_line() -> None:
 def test_the_scroll_bar_is_told_what_changes_its_look_and_each_eighth_that_is_added() -> None:
     async def act(pilot: Pilot[None]) -> None:
         lines = numbers(pilot)
-        lines.changed()
+        lines.reset_lines()
         await pilot.pause()
         bar = lines.vertical_scrollbar
         for there, told in ((1100, 1000), (1125, 1000), (1126, 1126)):
             lines.there = there
-            lines.grown()
+            lines.lines_added()
             assert bar.window_virtual_size == told
         await pilot.press("down")
         lines.scroll_to(y=1, animate=False, force=True)
@@ -152,7 +152,7 @@ def test_the_scroll_bar_is_told_what_changes_its_look_and_each_eighth_that_is_ad
         await pilot.press("end")
         assert bar.position == lines.scroll_y > 1000
         lines.there = 1200
-        lines.grown()
+        lines.lines_added()
         assert bar.window_virtual_size == 1200
 
     on_stage(lambda: Numbers(1000), act)
@@ -161,7 +161,7 @@ def test_the_scroll_bar_is_told_what_changes_its_look_and_each_eighth_that_is_ad
 def test_lines_that_went_one_up_are_drawn_as_they_were() -> None:
     async def act(pilot: Pilot[None]) -> None:
         lines = numbers(pilot)
-        lines.changed()
+        lines.reset_lines()
         await pilot.pause()
         before = lines.render_lines(lines.size.region)
         lines.scroll_to(y=1, animate=False, force=True)

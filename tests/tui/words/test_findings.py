@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.analysis.finding import Seen, Severity
+from bcapscope.analysis.finding import Severity, TrafficTotals
 from bcapscope.analysis.rules import RULES
-from bcapscope.analysis.rules.rule import Rule
-from bcapscope.capture.file import open_capture
+from bcapscope.analysis.rules.rule_checker import DiagnosisRule
+from bcapscope.capture.capture_file import open_capture
 from bcapscope.errors import CaptureError
-from bcapscope.render.verdict import verdict
-from bcapscope.traffic.exchange import Role
-from bcapscope.traffic.fields import RecordKind
-from bcapscope.traffic.filters import FilterError, compile_filter
+from bcapscope.render.diagnosis_summary import diagnosis_summary
+from bcapscope.traffic.call import FrameRole
+from bcapscope.traffic.filter.compiler import FilterError, compile_filter
+from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.tui.words import titled, told
 from tests.cli.run import CAPTURES
 
@@ -27,25 +27,25 @@ _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
-def test_every_rule_has_a_title_and_an_advice(rule: Rule) -> None:
+def test_every_rule_has_a_title_and_an_advice(rule: DiagnosisRule) -> None:
     title, advice = titled(rule.id), told(rule.advice)
     assert JAPANESE.search(title)
     assert JAPANESE.search(advice)
     assert set(_CODES.findall(rule.advice)) == set(_CODES.findall(advice))
-    assert set(re.findall(r"\b[0-9A-F]{8}\b", rule.finds)) == set(re.findall(r"[0-9A-F]{8}", title))
+    assert set(re.findall(r"\b[0-9A-F]{8}\b", rule.description)) == set(re.findall(r"[0-9A-F]{8}", title))
 
 
 def test_the_sum_of_all() -> None:
-    seen = Seen(518, 257, 1, 5_200_000_000)
-    assert verdict([Severity.ERROR, Severity.NOTE], seen, tongue=told) == (
+    seen = TrafficTotals(518, 257, 1, 5_200_000_000)
+    assert diagnosis_summary([Severity.ERROR, Severity.NOTE], seen, tongue=told) == (
         "エラー 1 件, 情報 1 件、対象: フレーム 518, 呼び出し 257, クライアント 1, 5.2 s"
     )
-    assert verdict([], seen, tongue=told).startswith("問題は見つかりませんでした、対象: ")
-    assert JAPANESE.search(verdict([], Seen(0, 0, 0, 0), tongue=told))
+    assert diagnosis_summary([], seen, tongue=told).startswith("問題は見つかりませんでした、対象: ")
+    assert JAPANESE.search(diagnosis_summary([], TrafficTotals(0, 0, 0, 0), tongue=told))
 
 
-@pytest.mark.parametrize("role", Role)
-def test_what_a_frame_is_to_its_call(role: Role) -> None:
+@pytest.mark.parametrize("role", FrameRole)
+def test_what_a_frame_is_to_its_call(role: FrameRole) -> None:
     assert JAPANESE.search(told(role))
 
 

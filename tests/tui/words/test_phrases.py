@@ -12,21 +12,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client.reach import PROVIDERS
-from bcapscope.errors import Attempt, ControllerError, ExchangeTimeout
-from bcapscope.player.finding import Finding
+from bcapscope.client.object_opener import PROVIDER_ADVICE
+from bcapscope.errors import Attempt, CallTimeout, ControllerError
+from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.lateness import Spread
-from bcapscope.player.limits import UNKNOWN, limited
-from bcapscope.player.messages import Counts, Ended, Outcome, Peer, Progress, State
-from bcapscope.player.preflight import check
-from bcapscope.protocol.command_table import ROWS
-from bcapscope.protocol.hresult import LEVELS, SUBSYSTEMS, describe
-from bcapscope.protocol.hresult_table import AXIS_FAMILIES, RANGES, RC7_CODES, SLAVE_MODE, STATE, SYMBOLS
-from bcapscope.protocol.notation import parse
-from bcapscope.protocol.slavemode import MODES
-from bcapscope.render.advice import advice
-from bcapscope.render.playing import ended_lines, peer_line
-from bcapscope.render.slaverun import figure_lines
+from bcapscope.player.player_messages import (
+    ControllerInfo,
+    PlayCounts,
+    PlayEnded,
+    PlayOutcome,
+    PlayProgress,
+    PlayState,
+)
+from bcapscope.player.preflight import run_preflight
+from bcapscope.player.preflight_problem import PreflightProblem
+from bcapscope.protocol.codec.variant_notation import parse_variant
+from bcapscope.protocol.slave_mode.modes import MODES
+from bcapscope.protocol.tables.command_table import COMMAND_ROWS
+from bcapscope.protocol.tables.hresult import LEVELS, SUBSYSTEMS, describe_hresult
+from bcapscope.protocol.tables.hresult_table import (
+    AXIS_FAMILIES,
+    CODE_RANGES,
+    NAMED_CODES,
+    RC7_CODES,
+    SLAVE_MODE_CODES,
+    STATE_CODES,
+)
+from bcapscope.render.play_text import controller_line, play_summary_lines
+from bcapscope.render.result_advice import result_advice
+from bcapscope.render.slave_run_charts import run_figure_lines
 from bcapscope.tui import words
 from bcapscope.tui.words import PHRASES, told
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
@@ -89,19 +103,19 @@ def test_japanese_has_the_places_of_the_english() -> None:
 
 
 def texts_of_results() -> Iterator[str]:
-    for entry in (*SYMBOLS, *SLAVE_MODE, *STATE, *RC7_CODES):
+    for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES, *RC7_CODES):
         yield entry.text
         yield entry.advice or entry.text
     for family in AXIS_FAMILIES:
         yield family.text
         yield family.advice or family.text
-    for span in RANGES:
-        yield describe(span.first).text
+    for span in CODE_RANGES:
+        yield describe_hresult(span.first).text
     yield from (*LEVELS, *SUBSYSTEMS.values())
 
 
 def texts_of_commands() -> Iterator[str]:
-    for row in (row for rows in ROWS.values() for row in rows):
+    for row in (row for rows in COMMAND_ROWS.values() for row in rows):
         yield row.text
         yield from filter(re.compile("[a-z]{3}").search, (row.elements, row.returns))
 
@@ -123,26 +137,28 @@ def test_every_meaning_and_advice_of_a_result_is_there() -> None:
 
 @pytest.mark.parametrize("code", [0x84201482, 0x83500121, 0x8420405A, 0x82204021, 0x0000600B, 0x83291234])
 def test_a_result_is_explained(code: int) -> None:
-    head, details, *_ = advice(code, tongue=told)
+    head, details, *_ = result_advice(code, tongue=told)
     assert JAPANESE.search(head)
     assert "レベル" in details
 
 
 def messages() -> Iterator[str]:
     attempt = Attempt(5, 0, 0)
-    yield str(ControllerError("Controller_Connect", 0x80070057, "E_INVALIDARG", f"not allowed; {PROVIDERS}"))
-    yield str(ExchangeTimeout("Robot_Halt", (attempt,))).partition("\n")[0]
-    yield attempt.text(0)
+    yield str(
+        ControllerError("Controller_Connect", 0x80070057, "E_INVALIDARG", f"not allowed; {PROVIDER_ADVICE}")
+    )
+    yield str(CallTimeout("Robot_Halt", (attempt,))).partition("\n")[0]
+    yield attempt.describe(0)
     for text in ("i2:x", "bool:2", "empty:1", "empty[]:1", "variant:1"):
         with pytest.raises(ValueError, match=r".") as raised:
-            parse(text)
+            parse_variant(text)
         yield str(raised.value)
     for text in ("J1", "J1=a..b", "J1.speed=0", "J1=3..2", "J9=1..2", "J1.speed=x"):
         with pytest.raises(ValueError, match=r".") as raised:
-            limited(UNKNOWN, [text])
+            with_limits(UNKNOWN_ARM, [text])
         yield str(raised.value)
     yield from (mode.text for mode in MODES if mode.pose_type)
-    yield from State
+    yield from PlayState
 
 
 @pytest.mark.parametrize(
@@ -169,41 +185,41 @@ def test_what_else_the_tester_shows() -> None:
     assert [text for text in messages() if not is_japanese(text)] == []
 
 
-@pytest.mark.parametrize("outcome", Outcome)
-def test_how_the_player_ended(outcome: Outcome) -> None:
-    ended = Ended(
+@pytest.mark.parametrize("outcome", PlayOutcome)
+def test_how_the_player_ended(outcome: PlayOutcome) -> None:
+    ended = PlayEnded(
         outcome,
         "stop was asked for",
         Spread(),
         Spread(),
-        Counts(5, retries=1, late=2),
+        PlayCounts(5, retries=1, late=2),
         left=False,
         retries_expected=True,
     )
-    assert [line for line in ended_lines(ended) if not is_japanese(line.strip())] == []
+    assert [line for line in play_summary_lines(ended) if not is_japanese(line.strip())] == []
 
 
 def test_the_player_at_work() -> None:
-    progress = Progress(State.PLAYING, 50, 100, 0.4, 0.4, Spread(50, 1000, 2000, 3000, 4000))
-    assert all(JAPANESE.search(line) for line in figure_lines(progress, (1, 8.0, 3.4), tongue=told))
+    progress = PlayProgress(PlayState.PLAYING, 50, 100, 0.4, 0.4, Spread(50, 1000, 2000, 3000, 4000))
+    assert all(JAPANESE.search(line) for line in run_figure_lines(progress, (1, 8.0, 3.4), tongue=told))
 
 
 def test_who_is_there_before_anything_moves() -> None:
     facts = {"type name": "VS-068, no answer", "type": "10", "version": "3.0.0"}
-    assert peer_line(Peer(False, "RC7", facts, 0x002, (0.0,), 0.0), told) == (
+    assert controller_line(ControllerInfo(False, "RC7", facts, 0x002, (0.0,), 0.0), told) == (
         "ロボットが動く可能性のあるコントローラ, RC7, 型式名 VS-068, no answer, 型式番号 10, "
         "バージョン 3.0.0; スレーブモード 0x002: J 型、Sync: slvMove は取り込まれたとき応答、遅れるとエラー"
     )
 
 
-def findings() -> Iterator[Finding]:
-    yield from check(way(swing(degrees=40)), PERIOD).findings
-    yield from check(way(swing(degrees=400)), PERIOD / 3, present=[1.0] * 6, loop=True).findings
-    yield from check(way(swing(degrees=0)), PERIOD, limited(UNKNOWN, ["J1=1..2"])).findings
+def findings() -> Iterator[PreflightProblem]:
+    yield from run_preflight(way(swing(degrees=40)), PERIOD).problems
+    yield from run_preflight(way(swing(degrees=400)), PERIOD / 3, current_pose=[1.0] * 6, loop=True).problems
+    yield from run_preflight(way(swing(degrees=0)), PERIOD, with_limits(UNKNOWN_ARM, ["J1=1..2"])).problems
 
 
 @pytest.mark.parametrize("finding", list(findings()), ids=lambda finding: finding.check)
-def test_the_preflight(finding: Finding) -> None:
+def test_the_preflight(finding: PreflightProblem) -> None:
     assert is_japanese(finding.sentence)
     assert not finding.advice or is_japanese(finding.advice)
 

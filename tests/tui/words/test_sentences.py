@@ -16,25 +16,25 @@ from hypothesis import strategies as st
 
 from bcapscope.analysis import rules
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.statistics import Summary
-from bcapscope.analysis.stay import Stay
-from bcapscope.capture.file import CaptureFile
-from bcapscope.capture.observer import Observer
-from bcapscope.player.preflight import check
-from bcapscope.player.reading import read
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.player.preflight import run_preflight
 from bcapscope.player.resampling import resample
 from bcapscope.player.trajectory import TrajectoryError
-from bcapscope.protocol import enumerations
-from bcapscope.protocol.frame import encode, parse_datagram
-from bcapscope.protocol.variant import VT, Variant
+from bcapscope.player.trajectory_reader import read_trajectories
+from bcapscope.protocol.codec.frame import encode_frame, parse_datagram
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables import enumerations
 from bcapscope.render.escape import printable
-from bcapscope.render.outline import rows, sections
-from bcapscope.render.preflight import PreflightRenderer, source_lines
-from bcapscope.render.slave import stay_lines
-from bcapscope.render.statistics import statistics_lines
-from bcapscope.traffic.exchange import Exchange
+from bcapscope.render.frame_outline import field_rows, frame_sections
+from bcapscope.render.preflight_text import PreflightRenderer, source_lines
+from bcapscope.render.slave_session_text import slave_session_lines
+from bcapscope.render.statistics_text import statistics_lines
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.tracker import Tracker
-from bcapscope.tui.desk.saved import SavedError, load
+from bcapscope.tui.controller_access.saved_requests import SavedRequestError, load_request
 from bcapscope.tui.words import told
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
@@ -63,13 +63,13 @@ MODULES = (*RULES, *(f"bcapscope.{room}.{name}" for room, names in ROOMS.items()
 """Those whose sentences a screen shows."""
 
 UNSEEN = {
-    "bcapscope.capture.live": ["sudo setcap cap_net_raw=ep "],  # a command, the same in Japanese
+    "bcapscope.capture.live_capture": ["sudo setcap cap_net_raw=ep "],  # a command, the same in Japanese
     "bcapscope.player.realtime": [
         "` into /etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
         "`sudo setcap cap_sys_nice+ep "
     ],  # is there, but for the command
-    "bcapscope.protocol.content": ["serial line"],  # a name
-    "bcapscope.proxy.guard": [
+    "bcapscope.protocol.codec.frame_content": ["serial line"],  # a name
+    "bcapscope.proxy.request_guard": [
         "there is no function or command ",
         "a command that is not in the catalogue is written with its function, Robot_Execute:",
         " takes no commands",
@@ -101,17 +101,17 @@ def test_every_finding_of_a_scene_is_japanese_with_all_of_its_numbers(scene: Sce
 
 def _figures(capture: bytes) -> Iterator[str]:
     """Yield the lines about stays and statistics."""
-    stays: list[Stay] = []
-    diagnosis, tracker, summary = Diagnosis(heed=stays.append), Tracker(), Summary()
-    for seen in Observer(frozenset({5007})).observe(CaptureFile(io.BytesIO(capture))):
+    stays: list[SlaveSession] = []
+    diagnosis, tracker, summary = Diagnosis(on_slave_session=stays.append), Tracker(), StatisticsBuilder()
+    for seen in PacketDecoder(frozenset({5007})).decode(CaptureFile(io.BytesIO(capture))):
         for settled in tracker.observe(seen):
-            diagnosis.take(settled)
-            if isinstance(settled, Exchange):
-                summary.take(settled)
+            diagnosis.on_pairing_result(settled)
+            if isinstance(settled, Call):
+                summary.add_call(settled)
     for settled in tracker.close():
-        diagnosis.take(settled)
+        diagnosis.on_pairing_result(settled)
     diagnosis.finish()
-    yield from (line for stay in stays for line in stay_lines(stay, tongue=told))
+    yield from (line for stay in stays for line in slave_session_lines(stay, tongue=told))
     statistics = summary.statistics()
     if statistics is not None:
         yield from statistics_lines(statistics, tongue=told)
@@ -156,7 +156,7 @@ FILES = {
 def test_why_a_file_is_no_trajectory(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(FILES[name])
     with pytest.raises(TrajectoryError) as raised:
-        read(tmp_path / name)
+        read_trajectories(tmp_path / name)
     assert JAPANESE.search(told(str(raised.value))), str(raised.value)
 
 
@@ -164,7 +164,7 @@ def test_why_there_is_no_file_or_project(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("a")
     for path in (tmp_path, tmp_path / "none.csv", "\0"):
         with pytest.raises(TrajectoryError) as raised:
-            read(path)
+            read_trajectories(path)
         assert JAPANESE.search(told(str(raised.value))), str(raised.value)
 
 
@@ -179,9 +179,9 @@ def test_why_there_is_no_file_or_project(tmp_path: Path) -> None:
 )
 def test_how_a_file_was_read_and_its_preflight(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(content)
-    (trajectory,) = read(tmp_path / "a.csv")
+    (trajectory,) = read_trajectories(tmp_path / "a.csv")
     made = resample(trajectory, 0.008)
-    lines = [*source_lines(made, told), *PreflightRenderer(tongue=told).lines(check(made, 0.008))]
+    lines = [*source_lines(made, told), *PreflightRenderer(tongue=told).lines(run_preflight(made, 0.008))]
     checks = re.compile(r"^.*a\.csv|\b[a-z-]+:")  # the name of a check stays as it is
     assert {line: left for line in lines if (left := left_over(checks.sub("", line)))} == {}
 
@@ -193,8 +193,8 @@ def test_how_a_file_was_read_and_its_preflight(content: bytes, tmp_path: Path) -
 def test_why_a_saved_request_cannot_be_read(content: str, tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_bytes(content.encode("utf-8", "surrogateescape"))
-    with pytest.raises(SavedError) as raised:
-        load(path)
+    with pytest.raises(SavedRequestError) as raised:
+        load_request(path)
     assert JAPANESE.search(str(raised.value)), str(raised.value)
 
 
@@ -266,8 +266,8 @@ def test_what_numbers_and_keys_stand_for(table: Mapping[object, str]) -> None:
 def test_a_tree_is_japanese_but_for_names_and_what_is_from_the_wire() -> None:
     words = "handle of a Robot"
     arguments = ROBOT, Variant(VT.BSTR, words), Variant.array(VT.R8, (1.0,) * 40)
-    seen = observe(parse_datagram(encode(1, 0, 64, arguments))[0])
-    found = [row for section in sections(seen, None) for row in rows(section, tongue=told)]
+    seen = observe(parse_datagram(encode_frame(1, 0, 64, arguments))[0])
+    found = [row for section in frame_sections(seen, None) for row in field_rows(section, tongue=told)]
     texts = {row.name: row.text for row in found}
     assert texts["hRobot"].endswith(", Robot のハンドル")
     assert texts["bstrCommand"] == f'VT_BSTR "{words}"'

@@ -1,0 +1,308 @@
+"""All that a report tells of captures, gathered in one pass in memory that is bounded."""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.finding import Finding, TrafficTotals
+from bcapscope.analysis.rules.rule_checker import call_observations
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.statistics.call_statistics import Statistics, StatisticsBuilder
+from bcapscope.analysis.timeline_events import (
+    ACTIVITY_PAUSE_NS,
+    MOST_ACTIVITY_PERIODS,
+    MOST_EVENTS,
+    TimelineEvent,
+    TimelineEventKind,
+    TimelineEventList,
+)
+from bcapscope.protocol.codec.arguments import Problem
+from bcapscope.protocol.codec.frame import Frame, Malformed
+from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.traffic.call import Call, FrameObservation, PairingResult, StrayReply
+from bcapscope.traffic.call_verdict import CallVerdict
+from bcapscope.traffic.observation import Conversation, Flow, Observation
+
+MOST_TIMELINES = 256
+"""Clients with a lane of their own."""
+
+MAX_COUNTED = 65536
+"""Clients without a lane that are counted."""
+
+MOST_RETRY_CHAINS = 12
+"""Calls of which every frame is told: the ones that were sent again most often, of those the slowest."""
+
+LARGEST_RETRY_CHAIN = 2 << 20
+"""Bytes of a call's frames beyond which its chain is counted and not shown."""
+
+MAX_DAMAGED = 20
+"""Damaged frames that are told one by one, the first ones."""
+
+MOST_DAMAGED_BYTES = 24
+"""Bytes of a damaged frame that are kept."""
+
+MOST_SESSIONS = 256
+"""Stays in slave mode that are kept; further ones are counted."""
+
+
+class DamagedFrame(NamedTuple):
+    """A frame with problems, or bytes that are no frame.
+
+    Attributes:
+        frame: its number.
+        time: nanoseconds since 1970.
+        flow: who spoke to whom.
+        length: bytes there are.
+        raw: the first of them.
+        problems: what is wrong.
+        missing_bytes: bytes that are missing in a stream at that place.
+    """
+
+    frame: int
+    time: int
+    flow: Flow
+    length: int
+    raw: bytes
+    problems: tuple[Problem, ...]
+    missing_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClientTimeline:
+    """One client over time.
+
+    Attributes:
+        conversation: between whom.
+        calls: how many.
+        activity: when it made calls, and how many.
+        events: what happened, by kind.
+    """
+
+    conversation: Conversation
+    calls: int
+    activity: tuple[TimelineEvent, ...]
+    events: Mapping[TimelineEventKind, tuple[TimelineEvent, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """What captures hold.
+
+    Attributes:
+        start: time of the first frame, nanoseconds since 1970.
+        end: of the last.
+        totals: how much there was.
+        findings: of all rules, the first cause first.
+        statistics: None where there are no calls.
+        timelines: the clients that called most first.
+        timelines_left_off: clients without a lane.
+        slave_sessions: in slave mode, in the order in which they began.
+        slave_sessions_left_off: stays beyond those.
+        verdicts: calls that were not just answered or refused, by what they suffered.
+        retry_chains: the worst of those that were sent again, in order of time.
+        retried_calls: calls that were sent again.
+        stray_replies: replies that belong to no call.
+        damaged_frames: the first damaged frames.
+        damaged_count: how many there are.
+    """
+
+    start: int
+    end: int
+    totals: TrafficTotals
+    findings: tuple[Finding, ...]
+    statistics: Statistics | None
+    timelines: tuple[ClientTimeline, ...]
+    timelines_left_off: int
+    slave_sessions: tuple[SlaveSession, ...]
+    slave_sessions_left_off: int
+    verdicts: Mapping[CallVerdict, int]
+    retry_chains: tuple[Call, ...]
+    retried_calls: int
+    stray_replies: int
+    damaged_frames: tuple[DamagedFrame, ...]
+    damaged_count: int
+
+
+_Badness: TypeAlias = "tuple[int, int, int]"
+
+
+class ReportDataBuilder:
+    """Takes in observations and what a tracker makes of them, each observation first."""
+
+    def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
+        """Begin.
+
+        Args:
+            is_selected: tells which calls are asked about; None for all. What is damaged is told all the same.
+        """
+        self._is_selected = is_selected
+        self._diagnosis = Diagnosis(is_selected, self._keep_session)
+        self._statistics = StatisticsBuilder()
+        self._start: int | None = None
+        self._end = 0
+        self._timelines: dict[Conversation, _TimelineBuilder] = {}
+        self._timelines_left_off: set[Conversation] = set()
+        self._slave_sessions: list[SlaveSession] = []
+        self._sessions_left_off = 0
+        self._verdicts: Counter[CallVerdict] = Counter()
+        self._retry_chains: list[tuple[_Badness, Call]] = []
+        self._retried_calls = self._stray_replies = self._damaged_count = 0
+        self._damaged: list[DamagedFrame] = []
+
+    def on_observation(self, observation: Observation) -> None:
+        """See the next frame, or the next bytes that are none."""
+        self._diagnosis.on_observation(observation)
+        time = observation.time
+        if self._start is None or time < self._start:
+            self._start = time
+        self._end = max(self._end, time)
+        if observation.item.__class__ is Malformed:
+            self._add_damaged(observation)
+
+    def on_pairing_result(self, settled: PairingResult) -> None:
+        """See a call that has settled, or a reply that belongs to none."""
+        self._diagnosis.on_pairing_result(settled)
+        if isinstance(settled, StrayReply):
+            self._stray_replies += 1
+            self._check_frame(settled.observation)
+            return
+        for seen in call_observations(settled):
+            self._check_frame(seen)
+        if self._is_selected is None or self._is_selected(settled):
+            self._on_call(settled)
+
+    def finish(self, ended_at: int = 0) -> ReportData | None:
+        """Tell all; None where nothing was seen.
+
+        Args:
+            ended_at: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
+        """
+        if self._start is None:
+            return None
+        findings = self._diagnosis.finish(ended_at)
+        lanes = sorted(self._timelines.values(), key=lambda lane: -lane.call_count)
+        chains = sorted((chain for _, chain in self._retry_chains), key=lambda chain: chain.request.time)
+        return ReportData(
+            start=self._start,
+            end=self._end,
+            findings=findings,
+            totals=self._diagnosis.totals,
+            statistics=self._statistics.statistics(),
+            timelines=tuple(lane.timeline() for lane in lanes),
+            timelines_left_off=len(self._timelines_left_off),
+            slave_sessions=tuple(sorted(self._slave_sessions, key=lambda stay: stay.number)),
+            slave_sessions_left_off=self._sessions_left_off,
+            verdicts=dict(self._verdicts.most_common()),
+            retry_chains=tuple(chains),
+            retried_calls=self._retried_calls,
+            stray_replies=self._stray_replies,
+            damaged_frames=tuple(sorted(self._damaged, key=lambda damaged: damaged.frame)),
+            damaged_count=self._damaged_count,
+        )
+
+    def _on_call(self, call: Call) -> None:
+        self._statistics.add_call(call)
+        lane = self._timeline_of(call.conversation)
+        reply = call.reply
+        plain = reply is not None and call.is_plain and not reply.item.code
+        if lane is not None:
+            lane.add_call(call, plain)
+        if not plain:
+            self._on_troubled_call(call)
+
+    def _keep_session(self, session: SlaveSession) -> None:
+        if len(self._slave_sessions) < MOST_SESSIONS:
+            self._slave_sessions.append(session)
+        else:
+            self._sessions_left_off += 1
+
+    def _timeline_of(self, conversation: Conversation) -> _TimelineBuilder | None:
+        lane = self._timelines.get(conversation)
+        if lane is None and len(self._timelines) < MOST_TIMELINES:
+            lane = self._timelines[conversation] = _TimelineBuilder(conversation)
+        elif lane is None and len(self._timelines_left_off) < MAX_COUNTED:
+            self._timelines_left_off.add(conversation)
+        return lane
+
+    def _on_troubled_call(self, call: Call) -> None:
+        verdict = call.verdict
+        if verdict not in (CallVerdict.ANSWERED, CallVerdict.REFUSED):
+            self._verdicts[verdict] += 1
+        retries = call.retries
+        if retries:
+            self._retried_calls += 1
+            if call.memory_bytes > LARGEST_RETRY_CHAIN:
+                return
+            badness = retries, call.latency or 0, -call.number
+            (heapq.heappushpop if len(self._retry_chains) >= MOST_RETRY_CHAINS else heapq.heappush)(
+                self._retry_chains, (badness, call)
+            )
+
+    def _check_frame(self, observation: FrameObservation) -> None:
+        if observation.item.problems:
+            self._add_damaged(observation)
+
+    def _add_damaged(self, observation: Observation | FrameObservation) -> None:
+        item = observation.item
+        missing = 0 if isinstance(item, Frame) else item.missing
+        lane = self._timeline_of(observation.flow.conversation)
+        if lane is not None:
+            kind = TimelineEventKind.MISSING if missing else TimelineEventKind.DAMAGED
+            lane.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
+        self._damaged_count += 1
+        if len(self._damaged) < MAX_DAMAGED:
+            about = observation.flow, len(item.raw), item.raw[:MOST_DAMAGED_BYTES], item.problems, missing
+            self._damaged.append(DamagedFrame(observation.number, observation.time, *about))
+
+
+class _TimelineBuilder:
+    """A lane in the making."""
+
+    def __init__(self, conversation: Conversation) -> None:
+        self.call_count = 0
+        self._conversation = conversation
+        self._activity = TimelineEventList(MOST_ACTIVITY_PERIODS, ACTIVITY_PAUSE_NS)
+        self._events: dict[TimelineEventKind, TimelineEventList] = {}
+
+    def add_call(self, call: Call, plain: bool) -> None:
+        """Take in a call."""
+        self.call_count += 1
+        request = call.request
+        self._activity.add(TimelineEvent(request.time, call.last_activity, 1, request.number))
+        if not plain:
+            mark = TimelineEvent(request.time, request.time, 1, request.number, call.kind, call.hresult)
+            for kind in _event_kinds(call):
+                self.add_event(kind, mark)
+
+    def add_event(self, kind: TimelineEventKind, event: TimelineEvent) -> None:
+        """Set a mark."""
+        marks = self._events.get(kind)
+        if marks is None:
+            marks = self._events[kind] = TimelineEventList(MOST_EVENTS)
+        marks.add(event)
+
+    def timeline(self) -> ClientTimeline:
+        marks = {kind: self._events[kind].all for kind in TimelineEventKind if kind in self._events}
+        return ClientTimeline(self._conversation, self.call_count, self._activity.all, marks)
+
+
+def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
+    """Tell what happened to a call, the most telling thing about its way first and only that."""
+    kinds = []
+    verdict = call.verdict
+    if verdict is CallVerdict.EXECUTED_TWICE:
+        kinds.append(TimelineEventKind.EXECUTED_TWICE)
+    elif verdict is CallVerdict.REPLY_LATE:
+        kinds.append(TimelineEventKind.LATE)
+    elif call.retries:
+        kinds.append(TimelineEventKind.RETRIED)
+    if call.hresult is not None and is_failure(call.hresult):
+        kinds.append(TimelineEventKind.REFUSED)
+    elif call.reply is None and call.surely_unanswered:
+        kinds.append(TimelineEventKind.UNANSWERED)
+    return kinds

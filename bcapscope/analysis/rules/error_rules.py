@@ -1,0 +1,210 @@
+"""Errors of the controller: not cleared, cleared unread, and all that no other rule tells."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.rule_checker import (
+    SECOND,
+    CallHealth,
+    DiagnosisRule,
+    OccurrenceSink,
+    RuleChecker,
+)
+from bcapscope.analysis.speech import Speech, called
+from bcapscope.protocol.guard import always_passes
+from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
+from bcapscope.protocol.tables.command_catalogue import find_command
+from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, E_TIMEOUT, describe_hresult
+from bcapscope.protocol.text_format import counted
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation
+
+_SEED = "DENSO Wave 2009, How to use the Slave mode"
+_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
+_EVER = 24 * 3600 * SECOND
+_FIRST_ERRORS = (
+    "underflow",
+    "over-limit",
+    "beyond-range",
+    "overflow",
+    "invalid-set-point",
+    "refused-in-slave-mode",
+    "slvmove-outside-slave-mode",
+    "emergency-stop",
+    "controller-error",
+)
+
+ERROR_NOT_CLEARED = DiagnosisRule(
+    "error-not-cleared",
+    Severity.ERROR,
+    "a call is refused since an error is active (81501025 and the like)",
+    "Read the errors (GetCurErrorCount, GetCurErrorInfo), then ClearError, then go on with Motor, the first "
+    "position and slvChangeMode.",
+    f"{_SEED}, Clearing errors; {_ERRORS}",
+    _FIRST_ERRORS,
+    _EVER,
+)
+WENT_ON_AFTER_ERROR = DiagnosisRule(
+    "went-on-after-error",
+    Severity.WARNING,
+    "after an error the client went on with calls that change or move something, and never called ClearError",
+    "Stop at the first error, then follow the sequence: ClearError, restart RobSlave (RC7), first position, "
+    "slvChangeMode.",
+    f"{_SEED}, Error, and the sequence of clearing error",
+    _FIRST_ERRORS,
+    _EVER,
+)
+CLEARED_UNREAD = DiagnosisRule(
+    "cleared-unread",
+    Severity.WARNING,
+    "ClearError was called before the error was read, and the evidence is gone",
+    "Leave slave mode, read GetCurErrorCount and GetCurErrorInfo and keep them, and only then call "
+    "ClearError; in slave mode itself error details are refused.",
+    "nkawa/Denso_CobottaPro900_MQTT_Control",
+    (*_FIRST_ERRORS, "motor-off", "arm-not-taken", "error-not-cleared"),
+    _EVER,
+)
+CONTROLLER_TIMEOUT = DiagnosisRule(
+    "controller-timeout",
+    Severity.ERROR,
+    "the controller itself reports a time-out (80000900 and the like in a reply)",
+    "Look at what the controller waited for: this time-out is not the client's.",
+    f"orin_bcap C/include/dn_common.h; {_ERRORS}",
+)
+ROBOT_BUSY = DiagnosisRule(
+    "robot-busy",
+    Severity.NOTE,
+    "calls are refused with 80010004, robot is busy",
+    "Repeat the call a little later, or wait for the end of the motion.",
+    "start-jsk/denso denso_controller/src/main.cpp",
+)
+CONTROLLER_ERROR = DiagnosisRule(
+    "controller-error",
+    Severity.ERROR,
+    "any other refusal, by its code",
+    "See what the code says, and the controller's error log for the same moment.",
+    f"{_ERRORS}; orin_bcap C/include/dn_common.h",
+    ("malformed-request",),
+)
+
+_ACTIVE_CODES = (0x81501025, 0x81201701, 0x81201749, 0x82501009, 0x21D3, 0x800021D3)
+_TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x800706BE)
+
+
+class _CallsAfterError:
+    """What a client did after an error that it has not cleared."""
+
+    def __init__(self, failure: Call) -> None:
+        self.error_call = failure
+        self.count = 0
+        self.first: Call | None = None
+
+
+class ErrorChecker(RuleChecker):
+    """Looks at what a client does after an error."""
+
+    rules = (WENT_ON_AFTER_ERROR, CLEARED_UNREAD)
+
+    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
+        super().__init__(report_occurrence, clients)
+        self._after_error: dict[Conversation, _CallsAfterError] = {}
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        name = folded_command(call_kind)
+        if name == "slvmove":
+            return health is not CallHealth.SMOOTH
+        if name:
+            known = find_command(call_kind.function_id, name)
+            return known is None or known.effect >= CallEffect.CHANGES
+        return function_effect(call_kind.function_id) >= CallEffect.CHANGES
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        failure = client.uncleared_error
+        if failure is None:
+            return
+        if folded_command(call.kind) == "clearerror":
+            self._after_error.pop(call.conversation, None)
+            if call.reply is not None and not client.error_was_read and not self._was_read_by_other(client):
+                self._report_unread(call, failure)
+            return
+        story = self._after_error.get(call.conversation)
+        if story is None or story.error_call is not failure:
+            story = self._after_error[call.conversation] = _CallsAfterError(failure)
+        if call.request.time > failure.request.time and not _only_stops(call):
+            story.count += 1
+            story.first = story.first or call
+
+    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
+        story = self._after_error.pop(client.conversation, None)
+        if story is None or story.first is None or story.error_call is not client.uncleared_error:
+            return
+        failure, count, first = story.error_call, story.count, story.first
+
+        def say(speech: Speech) -> str:
+            who = speech.client(client.conversation)
+            return (
+                f"after the error of {called(failure)} {who} made {counted(count, 'more call')} that "
+                f"can change or move something, from {called(first)} on, and never called ClearError"
+            )
+
+        self.report_call(
+            WENT_ON_AFTER_ERROR, first, say, evidence_call=failure, explaining_calls=(failure.number,)
+        )
+
+    def _was_read_by_other(self, client: ClientState) -> bool:
+        return any(other.error_was_read for other in self.clients.other_clients(client))
+
+    def _report_unread(self, call: Call, failure: Call) -> None:
+        def say(speech: Speech) -> str:
+            code = failure.hresult or 0
+            who, when = speech.client(call.conversation), speech.at(call.request.time)
+            return (
+                f"{who} called ClearError at {when} without having read the errors behind 0x{code:08X} "
+                f"of {called(failure)}"
+            )
+
+        self.report_call(CLEARED_UNREAD, call, say, evidence_call=failure, explaining_calls=(failure.number,))
+
+
+def _only_stops(call: Call) -> bool:
+    """Tell whether a call only stops or lets go, which is right after an error."""
+    return always_passes(call.kind.function_id, [each.variant for each in call.request.item.arguments])
+
+
+def _explain_not_cleared(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    failure = client.uncleared_error
+    if failure is None:
+        first = [
+            other.uncleared_error
+            for other in clients.other_clients(client)
+            if other.uncleared_error is not None
+        ]
+        return RefusalReason(explaining_calls=tuple(each.number for each in first))
+    return RefusalReason(
+        lambda speech: f"the error of {called(failure)} at {speech.at(failure.request.time)} was not cleared",
+        explaining_calls=(failure.number,),
+        evidence_call=failure,
+    )
+
+
+def _explain_other(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    code = call.hresult or 0
+    known = describe_hresult(code)
+    failure = client.uncleared_error
+    because = (failure.number,) if failure is not None and known.level is not None else ()
+    return RefusalReason(
+        explaining_calls=because,
+        group_key=f"{code:08X}",
+        advice=f"{known.advice[:1].upper()}{known.advice[1:]}." if known.advice else "",
+    )
+
+
+REFUSALS: tuple[Refusal, ...] = (
+    make_refusal(ERROR_NOT_CLEARED, _ACTIVE_CODES, _explain_not_cleared),
+    make_refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
+    make_refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
+    make_refusal(CONTROLLER_ERROR, (), _explain_other),
+)

@@ -1,0 +1,244 @@
+"""Set points that ask too much of an axis, or begin somewhere else than the robot is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RuleChecker
+from bcapscope.analysis.slave.motion_model import Jump, JumpKind
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.speech import Speech, amount, called, span
+from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
+from bcapscope.protocol.slave_mode.poses import AXES
+from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
+from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.protocol.text_format import counted
+from bcapscope.traffic.call import Call
+
+_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
+_SEED = "DENSO Wave 2009, How to use the Slave mode"
+
+OVER_LIMIT = DiagnosisRule(
+    "over-limit",
+    Severity.ERROR,
+    "an axis was commanded too fast or accelerated too hard (842040xx and the like)",
+    "Look at the set points named: a jump, a wrong unit (radians), a first point away from the robot, or two "
+    "periods of motion in one after a pause; smooth start and stop, and keep steps per 8 ms inside the "
+    "axis's limits.",
+    f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {_ERRORS}",
+    ("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
+)
+BEYOND_RANGE = DiagnosisRule(
+    "beyond-range",
+    Severity.ERROR,
+    "an axis was commanded beyond its software limit or range",
+    "Keep the set points inside the axis's range; check units (degrees, mm) and the order of the axes.",
+    _ERRORS,
+    ("set-point-jump", "far-first-point", "not-finite"),
+)
+INVALID_SET_POINT = DiagnosisRule(
+    "invalid-set-point",
+    Severity.ERROR,
+    "a set point is refused as not valid",
+    "Check the number of elements against the mode (P 7, J 8, T 10), the figure, and for values "
+    "that are no number.",
+    f"{_ERRORS}; DENSORobot/denso_robot_ros2 denso_robot_core",
+    ("not-finite", "unusual-argument", "set-point-jump"),
+)
+NOT_FINITE = DiagnosisRule(
+    "not-finite",
+    Severity.ERROR,
+    "a set point holds a NaN or an infinity",
+    "Stop the trajectory generator on such values: nothing after them can be trusted.",
+    "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control",
+)
+FAR_FIRST_POINT = DiagnosisRule(
+    "far-first-point",
+    Severity.WARNING,
+    "the first set point of a stay is away from where the robot was",
+    "Move the robot to the first position (Robot_Move with @E) before slvChangeMode, or begin the trajectory "
+    "at the pose that the robot returns.",
+    f"{_SEED}, Starting your client app.",
+)
+SET_POINT_JUMP = DiagnosisRule(
+    "set-point-jump",
+    Severity.NOTE,
+    "one step between set points is far larger than those around it, or than any axis follows",
+    "Look for a missing piece of trajectory at this frame, a wrap of an angle at 180 degrees, or two sources "
+    "of set points.",
+    "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14",
+)
+
+_SPEED_FAMILIES = tuple(
+    range(base, base + 0x10)
+    for base in (
+        *(0x82204020, 0x84204040, 0x84204050, 0x84204060, 0x84204080, 0x84204090, 0x842040A0, 0x84204250),
+        *(0x84204310, 0x84204370, 0x84404500, 0x84404510, 0x84404520),
+    )
+)
+_SPEED_CODES = frozenset(code for family in _SPEED_FAMILIES for code in family) | {0x84201414, 0x84201415}
+_RANGE_BASES = (0x83204070, 0x83204230, 0x82204240, 0x81204120, 0x83404D10)
+_RANGE_CODES = frozenset(base + axis for base in _RANGE_BASES for axis in range(1, 9))
+_INVALID_CODES = (0x83201405, 0x84201547, 0x80201548, 0x8420151C, 0x83201401)
+
+_BESIDE = {
+    JumpKind.ISOLATED: "far more than those around it",
+    JumpKind.OUTLIER: "far more than those around it, and the next one turns back",
+    JumpKind.IMPLAUSIBLE: "more than any axis follows",
+}
+_PERIOD_S = 0.008
+_FAR_DISTANCE = 1.0
+
+
+class LimitChecker(RuleChecker):
+    """Looks at where set points lead."""
+
+    rules = (OVER_LIMIT, BEYOND_RANGE, INVALID_SET_POINT, NOT_FINITE, FAR_FIRST_POINT, SET_POINT_JUMP)
+
+    def on_slave_session(self, session: SlaveSession) -> None:
+        motion = session.motion
+        if motion is None:
+            return
+        if motion.not_finite:
+            self._report_not_finite(session, motion.not_finite, motion.not_finite_frames)
+        distances = [abs(each) if math.isfinite(each) else 0.0 for each in motion.first_distance]
+        named = list(zip(motion.axes, distances, strict=False))
+        measured = [(axis, distance) for axis, distance in named if axis.unit]
+        if measured:
+            axis, distance = max(measured, key=lambda pair: pair[1])
+            if distance > _FAR_DISTANCE and not session.began_before_capture:
+                self._report_far(session, axis.name, axis.unit, distance)
+        for jump in motion.jump_list:
+            self._report_jump(session, jump)
+
+    def _report_not_finite(self, session: SlaveSession, count: int, frames: tuple[int, ...]) -> None:
+        def say(speech: Speech) -> str:
+            who = speech.client(session.conversation)
+            return (
+                f"{who} sent {counted(count, 'set point')} with a NaN or an infinity, the first in "
+                f"frame {frames[0]}"
+            )
+
+        time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
+        self.report_occurrence(Occurrence(NOT_FINITE, time, time, session.conversation, frames[:8], say))
+
+    def _report_far(self, session: SlaveSession, axis: str, unit: str, distance: float) -> None:
+        known_by = session.motion.first_distance_known_by if session.motion is not None else ""
+        frames = session.motion.first_distance_frames if session.motion is not None else ()
+
+        def say(speech: Speech) -> str:
+            who = speech.client(session.conversation)
+            return (
+                f"the first set point of {who} is {amount(distance)} {unit} away in {axis} from where the "
+                f"robot was ({known_by}), and in slave mode it is to get there in one period"
+            )
+
+        def then(speech: Speech, after: int) -> str:
+            return f"the first set point was {amount(distance)} {unit} away in {axis}"
+
+        time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
+        self.report_occurrence(
+            Occurrence(FAR_FIRST_POINT, time, time, session.conversation, frames, say, then)
+        )
+
+    def _report_jump(self, session: SlaveSession, jump: Jump) -> None:
+        unit = (
+            next((axis.unit for axis in session.motion.axes if axis.name == jump.axis), "")
+            if session.motion
+            else ""
+        )
+        speed = abs(jump.step) / (session.timing.grid_ms / 1000)
+
+        def say(speech: Speech) -> str:
+            return (
+                f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {amount(jump.step)} "
+                f"{unit} in {jump.axis} ({amount(speed)} {unit}/s in one period), {_BESIDE[jump.kind]}"
+            )
+
+        def then(speech: Speech, after: int) -> str:
+            return f"a set point jumped by {amount(jump.step)} {unit} in {jump.axis}"
+
+        self.report_occurrence(
+            Occurrence(SET_POINT_JUMP, jump.time, jump.time, session.conversation, (jump.frame,), say, then)
+        )
+
+
+def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:
+    parameter = argument(call, 2)
+    if parameter is None or folded_command(call.kind) != "slvmove":
+        return ()
+    pose = parse_set_point(parameter, pose_type).pose
+    return pose.values if pose is not None else ()
+
+
+def _explain_over_limit(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    axis = describe_hresult(call.hresult or 0).axis
+    pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
+    points = [*client.recent_set_points, call]
+    poses = [_pose_values(point, pose_type) for point in points]
+    key = "" if axis is None else f"J{axis}"
+    clause = f"an axis{f' (J{axis})' if axis else ''} was commanded too fast"
+    if axis is None or pose_type not in (PoseType.J, None):
+        return RefusalReason(then=lambda speech, after: clause, group_key=key)
+    worst = _worst_step(poses, axis - 1)
+    if worst is None:
+        return RefusalReason(then=lambda speech, after: clause, group_key=key)
+    index, step = worst
+    speed = abs(step) / _PERIOD_S
+    before, after_it = points[index], points[index + 1]
+    interval = after_it.request.time - before.request.time
+
+    def text(speech: Speech) -> str:
+        return (
+            f"the largest step of J{axis} in the {counted(len(points), 'set point')} up to then is "
+            f"{amount(step)} deg, from {called(before)} to {called(after_it)} at "
+            f"{speech.at(after_it.request.time)} ({amount(speed)} deg/s if taken in one period of 8 ms; they "
+            f"were sent {span(interval)} apart)"
+        )
+
+    return RefusalReason(text, then=lambda speech, after: clause, evidence_call=after_it, group_key=key)
+
+
+def _worst_step(poses: Sequence[tuple[float, ...]], axis: int) -> tuple[int, float] | None:
+    steps = [
+        (index, after[axis] - before[axis])
+        for index, (before, after) in enumerate(pairwise(poses))
+        if len(before) > axis and len(after) > axis
+    ]
+    finite = [each for each in steps if math.isfinite(each[1])]
+    return max(finite, key=lambda each: abs(each[1])) if finite else None
+
+
+def _explain_beyond_range(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    axis = describe_hresult(call.hresult or 0).axis
+    pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
+    pose = _pose_values(call, pose_type)
+    key = "" if axis is None else f"J{axis}"
+    if axis is None or pose_type not in (PoseType.J, None) or len(pose) < axis:
+        return RefusalReason(group_key=key)
+    return RefusalReason(
+        lambda speech: f"the set point asks for {AXES[PoseType.J][axis - 1].name} = {pose[axis - 1]:.6g}",
+        group_key=key,
+    )
+
+
+def _explain_invalid(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    parameter = argument(call, 2)
+    if parameter is None or folded_command(call.kind) != "slvmove":
+        return NO_REASON
+    problems = parse_set_point(
+        parameter, pose_type_of_mode(client.mode_value) if client.mode_value else None
+    ).problems
+    return fixed_reason(problems[0]) if problems else NO_REASON
+
+
+REFUSALS: tuple[Refusal, ...] = (
+    make_refusal(OVER_LIMIT, _SPEED_CODES, _explain_over_limit),
+    make_refusal(BEYOND_RANGE, _RANGE_CODES, _explain_beyond_range),
+    make_refusal(INVALID_SET_POINT, _INVALID_CODES, _explain_invalid),
+)

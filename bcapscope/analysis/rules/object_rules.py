@@ -1,0 +1,164 @@
+"""Handles: used wrongly, and never given back."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of, text_argument
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.rules.rule_checker import (
+    SECOND,
+    CallHealth,
+    DiagnosisRule,
+    OccurrenceSink,
+    RuleChecker,
+)
+from bcapscope.analysis.speech import Speech, called, shown
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.handle_tracker import handle_of
+from bcapscope.traffic.observation import Conversation
+
+_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
+
+HANDLE_LEAK = DiagnosisRule(
+    "handle-leak",
+    Severity.WARNING,
+    "a client gets the same object again and again without releasing it",
+    "Get the object once and keep its handle, or release it after use: a client may hold 1000.",
+    _SERVER,
+)
+BAD_HANDLE = DiagnosisRule(
+    "bad-handle",
+    Severity.ERROR,
+    "a call is refused for its handle",
+    "Get a new handle after each release, disconnect or new connection; handles belong to the connection "
+    "that got them and to one class of objects.",
+    _SERVER,
+    ("unclean-quit",),
+    600 * SECOND,
+)
+TOO_MANY_OBJECTS = DiagnosisRule(
+    "too-many-objects",
+    Severity.ERROR,
+    "a call is refused since the client holds too many objects",
+    "Release objects after use.",
+    _SERVER,
+    ("handle-leak",),
+    24 * 3600 * SECOND,
+)
+
+_LEAK_AT = 20
+_MAX_NAMES = 4096
+
+
+class _HandleTally:
+    """Handles of one object that are open now, and at most."""
+
+    def __init__(self) -> None:
+        self.open = self.most = 0
+
+
+class ObjectChecker(RuleChecker):
+    """Counts what is opened and not released."""
+
+    rules = (HANDLE_LEAK,)
+
+    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
+        super().__init__(report_occurrence, clients)
+        self._tallies: dict[tuple[Conversation, ObjectClass, str], _HandleTally] = {}
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        function = FUNCTIONS.get(call_kind.function_id)
+        return (
+            health is not CallHealth.REFUSED
+            and function is not None
+            and bool(function.creates or function.releases)
+        )
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        function, thing = FUNCTIONS[call.kind.function_id], client.target_object
+        if function.creates is ObjectClass.SERVICE or function.releases is ObjectClass.SERVICE:
+            self._forget_conversation(call.conversation)
+        elif function.creates is not None and isinstance(result_of(call), int):
+            name = text_argument(call, 0 if function.creates is ObjectClass.CONTROLLER else 1)
+            self._count_opened(call, function.creates, name)
+        elif function.releases is not None and thing is not None and _may_be_released(call):
+            tally = self._tallies.get((call.conversation, thing.kind, thing.name))
+            if tally is not None:
+                tally.open -= 1
+
+    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
+        self._forget_conversation(client.conversation)
+
+    def _count_opened(self, call: Call, kind: ObjectClass, name: str) -> None:
+        key = call.conversation, kind, name
+        tally = self._tallies.get(key)
+        if tally is None:
+            if len(self._tallies) >= _MAX_NAMES:
+                del self._tallies[self._least_relevant()]
+            tally = self._tallies[key] = _HandleTally()
+        tally.open += 1
+        if tally.open <= tally.most:
+            return
+        tally.most = tally.open
+        if tally.most == _LEAK_AT:
+            self._report_leak(call, kind, name, tally)
+
+    def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
+        """Return an object that is not open twice, the first one; the first of all where there is none."""
+        single = (key for key, tally in self._tallies.items() if tally.open <= 1)
+        return next(single, next(iter(self._tallies)))
+
+    def _report_leak(self, call: Call, kind: ObjectClass, name: str, tally: _HandleTally) -> None:
+        def say(speech: Speech) -> str:
+            who = speech.client(call.conversation)
+            return f"{who} came to hold {tally.most} handles of the {kind} '{shown(name)}' at once"
+
+        self.report_call(HANDLE_LEAK, call, say, group_key=f"{kind} {name}")
+
+    def _forget_conversation(self, conversation: Conversation) -> None:
+        for key in [key for key in self._tallies if key[0] is conversation]:
+            del self._tallies[key]
+
+
+def _may_be_released(call: Call) -> bool:
+    """Tell whether a release was answered, or may have been."""
+    return call.reply is not None or call.evicted
+
+
+def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    function, handle = FUNCTIONS.get(call.kind.function_id), handle_of(call.request.item)
+    if function is None or handle is None:
+        return None
+    released = client.released_by.get((function.owner, handle))
+    if released is not None:
+        return RefusalReason(
+            lambda speech: (
+                f"handle {handle} was released by {called(released)} at {speech.at(released.request.time)}"
+            ),
+            evidence_call=released,
+        )
+    opened = client.opened_objects.get(handle)
+    if opened is not None and opened.object_class is not function.owner:
+        return fixed_reason(
+            f"handle {handle} is that of the {opened.object_class} '{shown(opened.name)}', not of a {function.owner}"
+        )
+    whose = next((other for other in clients.other_clients(client) if handle in other.opened_objects), None)
+    if opened is None and whose is not None:
+        owner = whose.conversation
+        return RefusalReason(
+            lambda speech: (
+                f"handle {handle} was given to {speech.client(owner)}, and handles belong to their connection"
+            )
+        )
+    if opened is None and client.session_start_seen:
+        return fixed_reason(f"handle {handle} was never given to this client, as far as was seen")
+    return fixed_reason(f"handle {handle} is not valid now")
+
+
+REFUSALS: tuple[Refusal, ...] = (
+    make_refusal(BAD_HANDLE, (E_HANDLE,), _explain_bad_handle),
+    make_refusal(TOO_MANY_OBJECTS, (E_MAX_OBJECT,)),
+)

@@ -1,0 +1,88 @@
+"""Reading value by value: where the line's time goes."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.rule_checker import (
+    CallHealth,
+    DiagnosisRule,
+    Occurrence,
+    OccurrenceSink,
+    RuleChecker,
+    last_frame_time,
+)
+from bcapscope.analysis.speech import Speech, shown, span
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation
+
+POLLING = DiagnosisRule(
+    "polling",
+    Severity.NOTE,
+    "most calls of a client read single variables, one round trip each",
+    "Read fewer or less often, or use a command that returns several values at once (GetSrvData, CurPosEx, "
+    "the receive format of slvMove).",
+    "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)",
+)
+
+_FEWEST_READS = 200
+_LEAST_SHARE = 0.5
+_MAX_NAMES = 256
+
+
+class _VariableReads:
+    """Reads of one client."""
+
+    def __init__(self, call: Call) -> None:
+        self.first = self.last = call
+        self.count = 0
+        self.spent_ns = 0
+        self.names: dict[str, int] = {}
+
+    def add(self, call: Call, name: str) -> None:
+        self.last = call
+        self.count += 1
+        self.spent_ns += call.latency or 0
+        if name in self.names or len(self.names) < _MAX_NAMES:
+            self.names[name] = self.names.get(name, 0) + 1
+
+
+class PollingChecker(RuleChecker):
+    """Counts the calls that read one value."""
+
+    rules = (POLLING,)
+
+    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
+        super().__init__(report_occurrence, clients)
+        self._reads: dict[Conversation, _VariableReads] = {}
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        return call_kind.function_id == ID["Variable_GetValue"]
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        reads = self._reads.get(call.conversation)
+        if reads is None:
+            reads = self._reads[call.conversation] = _VariableReads(call)
+        reads.add(call, client.target_object.label if client.target_object is not None else "")
+
+    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
+        reads = self._reads.pop(client.conversation, None)
+        if reads is None or reads.count < _FEWEST_READS or reads.count < client.call_count * _LEAST_SHARE:
+            return
+        calls, took = client.call_count, last_frame_time(reads.last) - reads.first.request.time
+        top, often = max(reads.names.items(), key=lambda item: item[1])
+
+        def say(speech: Speech) -> str:
+            what = f", most of all '{shown(top)}' ({often})" if top else ""
+            share = f", {reads.spent_ns / took:.0%} of its time" if took > 0 else ""
+            each = span(reads.spent_ns // reads.count)
+            return (
+                f"{reads.count} of {calls} calls of {speech.client(client.conversation)} read one "
+                f"variable{what}, {each} each{share}"
+            )
+
+        frames = (reads.first.request.number, reads.last.request.number)
+        began, time = reads.first.request.time, reads.last.request.time
+        self.report_occurrence(Occurrence(POLLING, began, time, client.conversation, frames, say))

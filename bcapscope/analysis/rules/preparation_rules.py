@@ -1,0 +1,409 @@
+"""What must be done before the robot moves: program, standstill, arm, motor, mode, permission."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import (
+    ClientRegistry,
+    ClientState,
+    argument,
+    folded_command,
+    gets_robslave,
+)
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
+from bcapscope.analysis.speech import Speech, called, name_of, span
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.guard import request_effect
+from bcapscope.protocol.slave_mode.modes import Generation, integer_value
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.enumerations import pass_motion_text
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, describe_hresult, is_failure
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+
+_SEED = "DENSO Wave 2009, How to use the Slave mode"
+_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
+_EVER = 24 * 3600 * SECOND
+
+ROBSLAVE_NOT_RUNNING = DiagnosisRule(
+    "robslave-not-running",
+    Severity.ERROR,
+    "on an RC7 slave mode is refused, and RobSlave was not started, or an error has stopped it",
+    "Start the task RobSlave (RobSlave.pac) over b-CAP before slvChangeMode, and again after each error.",
+    f"{_SEED}, Starting your client app. and Error, and the sequence of clearing error",
+    ("controller-error", "underflow", "over-limit"),
+    _EVER,
+)
+NO_AT_E = DiagnosisRule(
+    "no-at-e",
+    Severity.WARNING,
+    "the last motion before slvChangeMode does not end with @E, and slvChangeMode had to wait for it",
+    "End the last motion before slvChangeMode with @E: the call then returns when the robot stands still.",
+    f"{_SEED}, slvChangeMode",
+)
+ROBOT_STILL_MOVING = DiagnosisRule(
+    "robot-still-moving",
+    Severity.ERROR,
+    "a call is refused since the robot moves (600B, 8150100D)",
+    "Wait for standstill, best by @E on the motion before: slvChangeMode itself waits no longer than 500 ms.",
+    f"{_SEED}, slvChangeMode; {_ERRORS}",
+    ("no-at-e",),
+    10 * SECOND,
+)
+ARM_NOT_TAKEN = DiagnosisRule(
+    "arm-not-taken",
+    Severity.ERROR,
+    "a call needs the arm, and TakeArm was not called (83501024)",
+    "Call TakeArm after Controller_GetRobot and before Motor and slvChangeMode; an error or an emergency "
+    "stop can take the arm away again.",
+    f"DENSORobot/denso_robot_ros issue 29; {_ERRORS}",
+    ("emergency-stop", "controller-error"),
+    60 * SECOND,
+)
+ARM_TAKEN_BY_OTHER = DiagnosisRule(
+    "arm-taken-by-other",
+    Severity.ERROR,
+    "a call needs the arm, and another client has it (83501024)",
+    "Let that client call GiveArm, or do all motion in one process.",
+    f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {_ERRORS}",
+)
+MOTOR_OFF = DiagnosisRule(
+    "motor-off",
+    Severity.ERROR,
+    "a call needs the motor, and it is off (81501003)",
+    "Call Motor with 1 and wait for its reply; after an error of level 4 or 5 (84xxxxxx, 85xxxxxx) the motor "
+    "is off, and ClearError comes first.",
+    _ERRORS,
+    ("underflow", "over-limit", "beyond-range", "emergency-stop", "controller-error", "motor-switching-off"),
+    _EVER,
+)
+MOTOR_SWITCHING_OFF = DiagnosisRule(
+    "motor-switching-off",
+    Severity.ERROR,
+    "Motor on is refused while the motor is still switching off (8350106E)",
+    "Repeat Motor on until it is accepted.",
+    "nkawa/Denso_CobottaPro900_MQTT_Control",
+    ("underflow", "over-limit", "beyond-range", "controller-error"),
+    60 * SECOND,
+)
+EMERGENCY_STOP = DiagnosisRule(
+    "emergency-stop",
+    Severity.ERROR,
+    "an emergency stop, protective stop or safety state is on",
+    "Release the stop at the robot, then ManualReset (RC9) or ManualResetPreparation (COBOTTA), "
+    "ClearError and Motor on.",
+    _ERRORS,
+)
+NOT_IN_AUTOMATIC_MODE = DiagnosisRule(
+    "not-in-automatic-mode",
+    Severity.ERROR,
+    "the pendant's mode, machine lock or enable switch does not allow the call",
+    "Set the mode on the pendant as the code says; slave mode needs (external) automatic mode.",
+    f"{_SEED}, Preparation; {_ERRORS}",
+)
+NO_EXECUTABLE_TOKEN = DiagnosisRule(
+    "no-executable-token",
+    Severity.ERROR,
+    "the executable token is not given to Ethernet and this client's address",
+    "Set the executable token to Ethernet on the pendant and enter the client's IP address there.",
+    f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros issues 29 and 36",
+)
+NO_LICENCE = DiagnosisRule(
+    "no-licence",
+    Severity.ERROR,
+    "a licence or option is missing on the controller",
+    "Enter the licence of b-CAP slave mode (on an RC7 option 1214, ORiN) and enable it on the pendant.",
+    f"{_SEED}, Setting up your RC7; {_ERRORS}",
+)
+MANUAL_RESET_MISSING = DiagnosisRule(
+    "manual-reset-missing",
+    Severity.ERROR,
+    "a COBOTTA wants ManualResetPreparation or MotionPreparation first",
+    "Call ManualResetPreparation, then ClearError, then MotionPreparation, then Motor on.",
+    f"DENSORobot/denso_robot_ros issues 36 and 44; {_ERRORS}",
+    ("no-executable-token",),
+    60 * SECOND,
+)
+TYPE_NOT_CHECKED = DiagnosisRule(
+    "type-not-checked",
+    Severity.NOTE,
+    "the client moves the robot without having asked for its type",
+    "Read @TYPE or GetRobotTypeName before the first motion, so that no program meant for another "
+    "robot runs.",
+    f"{_SEED}, Starting your client app. (tips)",
+)
+
+_MOVING_CODES = (0x600B, 0x8000600B, 0x8150100D, 0x81201744)
+_STOP_CODES = (0x8150101A, 0x8120170A, 0x83500178, 0x81501022, 0x8150101C, 0x8150101E, 0x81501078, 0x83501079)
+_STOP_CODES_RC7 = (0x2008, 0x80002008)
+_MODE_CODES = (
+    *range(0x81501012, 0x81501018),
+    *(0x81501005, 0x81201705, 0x81201748, 0x81501007, 0x81501020, 0x81501021, 0x81501023),
+    *(0x21E2, 0x21E3, 0x21E4, 0x21E5, 0x21E6, 0x21E7, 0x21F2, 0x21F3, 0x21FC),
+)
+_TOKEN_CODES = (
+    0x83501026,
+    0x83501027,
+    0x83501028,
+    0x83501029,
+    0x80501043,
+    0x80501044,
+    0x2287,
+    0x2288,
+    0x2289,
+)
+_LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
+_RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
+_SWITCHES_OFF = 4
+"""Errors of this level stop all axes and switch the motor off; of those below it, the list does not say."""
+_MOTOR_CODES = (0x81501003, 0x2006, 0x80002006)
+_ARM_CODES = (E_ARM_NOT_TAKEN, 0x21F7, 0x800021F7)
+
+_WAITED_NS = 100 * MS
+_JUST_BEFORE_NS = 5 * SECOND
+
+
+class PreparationChecker(RuleChecker):
+    """Looks at what came before slave mode and the first motion."""
+
+    rules = (NO_AT_E, TYPE_NOT_CHECKED)
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        command = folded_command(call_kind)
+        return command == "slvchangemode" or (health is not CallHealth.REFUSED and command != "slvmove")
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        if folded_command(call.kind) == "slvchangemode" and _requests_mode(call):
+            self._check_last_motion(call, client)
+            self._check_type_read(call, client)
+        elif client.last_motion is None and not client.type_was_read and _moves_robot(call):
+            self._check_type_read(call, client)
+
+    def _check_last_motion(self, call: Call, client: ClientState) -> None:
+        motion = client.last_motion
+        if motion is None or call.reply is None or _ends_at_e(motion):
+            return
+        waited = call.reply.time - call.request.time
+        code = call.reply.item.code
+        just = call.request.time - motion.request.time < _JUST_BEFORE_NS
+        if not just or not (code in _MOVING_CODES or (waited >= _WAITED_NS and not is_failure(code))):
+            return
+
+        def say(speech: Speech) -> str:
+            ending = _pass_of(motion)
+            how = f"passes with {ending}" if ending else "has no @E"
+            return (
+                f"the last motion before {called(call)}, {called(motion)}, {how}, and slvChangeMode "
+                f"waited {span(waited)} for standstill"
+            )
+
+        self.report_call(
+            NO_AT_E, call, say, evidence_call=motion, began=motion.request.time, completed=call.request.time
+        )
+
+    def _check_type_read(self, call: Call, client: ClientState) -> None:
+        if client.type_was_read or client.last_motion is not None or not client.session_start_seen:
+            return
+        client.type_was_read = True  # once is enough
+        self.report_call(
+            TYPE_NOT_CHECKED,
+            call,
+            lambda speech: (
+                f"{speech.client(call.conversation)} went on to {name_of(call)} without having read "
+                "the robot's type"
+            ),
+        )
+
+
+def _moves_robot(call: Call) -> bool:
+    """Tell whether a call moves the robot's arm."""
+    function_id, command = call.kind
+    if function_id in _MOTION_FUNCTIONS:
+        return True
+    frame = call.request.item
+    if function_id != ID["Robot_Execute"] or command is None:
+        return False
+    return request_effect(frame.code, [each.variant for each in frame.arguments]) is CallEffect.MOVES
+
+
+_MOTION_FUNCTIONS = frozenset(ID[f"Robot_{verb}"] for verb in ("Move", "Drive", "GoHome", "Rotate"))
+
+
+def _requests_mode(call: Call) -> bool:
+    parameter = argument(call, 2)
+    return parameter is not None and integer_value(parameter) != 0
+
+
+def _pass_of(motion: Call) -> str:
+    """Return the pass of a motion as it was asked for, such as `@P` or `@0`; empty where it names none."""
+    for index in (2, 3):
+        found = _pass_in(argument(motion, index))
+        if found:
+            return found
+    return ""
+
+
+def _pass_in(variant: Variant | None) -> str:
+    value = variant.value if variant is not None else None
+    if isinstance(value, str):
+        return next((word[:4] for word in value.split() if word.startswith("@")), "")
+    if not isinstance(value, tuple):
+        return ""
+    if len(value) > 2 and isinstance(value[2], Variant) and isinstance(value[2].value, int):
+        return pass_motion_text(value[2].value)
+    return next((found for item in value[:8] if isinstance(item, Variant) and (found := _pass_in(item))), "")
+
+
+def _ends_at_e(motion: Call) -> bool:
+    return _pass_of(motion).casefold() == "@e"
+
+
+def _explain_robslave(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    command = folded_command(call.kind)
+    code = call.hresult or 0
+    if gets_robslave(call):
+        return fixed_reason(
+            "the controller has no program of that name, and an RC7 needs it running in slave mode"
+        )
+    if command not in ("slvchangemode", "slvmove") or not (
+        client.generation is Generation.RC7 or code <= 0xFFFF
+    ):
+        return None
+    if code in (*_MOVING_CODES, *_MODE_CODES, *_MOTOR_CODES, *_ARM_CODES):
+        return None
+    started = client.robslave_start
+    if started is None:
+        return _explain_never_started(client)
+    stopped = client.uncleared_error or _error_after(started, client)
+    if stopped is None or stopped.number < started.number:
+        return None
+    return RefusalReason(
+        lambda speech: (
+            f"RobSlave was started by {called(started)}, the error of {called(stopped)} stopped it, and it "
+            "was not started again"
+        ),
+        explaining_calls=(stopped.number,),
+        evidence_call=stopped,
+    )
+
+
+def _explain_never_started(client: ClientState) -> RefusalReason | None:
+    missing = client.robslave_not_found
+    if missing is not None:
+        return RefusalReason(
+            lambda speech: f"{called(missing)} had not found RobSlave", explaining_calls=(missing.number,)
+        )
+    if not client.session_start_seen:
+        return None
+    return fixed_reason("no Task_Start of RobSlave was seen from this client, and an RC7 needs it running")
+
+
+def _error_after(started: Call, client: ClientState) -> Call | None:
+    ended = client.mode_ended_by
+    failed = ended is not None and ended.hresult is not None and is_failure(ended.hresult)
+    return ended if failed and ended is not None and ended.number > started.number else None
+
+
+def _explain_moving(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    motion = client.last_motion
+    if motion is None:
+        return NO_REASON
+    since = span(call.request.time - motion.request.time)
+    return RefusalReason(
+        lambda speech: f"{called(motion)} had been sent {since} before",
+        evidence_call=motion,
+        then=lambda speech, after: (
+            f"{name_of(call)} was refused (0x{call.hresult or 0:08X}, the robot moved)"
+        ),
+        explaining_calls=(call.number,),
+    )
+
+
+def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    holder = next((other for other in clients.other_clients(client) if other.take_arm_call is not None), None)
+    if holder is None or holder.take_arm_call is None:
+        if folded_command(call.kind) != "takearm":
+            return None
+        return fixed_reason(
+            "whoever has it is not in this capture: the pendant, or a client on another network"
+        )
+    taken = holder.take_arm_call
+    return RefusalReason(
+        lambda speech: (
+            f"{speech.client(holder.conversation)} took the arm at {speech.at(taken.request.time)} "
+            "and has not given it back"
+        ),
+        evidence_call=taken,
+    )
+
+
+def _explain_arm_missing(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    if client.take_arm_call is not None:
+        taken = client.take_arm_call
+        return RefusalReason(
+            lambda speech: (
+                f"the arm was taken at {speech.at(taken.request.time)} and lost since, perhaps by "
+                "an error or a stop"
+            ),
+            evidence_call=taken,
+        )
+    if client.session_start_seen:
+        return fixed_reason("this client had not called TakeArm")
+    return fixed_reason("no TakeArm of this client was seen in the capture")
+
+
+def _explain_motor(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    motor, failure = client.motor_call, client.uncleared_error
+    if motor is not None and client.motor_on is False:
+        return RefusalReason(
+            lambda speech: f"{called(motor)} had switched it off at {speech.at(motor.request.time)}",
+            evidence_call=motor,
+        )
+    if failure is not None and (motor is None or motor.request.time < failure.request.time):
+        level = describe_hresult(failure.hresult or 0).level
+        grave = level is not None and level >= _SWITCHES_OFF
+        how = "most likely" if grave else "perhaps"
+        return RefusalReason(
+            lambda speech: f"{how} the error of {called(failure)} had switched it off",
+            explaining_calls=(failure.number,) if grave else (),
+        )
+    if motor is None:
+        return fixed_reason("this client had not called Motor, as far as was seen")
+    if client.motor_on is None:
+        return RefusalReason(
+            lambda speech: (
+                f"{called(motor)} had been accepted at {speech.at(motor.request.time)}, and its argument "
+                "does not tell what it switched"
+            ),
+            evidence_call=motor,
+        )
+    return RefusalReason(
+        lambda speech: (
+            f"{called(motor)} had switched it on at {speech.at(motor.request.time)}, and something "
+            "switched it off since"
+        ),
+        evidence_call=motor,
+    )
+
+
+def _explain_reset(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    return RefusalReason(
+        explaining_calls=() if client.uncleared_error is None else (client.uncleared_error.number,)
+    )
+
+
+REFUSALS: tuple[Refusal, ...] = (
+    make_refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
+    make_refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
+    make_refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
+    make_refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
+    make_refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
+    make_refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
+    make_refusal(EMERGENCY_STOP, (*_STOP_CODES, *_STOP_CODES_RC7)),
+    make_refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
+    make_refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
+    make_refusal(NO_LICENCE, _LICENCE_CODES),
+    make_refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
+)

@@ -1,0 +1,75 @@
+"""Refused calls, told by the first of many rules that fits."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.rules import (
+    error_rules,
+    limit_rules,
+    object_rules,
+    pacing_rules,
+    preparation_rules,
+    request_rules,
+    session_rules,
+    slave_mode_rules,
+)
+from bcapscope.analysis.rules.refusal import Refusal, usual_clause, usual_sentence
+from bcapscope.analysis.rules.rule_checker import CallHealth, OccurrenceSink, RuleChecker
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+
+REFUSALS: tuple[Refusal, ...] = (
+    *session_rules.REFUSALS,
+    *object_rules.REFUSALS,
+    *slave_mode_rules.REFUSALS,
+    *pacing_rules.REFUSALS,
+    *limit_rules.REFUSALS,
+    *preparation_rules.REFUSALS,
+    *request_rules.REFUSALS,
+    *error_rules.REFUSALS,
+)
+"""All ways to be refused, the particular ones before the general; the last fits any."""
+
+
+class RefusalChecker(RuleChecker):
+    """Gives each refused call to the one rule that tells it."""
+
+    rules = tuple(dict.fromkeys(each.rule for each in REFUSALS))
+
+    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
+        super().__init__(report_occurrence, clients)
+        self._by_code: dict[int, tuple[Refusal, ...]] = {}
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        return health is CallHealth.REFUSED
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        code = call.hresult
+        assert code is not None
+        for rule, _, explain in self._refusals_for(code):
+            why = explain(call, client, self.clients)
+            if why is None:
+                continue
+            say = why.say or usual_sentence(call, code, why)
+            then = why.then or usual_clause(call, code)
+            self.report_call(
+                rule,
+                call,
+                say,
+                then,
+                evidence_call=why.evidence_call,
+                explaining_calls=why.explaining_calls,
+                group_key=why.group_key,
+                advice=why.advice,
+            )
+            return
+
+    def _refusals_for(self, code: int) -> tuple[Refusal, ...]:
+        about = self._by_code.get(code)
+        if about is None:
+            if len(self._by_code) >= 4096:
+                self._by_code.clear()
+            about = self._by_code[code] = tuple(
+                each for each in REFUSALS if not each.codes or code in each.codes
+            )
+        return about

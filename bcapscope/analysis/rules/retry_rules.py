@@ -1,0 +1,294 @@
+"""Retries that break the rules, and serials that lead to mistakes."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.rule_checker import (
+    MS,
+    CallHealth,
+    DiagnosisRule,
+    Occurrence,
+    OccurrenceSink,
+    RuleChecker,
+)
+from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.speech import Speech, called, name_of, span
+from bcapscope.protocol.guard import request_effect
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.text_format import counted
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.reserved_field import ReservedConvention
+
+_SEED = "DENSO Wave 2009, How to use the Slave mode"
+_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
+
+RETRY_IN_ASYNC = DiagnosisRule(
+    "retry-in-async",
+    Severity.WARNING,
+    "a set point was sent again in a mode where the newest point wins",
+    "Set the retry count of slvMove to 0 in Async mode (0x1nn): the next set point is due anyway, and "
+    "retries only take line time from it.",
+    f"{_SEED}, Recommendation of the Slave mode",
+)
+WRONG_RESERVED = DiagnosisRule(
+    "wrong-reserved",
+    Severity.ERROR,
+    "a retry names neither the first try nor the one before it in reserved",
+    "Put the serial of the first try into reserved of every retry; the controller takes any other retry for "
+    "a new call and executes it.",
+    f"{_SEED}, Retry sequence in UDP connection",
+)
+UNMARKED_RETRY = DiagnosisRule(
+    "unmarked-retry",
+    Severity.WARNING,
+    "a request that changes or moves something was repeated as if it were new",
+    "Repeat it with the serial of the first try in reserved, so that the controller can tell; or ask for the "
+    "state first.",
+    f"{_SEED}, Retry sequence in UDP connection; {_SERVER}",
+    ("no-reply", "client-gave-up", "reply-lost"),
+)
+SERIAL_ZERO = DiagnosisRule(
+    "serial-zero",
+    Severity.WARNING,
+    "the first request of a client has serial 0",
+    "Begin with serial 1: the official server takes a first packet with serial 0 for a retry and answers "
+    "S_OK without executing anything.",
+    _SERVER,
+)
+SERIAL_REUSED = DiagnosisRule(
+    "serial-reused",
+    Severity.ERROR,
+    "on TCP a serial was used again before its call was answered",
+    "Close the connection after a time-out, or use a longer one (the official Python client counts it in "
+    "seconds): its serial stays the same, and the late reply is taken for the answer to the next call.",
+    "orin_bcap Python/bCAPClient/bcapclient.py",
+    ("long-call-without-wdt",),
+)
+STALE_ANSWER = DiagnosisRule(
+    "stale-answer",
+    Severity.WARNING,
+    "a client began anew from the same port with the serial that was answered last",
+    "Begin with another serial or another port: the official server takes such a packet for a retry, sends "
+    "its stored answer again and executes nothing.",
+    _SERVER,
+    ("unclean-quit",),
+)
+SLOW_RETRY = DiagnosisRule(
+    "slow-retry",
+    Severity.WARNING,
+    "the client waits more than one period of 8 ms before it sends a lost set point again",
+    "Give slvMove a time-out of 2 ms and 7 retries in a waiting mode, and all other calls their "
+    "own, longer one.",
+    f"{_SEED}, Recommendation of the Slave mode; DENSORobot/denso_robot_ros2 denso_robot_control",
+    ("long-call-without-wdt",),
+)
+MIXED_CONVENTIONS = DiagnosisRule(
+    "mixed-conventions",
+    Severity.NOTE,
+    "a client changed how it uses the reserved field",
+    "Expect two programs, or two libraries, behind one address and port.",
+    f"{_SEED}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
+)
+
+_PERIOD_NS = 8 * MS
+
+
+class RetryChecker(RuleChecker):
+    """Looks at how tries follow each other."""
+
+    rules = (
+        RETRY_IN_ASYNC,
+        WRONG_RESERVED,
+        UNMARKED_RETRY,
+        SERIAL_ZERO,
+        SERIAL_REUSED,
+        STALE_ANSWER,
+        SLOW_RETRY,
+        MIXED_CONVENTIONS,
+    )
+
+    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
+        super().__init__(report_occurrence, clients)
+        self._conventions: dict[Conversation, ReservedConvention] = {}
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        return health is not CallHealth.SMOOTH or folded_command(call_kind) != "slvmove"
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        if call.convention is not ReservedConvention.UNKNOWN:
+            self._check_convention(call)
+        if call.retries and folded_command(call.kind) == "slvmove":
+            self._check_retry_delay(call)
+        tcp = call.conversation.transport is Transport.TCP
+        if not client.call_count:
+            if not tcp and call.request.item.serial == 0:
+                self._report_serial_zero(call)
+        elif tcp:
+            self._check_serial_reuse(client.last_call, call)
+        elif not call.first_attempt_seen:
+            self._check_reserved(client.last_call, call)
+        elif call.kind.function_id == ID["Service_Start"]:
+            self._check_stale_answer(client.last_call, call)
+        elif client.last_call.reply is None:
+            self._check_unmarked_retry(client, call)
+
+    def on_slave_session(self, session: SlaveSession) -> None:
+        count, frames = session.counts.retries_forbidden, session.forbidden_retry_frames
+        if not count:
+            return
+        mode = f"mode 0x{session.mode.value:03X}" if session.mode.value is not None else "Async mode"
+
+        def say(speech: Speech) -> str:
+            who = speech.client(session.conversation)
+            points = counted(session.counts.sent, "set point")
+            return (
+                f"{who} sent {counted(count, 'retry', 'retries')} of {points} in {mode}, where the "
+                "newest point wins"
+            )
+
+        self.report_occurrence(
+            Occurrence(
+                RETRY_IN_ASYNC, session.entered_at, session.exit.time, session.conversation, frames[:8], say
+            )
+        )
+
+    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
+        self._conventions.pop(client.conversation, None)
+
+    def _check_convention(self, call: Call) -> None:
+        before = self._conventions.get(call.conversation)
+        if before is call.convention:
+            return
+        self._conventions[call.conversation] = now = call.convention
+        if before is not None:
+            self.report_call(
+                MIXED_CONVENTIONS,
+                call,
+                lambda speech: (
+                    f"{speech.client(call.conversation)} used the reserved field as '{before}' first "
+                    f"and as '{now}' later, about {called(call)}"
+                ),
+            )
+
+    def _check_retry_delay(self, call: Call) -> None:
+        first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
+        wait = second.time - first.time
+        if wait > _PERIOD_NS:
+            self.report_call(
+                SLOW_RETRY,
+                call,
+                lambda speech: (
+                    f"{speech.client(call.conversation)} waited {span(wait)} before it sent {called(call)} "
+                    "again, and the controller wants a set point each 8 ms"
+                ),
+                lambda speech, after: f"{called(call)} was sent again only after {span(wait)}",
+            )
+
+    def _report_serial_zero(self, call: Call) -> None:
+        self.report_call(
+            SERIAL_ZERO,
+            call,
+            lambda speech: (
+                f"the first request of {speech.client(call.conversation)}, {name_of(call)}, has serial 0, "
+                "and the official server answers such a one S_OK without executing it"
+            ),
+        )
+
+    def _check_serial_reuse(self, before: Call, call: Call) -> None:
+        serial = call.request.item.serial
+        if serial != before.request.item.serial or _answered_before(before, call):
+            return
+        late = next((reply for reply in before.late_replies if reply.time > call.request.time), None)
+
+        def say(speech: Speech) -> str:
+            waited = span(call.request.time - before.request.time)
+            text = (
+                f"at {speech.at(call.request.time)} {name_of(call)} was sent with serial {serial}, "
+                f"{waited} after {name_of(before)} with the same serial and before that was answered"
+            )
+            if late is None:
+                return text
+            who = speech.client(call.conversation)
+            return (
+                f"{text}; the reply at {speech.at(late.time)} is that to {name_of(before)}, and {who} "
+                "cannot know it"
+            )
+
+        self.report_call(SERIAL_REUSED, call, say, evidence_call=before, explaining_calls=(before.number,))
+
+    def _check_reserved(self, before: Call, call: Call) -> None:
+        frame, earlier = call.request.item, before.last_attempt.item
+        if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
+            return
+        origin = before.request.item.serial
+        self.report_call(
+            WRONG_RESERVED,
+            call,
+            lambda speech: (
+                f"at {speech.at(call.request.time)} {called(call)} repeats {called(before)}, and "
+                f"its reserved field says {frame.reserved} instead of "
+                f"{origin}, so that the controller takes it for another call"
+            ),
+            evidence_call=before,
+        )
+
+    def _check_stale_answer(self, before: Call, call: Call) -> None:
+        if before.reply is None or before.reply.item.serial != call.request.item.serial or call.reply is None:
+            return
+        same = before.reply.item.raw[7:] == call.reply.item.raw[7:]
+        outcome = "and the reply is the same as before" if same else "though the reply is another"
+        self.report_call(
+            STALE_ANSWER,
+            call,
+            lambda speech: (
+                f"{speech.client(call.conversation)} began anew at {speech.at(call.request.time)} from the "
+                f"same port with serial {call.request.item.serial}, which was answered last, {outcome}; the "
+                "official server does not execute such a request"
+            ),
+            evidence_call=before,
+        )
+
+    def _check_unmarked_retry(self, client: ClientState, call: Call) -> None:
+        before, frame = client.last_call, call.request.item
+        if (
+            not before.abandoned_at
+            or before.evicted
+            or not _is_same_request(before, call)
+            or _may_hold_position(client)
+        ):
+            return
+        arguments = frame.variants
+        if request_effect(frame.code, arguments) < CallEffect.CHANGES:
+            return
+        self.report_call(
+            UNMARKED_RETRY,
+            call,
+            lambda speech: (
+                f"at {speech.at(call.request.time)} {called(call)} repeats {called(before)}, which was not "
+                "answered, as if it were new, so that it may be executed twice"
+            ),
+            evidence_call=before,
+            explaining_calls=(before.number,),
+        )
+
+
+def _is_same_request(one: Call, other: Call) -> bool:
+    return one.request.item.raw[9:] == other.request.item.raw[9:]
+
+
+def _may_hold_position(client: ClientState) -> bool:
+    """Tell whether the last call is a set point that the next may equal, as the robot is to stand still."""
+    last = client.last_call
+    if folded_command(last.kind) != "slvmove":
+        return False
+    earlier = [point for point in client.recent_set_points if point is not last]
+    return not earlier or _is_same_request(earlier[-1], last)
+
+
+def _answered_before(before: Call, call: Call) -> bool:
+    """Tell whether a call was answered before another was sent, or may have been."""
+    return before.evicted or (before.reply is not None and before.reply.time <= call.request.time)

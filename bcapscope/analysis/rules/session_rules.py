@@ -1,0 +1,395 @@
+"""Beginning and end of a session, and calls that take long."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, text_argument
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.rules.rule_checker import (
+    SECOND,
+    CallHealth,
+    DiagnosisRule,
+    Occurrence,
+    OccurrenceSink,
+    RuleChecker,
+    last_frame_time,
+)
+from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
+from bcapscope.analysis.speech import Speech, called, name_of, shown, span, times
+from bcapscope.protocol.tables.function_table import ID, function_name
+from bcapscope.protocol.tables.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation, Transport
+
+_SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
+_SEED = "DENSO Wave 2009, How to use the Slave mode"
+_LONG_CALL_NS = SECOND
+_SOON_NS = SECOND // 20
+"""A reply that comes so soon after a try tells of lost packets before it, not of a long call."""
+
+_SILENT_NS = 10 * SECOND
+_REPLACED_AFTER_NS = 2 * SECOND
+_USUAL_PAUSES = 2
+"""A client that was silent before, and went on, has vanished only after so many times as long."""
+
+_SMALLEST_WDT_MS = 80
+
+SERVICE_NOT_STARTED = DiagnosisRule(
+    "service-not-started",
+    Severity.ERROR,
+    "the first call of a session is not Service_Start, and it is refused",
+    "Call Service_Start first, then Controller_Connect, then get the robot.",
+    "DENSORobot/denso_robot_ros2 issues 8 and 50; ShoheiKobata/orin_bcap_python_samples",
+)
+PROVIDER_REFUSED = DiagnosisRule(
+    "provider-refused",
+    Severity.ERROR,
+    "Controller_Connect is refused for its provider",
+    "Use CaoProv.DENSO.VRC for RC8 and COBOTTA, CaoProv.DENSO.VRC9 for RC9 and COBOTTA PRO, with machine "
+    "localhost; CaoProv.DENSO.RC8 is a provider for the PC and not for b-CAP.",
+    "ShoheiKobata/orin_bcap_python_samples; DENSORobot/denso_robot_ros2 denso_controller",
+)
+NAME_IN_USE = DiagnosisRule(
+    "name-in-use",
+    Severity.ERROR,
+    "Controller_Connect is refused since the name is in use",
+    "Connect with another name, an empty one, or the option @IfNotMember; the name stays in use until the "
+    "client that has it disconnects or is dropped.",
+    "orin_bcap C/include/dn_common.h (E_CAO_COLLECTION_REGISTERED)",
+    ("unclean-quit",),
+    3600 * SECOND,
+)
+UNCLEAN_QUIT = DiagnosisRule(
+    "unclean-quit",
+    Severity.WARNING,
+    "a client vanished or began anew without closing its session",
+    "Release all objects, then Controller_Disconnect and Service_Stop on every way out of the "
+    "program, also after an "
+    "error; a client that is left open can keep its place for hours (on an RC7 press Reset on the pendant).",
+    f"{_SEED}, Setting up your RC7; start-jsk/denso issue 93; {_SERVER}",
+    ("client-stopped", "no-reply", "client-gave-up"),
+    60 * SECOND,
+)
+QUIT_IN_SLAVE_MODE = DiagnosisRule(
+    "quit-in-slave-mode",
+    Severity.WARNING,
+    "a client let go, or vanished, while slave mode was on",
+    "Call slvChangeMode 0 before anything is released and before the program ends.",
+    f"{_SEED}, Quitting or stopping your client application",
+    ("controller-hung-up", "client-stopped", "no-reply", "client-gave-up"),
+)
+BUSY = DiagnosisRule(
+    "busy",
+    Severity.ERROR,
+    "calls are refused since an earlier call is still running",
+    "Wait for the reply to the long call (S_EXECUTING says that it goes on) before the next one; after "
+    "InvokeTimeout none comes, and only a new connection helps.",
+    _SERVER,
+    ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
+    600 * SECOND,
+)
+EXECUTING_FOREVER = DiagnosisRule(
+    "executing-forever",
+    Severity.ERROR,
+    "the controller said S_EXECUTING and then never answered",
+    "Look for what the call waits for; raise InvokeTimeout in Service_Start if it is only slow: when that "
+    "expires no answer is ever sent.",
+    _SERVER,
+)
+LONG_CALL_WITHOUT_WDT = DiagnosisRule(
+    "long-call-without-wdt",
+    Severity.WARNING,
+    "a long call outlived the client's patience, and no WDT was asked for",
+    "Put ,WDT=400 into the option of Service_Start: the controller then says S_EXECUTING every 400 ms while "
+    "a call runs, and the client keeps waiting.",
+    _SERVER,
+)
+WDT_TOO_SMALL = DiagnosisRule(
+    "wdt-too-small",
+    Severity.ERROR,
+    "Service_Start is refused for a WDT or InvokeTimeout below 80 ms",
+    "Ask for WDT=80 or more; 400 is usual.",
+    _SERVER,
+)
+
+_OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
+
+
+class SessionChecker(RuleChecker):
+    """Looks at how sessions end and how long calls take."""
+
+    rules = (UNCLEAN_QUIT, QUIT_IN_SLAVE_MODE, EXECUTING_FOREVER, LONG_CALL_WITHOUT_WDT)
+
+    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
+        super().__init__(report_occurrence, clients)
+        self._silent_sessions: dict[Conversation, SlaveSession] = {}
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        return health is not CallHealth.SMOOTH or call_kind.function_id == ID["Service_Start"]
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        if (
+            call.kind.function_id == ID["Service_Start"]
+            and client.service_start is not None
+            and client.has_open_session
+            and not client.last_call.evicted
+        ):
+            self._report_restart(client, call)
+        if call.notices:
+            if call.reply is None and call.surely_unanswered:
+                self._report_executing_forever(call)
+        elif client.service_start is not None and not _has_wdt(client.service_start):
+            self._check_long_call(call, client.service_start)
+
+    def on_slave_session(self, session: SlaveSession) -> None:
+        if session.exit.reason is ExitReason.DISCONNECTED:
+            self._report_left_on(session)
+        elif session.exit.reason is ExitReason.SILENT and self.clients.find(session.conversation) is not None:
+            self._silent_sessions[session.conversation] = session  # until that client is said goodbye to
+
+    def _report_left_on(self, session: SlaveSession) -> None:
+        exit_ = session.exit
+        mode = f" 0x{session.mode.value:03X}" if session.mode.value is not None else ""
+
+        def say(speech: Speech) -> str:
+            who, when = speech.client(session.conversation), speech.at(exit_.time)
+            if exit_.by is not None:
+                what = f"called {shown(exit_.by.command or function_name(exit_.by.function_id))}"
+                return f"{who} {what} at {when} while slave mode{mode} was on"
+            return f"{who} sent no more set points after {when} and left slave mode{mode} on"
+
+        def then(speech: Speech, after: int) -> str:
+            return f"slave mode{mode} was left on"
+
+        frames = exit_.frames or (
+            (session.last_set_point.frame,) if session.last_set_point is not None else ()
+        )
+        self.report_occurrence(
+            Occurrence(QUIT_IN_SLAVE_MODE, exit_.time, exit_.time, session.conversation, frames, say, then)
+        )
+
+    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
+        stay = self._silent_sessions.pop(client.conversation, None)
+        if client.known_present or client.last_call.evicted:  # it may have ended in order
+            return
+        if stay is not None and ended_at - stay.exit.time >= _SILENT_NS:
+            self._report_left_on(stay)
+        if client.controller_closing or not client.has_open_session:
+            return
+        silent = last_frame_time(client.last_call)
+        follower = _successor(client, self.clients, silent)
+        quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
+        patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
+        if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
+            return
+
+        def say(speech: Speech) -> str:
+            text = (
+                f"{speech.client(client.conversation)} said nothing after {speech.at(silent)} and had "
+                "not closed its session"
+            )
+            if follower is not None:
+                came = span(follower.first_call.request.time - silent)
+                return f"{text}; {follower.conversation.client} began a new one {came} later"
+            return f"{text}, while others went on for {span(quiet)}"
+
+        frames = (client.last_call.last_attempt.number,)
+        self._report_unclean(client.last_call, silent, say, frames)
+
+    def _report_restart(self, client: ClientState, call: Call) -> None:
+        pause = call.request.time - last_frame_time(client.last_call)
+
+        def say(speech: Speech) -> str:
+            who, when = speech.client(call.conversation), speech.at(call.request.time)
+            return (
+                f"{who} began a new session at {when}, {span(pause)} after its last call, without "
+                "closing the one before"
+            )
+
+        frames = (client.last_call.last_attempt.number, call.request.number)
+        self._report_unclean(client.last_call, call.request.time, say, frames)
+
+    def _report_unclean(
+        self, last: Call, time: int, say: Callable[[Speech], str], frames: tuple[int, ...]
+    ) -> None:
+        def then(speech: Speech, after: int) -> str:
+            return f"{speech.client(last.conversation)} did not close its session"
+
+        self.report_occurrence(
+            Occurrence(
+                UNCLEAN_QUIT,
+                time,
+                time,
+                last.conversation,
+                frames,
+                say,
+                then,
+                explaining_calls=(last.number,),
+            )
+        )
+
+    def _report_executing_forever(self, call: Call) -> None:
+        notices = call.notices
+
+        def say(speech: Speech) -> str:
+            lasted = span(notices[-1].time - call.request.time)
+            return (
+                f"at {speech.at(call.request.time)} {called(call)} of "
+                f"{speech.client(call.conversation)} was never answered: the controller said S_EXECUTING "
+                f"{times(len(notices))}, the last time {lasted} after the request"
+            )
+
+        def then(speech: Speech, after: int) -> str:
+            return f"{called(call)} was never answered"
+
+        self.report_call(EXECUTING_FOREVER, call, say, then, completed=notices[-1].time)
+
+    def _check_long_call(self, call: Call, service: Call) -> None:
+        replies = call.late_replies if call.reply is None else (call.reply,) if call.retries else ()
+        if not replies:
+            return
+        last = max(replies, key=lambda reply: reply.time)
+        took, waited = last.time - call.request.time, last.time - call.attempt_answered_by(last).time
+        if took < _LONG_CALL_NS or waited < _SOON_NS:
+            return
+
+        def say(speech: Speech) -> str:
+            when, who = speech.at(call.request.time), speech.client(call.conversation)
+            if not call.retries:
+                return (
+                    f"at {when} {name_of(call)} was answered after {span(took)}, when {who} had given "
+                    f"{called(call)} up, and Service_Start asked for no WDT"
+                )
+            return (
+                f"at {when} {name_of(call)} was answered after {span(took)}, {span(waited)} after the try "
+                f"that was answered, {who} sent {called(call)} {times(len(call.attempts))} meanwhile, and "
+                "Service_Start asked for no WDT"
+            )
+
+        self.report_call(
+            LONG_CALL_WITHOUT_WDT,
+            call,
+            say,
+            evidence_call=service,
+            began=call.request.time,
+            completed=call.request.time,
+        )
+
+
+def _has_wdt(service: Call) -> bool:
+    return any(match[1].casefold() == "wdt" for match in _OPTION.finditer(text_argument(service, 0)))
+
+
+def _successor(client: ClientState, clients: ClientRegistry, since: int) -> ClientState | None:
+    """Return a client of the same machine that began a session after this one fell silent."""
+    host = client.conversation.client.host
+    for other in clients.other_clients(client):
+        first = other.first_call
+        if (
+            other.conversation.client.host == host
+            and first.request.time > since
+            and first.kind.function_id == ID["Service_Start"]
+        ):
+            return other
+    return None
+
+
+def _explain_not_started(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    is_first = not client.call_count and call.request.item.serial <= 2
+    if not is_first or call.kind.function_id == ID["Service_Start"]:
+        return None
+    return fixed_reason("it is the first call of the session, and that should be Service_Start")
+
+
+def _explain_small_wdt(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    if call.kind.function_id != ID["Service_Start"]:
+        return None
+    small = [match for match in _OPTION.finditer(text_argument(call, 0)) if int(match[2]) < _SMALLEST_WDT_MS]
+    return fixed_reason(f"its option asks for {small[0][0]}, and 80 ms is the least") if small else None
+
+
+def _explain_provider(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    if call.kind.function_id != ID["Controller_Connect"]:
+        return None
+    provider, machine = text_argument(call, 1), text_argument(call, 2)
+    return fixed_reason(f"provider '{shown(provider)}', machine '{shown(machine)}'")
+
+
+def _explain_name_in_use(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    if call.kind.function_id != ID["Controller_Connect"]:
+        return None
+    name = text_argument(call, 0)
+    for other in (client, *clients.other_clients(client)):
+        connected = other.connect_call
+        if connected is not None and text_argument(connected, 0) == name:
+            return _held_by(other, connected, name)
+    return fixed_reason(f"the name is '{shown(name)}', perhaps left by a client that is gone")
+
+
+def _held_by(client: ClientState, connected: Call, name: str) -> RefusalReason:
+    def text(speech: Speech) -> str:
+        who, when = speech.client(client.conversation), speech.at(connected.request.time)
+        return f"{who} connected as '{shown(name)}' at {when} and did not disconnect"
+
+    return RefusalReason(text, evidence_call=connected)
+
+
+def _explain_busy(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    running = _running_call(client, call)
+    if running is not None:
+        since = span(call.request.time - running.request.time)
+        return RefusalReason(
+            lambda speech: f"{called(running)}, sent {since} before, had no answer yet",
+            explaining_calls=(running.number,),
+            evidence_call=running,
+        )
+    for each in clients.other_clients(client):
+        other = _running_call(each, call)
+        if other is not None and _share_call_slot(other, call):
+            return _busy_with_other(other, call)
+    return fixed_reason("which one was not seen")
+
+
+def _busy_with_other(other: Call, call: Call) -> RefusalReason:
+    since = span(call.request.time - other.request.time)
+    return RefusalReason(
+        lambda speech: (
+            f"perhaps since {called(other)} of {speech.client(other.conversation)}, sent {since} before, had "
+            "no answer yet: over UDP the official server runs one call at a time for all clients"
+        ),
+        explaining_calls=(other.number,),
+        evidence_call=other,
+    )
+
+
+def _share_call_slot(one: Call, other: Call) -> bool:
+    """Tell whether a call can hold up one of another client: each TCP connection has a slot of its own."""
+    ends = one.conversation, other.conversation
+    return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
+
+
+def _running_call(client: ClientState, call: Call) -> Call | None:
+    """Return the latest slow call of a client, if it may still have been running when another was sent."""
+    slow = client.slow_call
+    return slow if slow is not None and _may_have_run(slow, call) else None
+
+
+def _may_have_run(earlier: Call, call: Call) -> bool:
+    """Tell whether a call may still have been running when another was sent."""
+    begun = earlier.request.time <= call.request.time
+    return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
+
+
+REFUSALS: tuple[Refusal, ...] = (
+    make_refusal(WDT_TOO_SMALL, (E_INVALIDARG,), _explain_small_wdt),
+    make_refusal(NAME_IN_USE, (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
+    make_refusal(
+        PROVIDER_REFUSED, (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209), _explain_provider
+    ),
+    make_refusal(SERVICE_NOT_STARTED, (), _explain_not_started),
+    make_refusal(BUSY, (E_BUSY,), _explain_busy),
+)

@@ -1,0 +1,267 @@
+"""Slave mode entered wrongly, left unawares, or disturbed by another client."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.rules.rule_checker import (
+    MS,
+    SAME_CALL,
+    SECOND,
+    DiagnosisRule,
+    Occurrence,
+    RuleChecker,
+)
+from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, SlaveSession
+from bcapscope.analysis.speech import Speech, called, name_of, shown
+from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
+from bcapscope.protocol.tables.command_catalogue import find_command
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, E_REFUSED_IN_SLAVE_MODE
+from bcapscope.traffic.call import Call
+
+_ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
+_REACH = 60 * SECOND
+
+SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
+    "slvmove-outside-slave-mode",
+    Severity.ERROR,
+    "slvMove is refused since slave mode is off (83500121)",
+    "Look for what switched slave mode off: this is mostly the second error. Stop sending, read the errors, "
+    "ClearError, go to the first position, then slvChangeMode.",
+    f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
+    (
+        "underflow",
+        "refused-in-slave-mode",
+        "slave-mode-ended-by-other",
+        "slave-mode-lost-unseen",
+        "over-limit",
+        "beyond-range",
+        "overflow",
+        "emergency-stop",
+        "motor-off",
+        "controller-error",
+        "robslave-not-running",
+        "not-in-automatic-mode",
+        "slave-mode-refused",
+        "robot-still-moving",
+        "arm-not-taken",
+        "arm-taken-by-other",
+        "error-not-cleared",
+        "no-executable-token",
+        "no-licence",
+    ),
+    _REACH,
+)
+REFUSED_IN_SLAVE_MODE = DiagnosisRule(
+    "refused-in-slave-mode",
+    Severity.ERROR,
+    "a command is refused since slave mode is on (83501032), and slave mode ends",
+    "While slave mode is on call only slvMove, slvGetMode, slvRecvFormat, CurPos, CurJnt and GetSrvData; do "
+    "all else (grippers, I/O, error details) before or after, or through the send format; let one process "
+    "own the robot.",
+    f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}",
+)
+SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
+    "slave-mode-ended-by-other",
+    Severity.ERROR,
+    "another client switched slave mode while this one was sending set points",
+    "Let one process own the robot; give the second one only reading calls.",
+    "DENSORobot/denso_robot_ros issues 13, 21 and 48",
+)
+SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
+    "slave-mode-lost-unseen",
+    Severity.WARNING,
+    "slave mode was found off, and nothing that was captured had ended it",
+    "Look at the pendant's error log for this moment: an emergency stop, a mode switch, a stopped RobSlave "
+    "or a client on another network are not in this capture.",
+    f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
+    ("late-reply", "client-gave-up", "no-reply", "set-point-gap"),
+)
+SLAVE_MODE_REFUSED = DiagnosisRule(
+    "slave-mode-refused",
+    Severity.ERROR,
+    "slvChangeMode is refused for its value",
+    "Use 0x001-0x003 or 0x101-0x103, on an RC8 or later also 0x201-0x203, as VT_I4 (VT_I2 on RC7).",
+    "DENSO Wave 2009, How to use the Slave mode; ShoheiKobata/orin_bcap_python_samples",
+    ("unusual-argument",),
+    SAME_CALL,
+)
+
+_NOT_ALLOWED = (E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177)
+_NEEDS_IT = (E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E)
+_SUSPECT_WITHIN_NS = 200 * MS
+
+
+class SlaveModeChecker(RuleChecker):
+    """Looks at how stays in slave mode ended."""
+
+    rules = (
+        SLVMOVE_OUTSIDE_SLAVE_MODE,
+        REFUSED_IN_SLAVE_MODE,
+        SLAVE_MODE_ENDED_BY_OTHER,
+        SLAVE_MODE_LOST_UNSEEN,
+        SLAVE_MODE_REFUSED,
+    )
+
+    def on_slave_session(self, session: SlaveSession) -> None:
+        exit_ = session.exit
+        if exit_.reason is ExitReason.OTHER_CLIENT and exit_.by is not None:
+            self._report_ended_by_other(session, exit_.by)
+        elif exit_.reason is ExitReason.FOUND_OFF:
+            self._report_lost_unseen(session)
+
+    def _report_ended_by_other(self, session: SlaveSession, by: CallFact) -> None:
+        def say(speech: Speech) -> str:
+            who = speech.client(session.conversation)
+            return (
+                f"client {by.client} called {_call_name(by)} at {speech.at(by.time)} while {who} was in "
+                "slave mode"
+            )
+
+        def then(speech: Speech, after: int) -> str:
+            return f"client {by.client} called {_call_name(by)}"
+
+        time = session.exit.time
+        frames = (by.request_frame, *(() if by.reply_frame is None else (by.reply_frame,)))
+        self.report_occurrence(
+            Occurrence(
+                SLAVE_MODE_ENDED_BY_OTHER, by.time, time, session.conversation, frames, say, then, by.call
+            )
+        )
+
+    def _report_lost_unseen(self, session: SlaveSession) -> None:
+        exit_, last = session.exit, session.last_set_point
+        if last is None:
+            return
+        suspects = [
+            call
+            for call in session.other_calls
+            if call.client != session.conversation.client
+            and last.time - _SUSPECT_WITHIN_NS <= call.time < exit_.time
+            and not _is_harmless_call(call)
+        ]
+
+        def say(speech: Speech) -> str:
+            who, since = speech.client(session.conversation), speech.at(last.time)
+            text = (
+                f"slave mode of {who} was off after the set point at {since}, and no call that was seen "
+                "had ended it"
+            )
+            if suspects:
+                by = suspects[-1]
+                text += (
+                    f"; client {by.client} had called {_call_name(by)} at {speech.at(by.time)}, which may "
+                    "be the reason"
+                )
+            return text
+
+        def then(speech: Speech, after: int) -> str:
+            return "slave mode ended"
+
+        frames = (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:])
+        self.report_occurrence(
+            Occurrence(
+                SLAVE_MODE_LOST_UNSEEN, last.time, last.time + 1, session.conversation, frames, say, then
+            )
+        )
+
+
+def _call_name(call: CallFact) -> str:
+    return function_name(call.function_id) if call.command is None else shown(call.command)
+
+
+def _is_harmless_call(call: CallFact) -> bool:
+    """Tell whether a call only reads, or is known to be allowed in slave mode."""
+    if call.command is None:
+        return function_effect(call.function_id) < CallEffect.CHANGES
+    known = find_command(call.function_id, call.command)
+    return known is not None and (known.effect < CallEffect.CHANGES or known.in_slave_mode is True)
+
+
+def _explain_outside(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    ended, entered = client.mode_ended_by, client.mode_entered_by
+    if entered is None and ended is None:
+        if client.mode_value is None and not client.session_start_seen:
+            return fixed_reason("slave mode was never seen on in this capture")
+        return fixed_reason("no slvChangeMode had switched slave mode on")
+    if ended is None or (entered is not None and entered.number > ended.number):
+        return _explain_off_unseen(call, client, clients)
+    if folded_command(ended.kind) == "slvchangemode":
+        return RefusalReason(
+            lambda speech: (
+                f"{called(ended)} of the same client had left slave mode at {speech.at(ended.request.time)}"
+            ),
+            evidence_call=ended,
+        )
+    return RefusalReason(
+        lambda speech: f"the error of {called(ended)} had switched slave mode off",
+        explaining_calls=(ended.number,),
+    )
+
+
+def _explain_off_unseen(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason:
+    ends = [each.mode_ended_by for each in clients.other_clients(client)]
+    others = [each for each in ends if each is not None and each.request.time <= call.request.time]
+    return RefusalReason(
+        lambda speech: "slave mode had been switched off without this client's doing",
+        explaining_calls=tuple(each.number for each in others),
+    )
+
+
+def _explain_not_allowed(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    owner = next(
+        (each for each in (*clients.other_clients(client), client) if _was_in_slave_mode(each, call)), None
+    )
+    what = name_of(call)
+
+    def say(speech: Speech) -> str:
+        who, when = speech.client(call.conversation), speech.at(call.request.time)
+        if owner is None:
+            whose = "while slave mode was on"
+        elif owner is client:
+            whose = "while it was in slave mode itself"
+        else:
+            whose = f"while {speech.client(owner.conversation)} was in slave mode"
+        return (
+            f"{who} ran {what} at {when} {whose}, which is not allowed (0x{call.hresult or 0:08X}), and "
+            "this ends slave mode"
+        )
+
+    def then(speech: Speech, after: int) -> str:
+        return f"{what} was refused, since slave mode was on, and ended it"
+
+    return RefusalReason(say=say, then=then)
+
+
+def _was_in_slave_mode(client: ClientState, call: Call) -> bool:
+    entered, ended = client.mode_entered_by, client.mode_ended_by
+    if client.mode_value:
+        return True
+    return (
+        entered is not None
+        and ended is not None
+        and entered.number < ended.number
+        and ended.request.time >= call.request.time
+    )
+
+
+def _explain_mode_refused(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+    parameter = argument(call, 2)
+    if folded_command(call.kind) != "slvchangemode" or parameter is None:
+        return None
+    value = integer_value(parameter)
+    return (
+        fixed_reason(f"the mode is 0x{value:03X}")
+        if value is not None
+        else fixed_reason("its parameter is no number")
+    )
+
+
+REFUSALS: tuple[Refusal, ...] = (
+    make_refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, _NEEDS_IT, _explain_outside),
+    make_refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
+    make_refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
+)

@@ -1,0 +1,235 @@
+"""The way that set points describe, stay by stay, without what only the network added.
+
+One step is one slvMove, however often it was sent; it has the time of the first request. Refused set points
+are no part of the way, since the controller did not take them. Those whose reply was not seen are: nothing
+says that it did not, and a hole would be a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
+from bcapscope.analysis.slave.set_point_chunk import SetPointChunk
+from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, SlaveSession
+from bcapscope.protocol.slave_mode.poses import Axis
+from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation
+
+MOST_NOT_SELECTED = 64 * 2048
+"""Set points not asked for that are remembered until they are looked at: as many as can wait at a time."""
+
+
+class LeftOutReason(StrEnum):
+    """Why a set point is no step."""
+
+    REFUSED = "refused by the controller"
+    AFTER_END = "unanswered after slave mode had ended"
+    UNREADABLE = "without a pose that fits the others"
+    NOT_SELECTED = "not asked for"
+
+
+@dataclass(frozen=True, slots=True)
+class CapturedTrajectory:
+    """What is known of a way before its first step.
+
+    Attributes:
+        session_number: number of the stay in slave mode, as `slave` counts them.
+        conversation: whose set points they are.
+        robot: handle of the robot; None where it could not be read.
+        mode: as far as it was known then.
+        send_format: accepted send format; None where none was seen.
+        receive_format: likewise.
+        axes: of each pose, at least one.
+        start: nanoseconds since 1970, of the first request of the first step.
+        has_stamps: the replies carry the controller's time.
+        grid_ms: period that the set points should keep.
+    """
+
+    session_number: int
+    conversation: Conversation
+    robot: int | None
+    mode: KnownMode
+    send_format: AcceptedFormat | None
+    receive_format: AcceptedFormat | None
+    axes: tuple[Axis, ...]
+    start: int
+    has_stamps: bool
+    grid_ms: float
+
+
+class TrajectoryStep(NamedTuple):
+    """One set point.
+
+    Attributes:
+        call: its number.
+        time: nanoseconds since 1970, of the first request.
+        reply_time: likewise, of the accepted reply; None where there is none.
+        retries: requests beyond the first.
+        hresult: of the reply; None likewise.
+        commanded: a number an axis.
+        returned: a number an axis; () where none came back.
+        stamp: the controller's time in milliseconds; None where there is none.
+    """
+
+    call: int
+    time: int
+    reply_time: int | None
+    retries: int
+    hresult: int | None
+    commanded: tuple[float, ...]
+    returned: tuple[float, ...]
+    stamp: float | None
+
+
+TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]]"
+"""Steps that follow each other on one way."""
+
+
+class TrajectoryExtractor:
+    """Follows calls as a tracker gives them out and tells the steps; none is kept."""
+
+    def __init__(
+        self,
+        is_selected: Callable[[Call], bool] | None = None,
+        is_selected_client: Callable[[Conversation], bool] | None = None,
+    ) -> None:
+        """Begin; all calls have to be taken whatever is wanted, since any may begin or end a stay.
+
+        Args:
+            is_selected: chooses set points; the others are left out.
+            is_selected_client: chooses clients; those of the others are not even counted.
+        """
+        self._is_selected = is_selected
+        self._is_selected_client = is_selected_client
+        self._detector = SlaveSessionDetector(on_set_points=self._on_set_points)
+        self._by_session: dict[int, CapturedTrajectory] = {}
+        self._ready: list[TrajectoryPiece] = []
+        self._set_point_count = self._step_count = 0
+        self._left_out: Counter[LeftOutReason] = Counter()
+        self._question: CallKind | None = None
+        self._not_selected: dict[int, None] = {}  # calls that have not come back as points yet, in order
+
+    def add_call(self, call: Call) -> Sequence[TrajectoryPiece]:
+        """Take in a call that settled; return the steps that are ready."""
+        question = call.kind
+        if question is self._question or _is_set_point(question):
+            self._question = question
+            self._count_set_point(call)
+        self._forget_sessions(self._detector.add_call(call))
+        return self._pop_ready() if self._ready else ()
+
+    def finish(self) -> Sequence[TrajectoryPiece]:
+        """Return the steps that were not told yet; the traffic has ended."""
+        self._forget_sessions(self._detector.finish())
+        return self._pop_ready()
+
+    @property
+    def set_points(self) -> int:
+        """How many calls of slvMove there were."""
+        return self._set_point_count
+
+    @property
+    def left_out(self) -> Mapping[LeftOutReason, int]:
+        """How many set points were left out, and why; complete after `finish`."""
+        counted = dict(self._left_out)
+        after = self._set_point_count - self._step_count - sum(counted.values())
+        return {**counted, LeftOutReason.AFTER_END: after} if after else counted
+
+    def _count_set_point(self, call: Call) -> None:
+        if self._is_selected_client is not None and not self._is_selected_client(call.conversation):
+            return
+        self._set_point_count += 1
+        code = call.hresult
+        if code and is_failure(code):
+            self._left_out[LeftOutReason.REFUSED] += 1
+        elif self._is_selected is not None and not self._is_selected(call):
+            self._not_selected[call.number] = None
+            if len(self._not_selected) > MOST_NOT_SELECTED:
+                del self._not_selected[next(iter(self._not_selected))]
+
+    def _forget_sessions(self, sessions: Sequence[SlaveSession]) -> None:
+        for stay in sessions:
+            self._by_session.pop(stay.number, None)
+
+    def _pop_ready(self) -> Sequence[TrajectoryPiece]:
+        found, self._ready = self._ready, []
+        return found
+
+    def _on_set_points(self, points: SetPointChunk) -> None:
+        if self._is_selected_client is not None and not self._is_selected_client(points.conversation):
+            return
+        rows = [row for row in _rows_not_refused(points) if self._is_step(points, row)]
+        if not rows:
+            return
+        known = self._by_session.get(points.session_number)
+        if known is None:
+            known = self._by_session[points.session_number] = _begin(points, rows[0])
+        self._step_count += len(rows)
+        self._ready.append((known, tuple(_trajectory_steps(points, rows))))
+
+    def _is_step(self, points: SetPointChunk, row: int) -> bool:
+        call = points.table.calls[row]
+        if call in self._not_selected:
+            del self._not_selected[call]
+            self._left_out[LeftOutReason.NOT_SELECTED] += 1
+            return False
+        if not points.axes or not points.commanded.has_pose[row]:
+            self._left_out[LeftOutReason.UNREADABLE] += 1
+            return False
+        return True
+
+
+def _is_set_point(question: CallKind) -> bool:
+    return question.command is not None and question.command.casefold() == "slvmove"
+
+
+def _rows_not_refused(points: SetPointChunk) -> Iterator[int]:
+    """Yield the rows that were not refused."""
+    return (row for row, code in enumerate(points.table.codes.tolist()) if not (code and is_failure(code)))
+
+
+def _begin(points: SetPointChunk, row: int) -> CapturedTrajectory:
+    stamped = bool((~np.isnan(points.returned.stamps)).any())
+    return CapturedTrajectory(
+        session_number=points.session_number,
+        conversation=points.conversation,
+        robot=points.robot,
+        mode=points.mode,
+        send_format=points.send_format,
+        receive_format=points.receive_format,
+        axes=points.axes,
+        start=points.table.origin + int(points.table.times[row]),
+        has_stamps=stamped,
+        grid_ms=points.grid_ms,
+    )
+
+
+def _trajectory_steps(points: SetPointChunk, rows: Sequence[int]) -> Iterator[TrajectoryStep]:
+    unit = 1000 if points.microseconds else 1
+    commanded, returned = points.commanded.poses.tolist(), points.returned.poses.tolist()
+    stamps, posed = points.returned.stamps.tolist(), points.returned.has_pose.tolist()
+    origin, calls, times = points.table.origin, points.table.calls, points.table.times.tolist()
+    answered, replies = points.table.answered.tolist(), points.table.replies.tolist()
+    codes, retries = points.table.codes.tolist(), points.table.retries.tolist()
+    for row in rows:
+        stamp = stamps[row]
+        yield TrajectoryStep(
+            call=calls[row],
+            time=origin + times[row],
+            reply_time=origin + replies[row] if answered[row] else None,
+            retries=retries[row],
+            hresult=codes[row] if answered[row] else None,
+            commanded=tuple(commanded[row]),
+            returned=tuple(returned[row]) if posed[row] else (),
+            stamp=None if math.isnan(stamp) else stamp / unit,
+        )

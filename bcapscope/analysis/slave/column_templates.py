@@ -1,0 +1,225 @@
+"""Numbers of many frames at once.
+
+Set points of a session differ in serial, reserved and the numbers inside their arguments, nothing else. A
+form is learnt from one frame that was decoded in full and found sound; all that agree with it byte for byte
+outside those places are read as columns.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bcapscope.analysis.slave.set_point_batch import FrameBytes
+from bcapscope.analysis.statistics.distribution import Bools
+from bcapscope.protocol.codec.arguments import Argument, NumberSpan
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.frame_content import FrameContent, Framing
+from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
+from bcapscope.protocol.codec.variant import Variant
+
+MOST_TEMPLATES = 16
+"""Forms kept for one direction of a stay; frames of more than that are read one by one."""
+
+MAX_NUMBERS = 256
+"""Frames with more numbers than that are read one by one; a set point has a dozen."""
+
+_SERIAL_AND_RESERVED = slice(5, 9)
+
+PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
+"""A pose and a time stamp, or positions of their numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class NumberPicker:
+    """How to find what is wanted in a frame's argument.
+
+    Attributes:
+        argument: index of the argument.
+        pick: takes the argument's value and returns pose and time stamp: the pose is empty and the stamp None
+            where there is none. Called also with a value of the same form in which each number is its own
+            place among the numbers, so that it must choose by form alone.
+    """
+
+    argument: int
+    pick: Callable[[Variant], PickedNumbers]
+
+
+class PoseColumns:
+    """Poses and time stamps, a row a frame; NaN where a frame has none.
+
+    Attributes:
+        poses: as many columns as were asked for.
+        has_pose: whether a row has a pose with all of them.
+        stamps: of the controller.
+    """
+
+    __slots__ = ("has_pose", "poses", "stamps")
+
+    def __init__(self, rows: int, axes: int) -> None:
+        self.poses = np.full((rows, axes), np.nan)
+        self.has_pose = np.zeros(rows, np.bool_)
+        self.stamps = np.full(rows, np.nan)
+
+
+class _ColumnTemplate:
+    """One form: its bytes, which of them may differ, and where pose and stamp stand."""
+
+    __slots__ = ("_fields", "_fixed", "_pose", "_stamp", "_template")
+
+    def __init__(
+        self, raw: bytes, spans: Sequence[NumberSpan], pose: Sequence[int], stamp: int | None
+    ) -> None:
+        fixed = np.full(len(raw), 0xFF, np.uint8)
+        fixed[_SERIAL_AND_RESERVED] = 0
+        places = list(_number_positions(spans))
+        for start, code in places:
+            fixed[start : start + struct.calcsize(f"<{code}")] = 0
+        self._fixed = fixed
+        self._template = np.frombuffer(raw, np.uint8)
+        self._fields = np.dtype(
+            {
+                "names": [str(index) for index in range(len(places))],
+                "formats": [_NUMPY_CODES.get(code, f"S{code[:-1]}") for _, code in places],
+                "offsets": [start for start, _ in places],
+                "itemsize": len(raw),
+            }
+        )
+        self._pose = [str(index) for index in pose]
+        self._stamp = None if stamp is None else str(stamp)
+
+    def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
+        """Tell which rows of bytes have this form; None for all."""
+        off = (data ^ self._template) & self._fixed
+        return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
+
+    def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
+        """Put the numbers of `data`, all of this form, into `rows` of `columns`."""
+        records = np.ascontiguousarray(data).view(self._fields)[:, 0]
+        if len(self._pose) >= columns.poses.shape[1]:
+            columns.has_pose[rows] = True
+            for axis, name in enumerate(self._pose[: columns.poses.shape[1]]):
+                columns.poses[rows, axis] = records[name]
+        if self._stamp is not None:
+            columns.stamps[rows] = records[self._stamp]
+
+
+class ColumnReader:
+    """Reads frames of one direction of a stay."""
+
+    def __init__(self, picker: NumberPicker) -> None:
+        self._picker = picker
+        self._templates: dict[int, list[_ColumnTemplate]] = {}
+        self._template_count = 0
+
+    def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
+        """Read `count` frames, each with at least a header; `axes` numbers of each pose are wanted."""
+        columns = PoseColumns(count, axes)
+        rows = np.arange(count)
+        if bodies.size:
+            data = np.frombuffer(bodies.data, np.uint8).reshape(count, bodies.size)
+            if bodies.odd_sized:
+                rows = np.delete(rows, list(bodies.odd_sized))
+                data = data[rows]
+            self._read_equally_long(data, rows, columns)
+        by_length: dict[int, list[int]] = {}
+        for place, raw in bodies.odd_sized.items():
+            by_length.setdefault(len(raw), []).append(place)
+        for length, places in by_length.items():
+            if length:
+                raws = b"".join(bodies.odd_sized[place] for place in places)
+                data = np.frombuffer(raws, np.uint8).reshape(-1, length)
+                self._read_equally_long(data, np.array(places), columns)
+        return columns
+
+    def _read_equally_long(
+        self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns
+    ) -> None:
+        tried = 0
+        while len(rows):
+            forms = self._templates.setdefault(data.shape[1], [])
+            if tried == len(forms) and not self._add_template(data[0].tobytes(), forms):
+                self._read_single(data[0].tobytes(), int(rows[0]), columns)
+                data, rows = data[1:], rows[1:]
+                continue
+            agrees = forms[tried].matching_rows(data)
+            if agrees is None:
+                forms[tried].read(data, rows, columns)
+                return
+            forms[tried].read(data[agrees], rows[agrees], columns)
+            data, rows = data[~agrees], rows[~agrees]
+            tried += 1
+
+    def _add_template(self, raw: bytes, templates: list[_ColumnTemplate]) -> bool:
+        """Add the form of a frame; False for a frame with problems, and when there are forms enough."""
+        if self._template_count >= MOST_TEMPLATES:
+            return False
+        content = FrameContent(raw)
+        if content.problems or content.framing is not Framing.PLAIN:
+            return False
+        if sum(span.repeat for span in content.number_spans if span.code != "s") > MAX_NUMBERS:
+            return False
+        arguments = content.arguments
+        first = arguments[0].stop if len(arguments) > 1 else 0
+        spans = [span for span in content.number_spans if span.repeat and span.start >= first]
+        pose, stamp = self._locate_numbers(raw, arguments, tuple(_number_positions(spans)))
+        templates.append(
+            _ColumnTemplate(raw, spans, [int(index) for index in pose], None if stamp is None else int(stamp))
+        )
+        self._template_count += 1
+        return True
+
+    def _locate_numbers(
+        self, raw: bytes, arguments: tuple[Argument, ...], places: Sequence[tuple[int, str]]
+    ) -> PickedNumbers:
+        """Let the picker choose among numbers that are their own places."""
+        if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):
+            return (), None
+        numbered = tuple(
+            raw[start : start + struct.calcsize(code)] if "s" in code else index
+            for index, (start, code) in enumerate(places)
+        )
+        return self._picker.pick(
+            FrameTemplate(arguments).fill_arguments(numbered)[self._picker.argument].variant
+        )
+
+    def _read_single(self, raw: bytes, row: int, columns: PoseColumns) -> None:
+        arguments = Frame(raw).arguments
+        if self._picker.argument >= len(arguments):
+            return
+        pose, stamp = self._picker.pick(arguments[self._picker.argument].variant)
+        axes = columns.poses.shape[1]
+        if len(pose) >= axes:
+            columns.has_pose[row] = True
+            columns.poses[row] = pose[:axes]
+        if stamp is not None:
+            columns.stamps[row] = stamp
+
+
+_NUMPY_CODES = {
+    "B": "u1",
+    "h": "<i2",
+    "H": "<u2",
+    "i": "<i4",
+    "I": "<u4",
+    "q": "<i8",
+    "Q": "<u8",
+    "f": "<f4",
+    "d": "<f8",
+}
+
+
+def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:
+    """Yield where each number stands and its format; the data of a UI1 array is one."""
+    for start, code, repeat in spans:
+        if code == "s":
+            yield start, f"{repeat}s"
+            continue
+        width = struct.calcsize(f"<{code}")
+        for index in range(repeat):
+            yield start + index * width, code

@@ -1,0 +1,146 @@
+"""The controller's time stamps beside the clock of the capture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bcapscope.analysis.statistics.distribution import DistributionSummary, Floats, Histogram
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS
+
+_WORD = 1 << 32
+_NS_PER_MS = 1_000_000
+_LONG_ENOUGH_MS = 1000.0
+_WRAP_AT_LEAST = 1 << 31
+
+_US_AT_LEAST = 30.0
+"""Stamps that count so many to a millisecond of the capture are in µs: halfway, as factors go, between 1 and
+1000, so that neither a client at twice the pace nor one that pauses is mistaken."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFacts:
+    """The controller's time stamps (receive format 0x010) beside the capture's clock.
+
+    Attributes:
+        stamps: how many there were.
+        microseconds: their unit is µs, not ms.
+        unit_known_by: "slvRecvFormat", or "the pace of the stamps" where that was not seen.
+        drift_ppm: how much faster the controller's clock runs; None for less than a second of stamps.
+        jitter: by how much the delay changed from one reply to the next; None for fewer than two.
+        step: from one stamp to the next; None likewise.
+        missing: periods of the controller without a stamp between the first and the last.
+        repeated: stamps equal to the one before.
+        backwards: stamps before the one before, but for wraps.
+        wraps: how often the 32-bit number wrapped.
+    """
+
+    stamps: int
+    microseconds: bool
+    unit_known_by: str
+    drift_ppm: float | None
+    jitter: DistributionSummary | None
+    step: DistributionSummary | None
+    missing: int
+    repeated: int
+    backwards: int
+    wraps: int
+
+
+class ControllerClock:
+    """Takes pairs of the controller's stamp and the time at which its reply was seen.
+
+    Stamps are a signed 32-bit number, in ms or µs as the client asks (DENSORobot/denso_robot_ros2
+    denso_robot_core); in µs it turns negative after 36 minutes and wraps each 72. The reply is seen later
+    than it was stamped by the time that the network takes; a straight line through all pairs finds how fast
+    one clock runs against the other, since that time is nearly the same for all.
+    """
+
+    def __init__(self, microseconds: bool | None) -> None:
+        """Take the unit of the stamps as the receive format says; None where that was not seen."""
+        self._unit_known = microseconds is not None
+        self._microseconds = microseconds
+        self._first: tuple[int, int] | None = None  # stamp and time
+        self._last = (0.0, 0.0)  # both since the first: ms of the controller, ms of the capture
+        self._raw_last = 0
+        self._ticks = 0  # of the last stamp, since the first, without wraps
+        self._count = self._repeated = self._backwards = self._wraps = self._missing = 0
+        self._sums = np.zeros(4)  # of controller's time, of what the capture is ahead, of x², of xy
+        self._jitter, self._step = Histogram(), Histogram()
+
+    def add(self, stamps: Floats, times: NDArray[np.int64]) -> None:
+        """Take in stamps in the order of their replies, and the times of those in nanoseconds."""
+        if not len(stamps):
+            return
+        raw = stamps.astype(np.int64)
+        if self._first is None:
+            self._first = int(raw[0]), int(times[0])
+            self._raw_last = int(raw[0])
+        steps = np.diff(raw, prepend=self._raw_last)
+        unwrapped = (steps + _WORD // 2) % _WORD - _WORD // 2
+        self._wraps += int((np.abs(steps) >= _WRAP_AT_LEAST).sum())
+        ticks = self._ticks + np.cumsum(unwrapped)
+        seen = (times - self._first[1]) / _NS_PER_MS
+        if self._microseconds is None:
+            self._microseconds = _counts_microseconds(ticks, seen)
+        own = ticks / 1000.0 if self._microseconds else ticks.astype(np.float64)
+        begins = self._count == 0
+        self._count_steps(own, seen, unwrapped, begins)
+        self._add_to_line(own, seen - own)
+        self._count += len(raw)
+        self._raw_last, self._ticks = int(raw[-1]), int(ticks[-1])
+        self._last = float(own[-1]), float(seen[-1])
+
+    @property
+    def microseconds(self) -> bool:
+        """The stamps so far are in µs, not ms."""
+        return bool(self._microseconds)
+
+    def facts(self) -> ClockFacts | None:
+        """Tell what was found; None where there were no stamps."""
+        if not self._count:
+            return None
+        return ClockFacts(
+            stamps=self._count,
+            microseconds=self.microseconds,
+            unit_known_by="slvRecvFormat" if self._unit_known else "the pace of the stamps",
+            drift_ppm=self._drift(),
+            jitter=self._jitter.distribution(),
+            step=self._step.distribution(bins=True),
+            missing=self._missing,
+            repeated=self._repeated,
+            backwards=self._backwards,
+            wraps=self._wraps,
+        )
+
+    def _count_steps(self, own: Floats, seen: Floats, ticks: NDArray[np.int64], begins: bool) -> None:
+        steps = np.diff(own, prepend=self._last[0])
+        delays = np.diff(seen, prepend=self._last[1]) - steps
+        if begins:
+            steps, delays, ticks = steps[1:], delays[1:], ticks[1:]
+        self._repeated += int((ticks == 0).sum())
+        self._backwards += int((ticks < 0).sum())
+        self._missing += int(np.clip(np.rint(steps / PERIOD_MS) - 1, 0, None).sum())
+        self._step.add(steps)
+        self._jitter.add(np.abs(delays))
+
+    def _add_to_line(self, own: Floats, ahead: Floats) -> None:
+        self._sums += own.sum(), ahead.sum(), (own * own).sum(), (own * ahead).sum()
+
+    def _drift(self) -> float | None:
+        """Return by how many millionths the controller's clock is faster, by least squares."""
+        own, ahead, own_squared, product = self._sums.tolist()
+        spread = self._count * own_squared - own * own
+        if self._count < 3 or abs(self._last[0]) < _LONG_ENOUGH_MS or spread <= 0:
+            return None
+        slope = (self._count * product - own * ahead) / spread
+        return -slope * 1e6
+
+
+def _counts_microseconds(ticks: NDArray[np.int64], seen: Floats) -> bool | None:
+    """Tell the unit by how many ticks there are to a millisecond; None where no time has passed yet."""
+    passed = float(seen[-1] - seen[0])
+    counted = abs(int(ticks[-1]) - int(ticks[0]))
+    return counted / passed >= _US_AT_LEAST if passed > 0 and counted else None

@@ -1,0 +1,147 @@
+"""What is learnt about a controller, whichever of its clients it is learnt from."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from bcapscope.analysis.slave.generation_clues import NO_CLUE, GenerationClue
+from bcapscope.analysis.slave.session_builder import (
+    KnownPosition,
+    SessionKey,
+    SlaveSessionBuilder,
+    SlaveSetup,
+    execute_parameter,
+)
+from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
+from bcapscope.protocol.slave_mode.formats import parse_format_parameter
+from bcapscope.protocol.slave_mode.modes import PoseType, integer_value
+from bcapscope.protocol.slave_mode.poses import pose_numbers
+from bcapscope.traffic.call import Call
+
+MAX_CALLS = 1024
+"""Calls that are no set points, remembered for each controller."""
+
+MAX_BYTES = 1 << 20
+"""Bytes of their frames."""
+
+MOST_PENDING = 16
+"""Stays without set points, of each controller."""
+
+_POSITIONS = {"curjnt": PoseType.J, "curpos": PoseType.P, "curtrn": PoseType.T}
+
+
+class ControllerState:
+    """One controller.
+
+    Attributes:
+        clue: to its generation.
+        recent_calls: the latest that are no set points, in the order in which they settled.
+        pending_sessions: stays that have begun and have no set points yet.
+        unanswered_entry: slvChangeMode that was not answered, as far as was seen.
+        reported_mode: what slvGetMode said while no stay was known, and that it did.
+    """
+
+    def __init__(self) -> None:
+        self.clue: GenerationClue = NO_CLUE
+        self.recent_calls: deque[Call] = deque()
+        self._bytes_kept = 0
+        self.pending_sessions: dict[SessionKey, SlaveSessionBuilder] = {}
+        self.unanswered_entry: Call | None = None
+        self.reported_mode: tuple[int | None, str] = (None, "")
+        self._send: AcceptedFormat | None = None
+        self._receive: AcceptedFormat | None = None
+        self._position: KnownPosition | None = None
+
+    def slave_setup(self, mode: tuple[int | None, str]) -> SlaveSetup:
+        """Return what is known now, for a stay in this mode."""
+        value, known_by = mode
+        return SlaveSetup(value, known_by, self.clue, self._send, self._receive, self._position)
+
+    def remember_call(self, call: Call) -> None:
+        """Keep a call that is no set point; the oldest are forgotten where there are too many."""
+        self.recent_calls.append(call)
+        self._bytes_kept += call.memory_bytes
+        while self.recent_calls and (len(self.recent_calls) > MAX_CALLS or self._bytes_kept > MAX_BYTES):
+            self._bytes_kept -= self.recent_calls.popleft().memory_bytes
+
+    def calls_between(self, begin: int, end: int) -> list[Call]:
+        """Return the calls that were asked at that time or answered in it, in order of time."""
+        found = [
+            call for call in self.recent_calls if call.request.time <= end and call.last_activity >= begin
+        ]
+        return sorted(found, key=lambda call: call.request.time)
+
+    def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
+        """Keep a stay until its first set point; return one that there is no more room for."""
+        dropped = (
+            self.pending_sessions.pop(next(iter(self.pending_sessions)))
+            if len(self.pending_sessions) >= MOST_PENDING
+            else None
+        )
+        self.pending_sessions[key] = builder
+        return dropped
+
+    def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
+        """Return the stay that a set point belongs to: that which its client began, or another did."""
+        if not self.pending_sessions:
+            return None
+        course = self.pending_sessions.pop(key, None) or self.pending_sessions.pop(
+            next(iter(self.pending_sessions))
+        )
+        course.key = key
+        return course
+
+    def claim_unanswered_entry(self) -> CallFact | None:
+        """Return the slvChangeMode without reply that must have been taken; only once."""
+        tried, self.unanswered_entry = self.unanswered_entry, None
+        if tried is None:
+            return None
+        self.reported_mode = requested_mode(tried), "slvChangeMode"
+        return call_fact(tried)
+
+    def record_format(self, call: Call, command: str) -> None:
+        """Note a format that was accepted."""
+        parameter = execute_parameter(call.request.item)
+        found = None if parameter is None else parse_format_parameter(parameter)
+        if found is None:
+            return
+        format_ = AcceptedFormat(found.value, found.microseconds, call.request.number)
+        if command == "slvsendformat":
+            self._send = format_
+        else:
+            self._receive = format_
+
+    def record_position(self, call: Call, command: str) -> None:
+        """Note where the robot stands, if that is what was asked."""
+        pose_type, reply = _POSITIONS.get(command), call.reply
+        if pose_type is None or reply is None or not reply.item.arguments:
+            return
+        values = pose_numbers(reply.item.arguments[0].variant)
+        if values:
+            frames = call.request.number, reply.number
+            self._position = KnownPosition(pose_type, values, f"{call.kind.command} before", frames)
+
+
+def requested_mode(call: Call) -> int | None:
+    """Return the mode that slvChangeMode asks for; None for other calls and where it cannot be read."""
+    command = call.kind.command
+    if command is None or command.casefold() != "slvchangemode":
+        return None
+    parameter = execute_parameter(call.request.item)
+    return None if parameter is None else integer_value(parameter)
+
+
+def call_fact(call: Call) -> CallFact:
+    """Sum up a call."""
+    reply = call.reply
+    return CallFact(
+        call=call.number,
+        client=call.conversation.client,
+        function_id=call.kind.function_id,
+        command=call.kind.command,
+        request_frame=call.request.number,
+        time=call.request.time,
+        reply_frame=None if reply is None else reply.number,
+        reply_time=None if reply is None else reply.time,
+        hresult=call.hresult,
+    )

@@ -1,0 +1,387 @@
+"""Where set points lead: steps, velocities and accelerations axis by axis, and what comes back.
+
+A controller takes one set point each period, whenever it came: so velocity and acceleration are those of one
+step a period, not of the times at which the set points were sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bcapscope.analysis.slave.axis_lag import AxisLag
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.statistics.distribution import Bools, DistributionSummary, Floats, Histogram
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import Axis
+
+JUMP_TIMES = 5.0
+"""A step is a jump if it is so many times as large as both beside it: at 8 ms no robot changes its speed so,
+and a motion that only begins or ends has a small step on one side at the most."""
+
+SMALLEST_JUMP = 0.2
+"""Degrees or mm in one step, 25 of them a second: below that a jump is rounding or noise."""
+
+LARGEST_STEP = 180.0
+"""Degrees or mm in one step, whatever is before and behind it: at 8 ms 22,500 of them a second, and 22 m/s.
+No paper says where it ends for every axis; this is meant to be well beyond all of them."""
+
+_FIGURE = "Fig"
+_TURN = 360.0
+
+
+class Peak(NamedTuple):
+    """The largest value and the frame of the request it belongs to."""
+
+    value: float
+    frame: int
+
+
+@dataclass(frozen=True, slots=True)
+class AxisMotion:
+    """One axis over a stay, as commanded; velocity and acceleration reckon with one set point each `grid_ms`.
+
+    Attributes:
+        name: J1, X, Rx and so on.
+        unit: deg, mm, or empty.
+        least: smallest commanded position.
+        most: largest.
+        step: size of each step between set points that follow each other; None for fewer than two.
+        velocity: the same in units a second.
+        acceleration: change of velocity, in units a second squared; None for fewer than three.
+        largest_step: with its frame.
+        largest_velocity: with its frame.
+        largest_acceleration: with its frame.
+        difference: commanded less returned in the same call, without sign; None where no such pose came
+            back.
+        largest_difference: with its frame.
+        lag_cycles: set points by which the returned pose is behind, where they agree best; an estimate, None
+            where the axis does not move enough for one.
+    """
+
+    name: str
+    unit: str
+    least: float
+    most: float
+    step: DistributionSummary | None
+    velocity: DistributionSummary | None
+    acceleration: DistributionSummary | None
+    largest_step: Peak | None
+    largest_velocity: Peak | None
+    largest_acceleration: Peak | None
+    difference: DistributionSummary | None
+    largest_difference: Peak | None
+    lag_cycles: float | None
+
+
+class JumpKind(Enum):
+    """What tells a jump from motion."""
+
+    ISOLATED = auto()
+    """It is far larger than the steps on both sides of it."""
+    OUTLIER = auto()
+    """So are it and the next one together, which goes the other way: one set point is off the path."""
+    IMPLAUSIBLE = auto()
+    """It is larger than `LARGEST_STEP`."""
+
+
+class Jump(NamedTuple):
+    """A step that no robot is meant to make.
+
+    Attributes:
+        frame: of the request that commands it.
+        time: of that.
+        axis: the axis of the largest one.
+        step: on that axis, with sign.
+        kind: how it is known.
+    """
+
+    frame: int
+    time: int
+    axis: str
+    step: float
+    kind: JumpKind
+
+
+@dataclass(frozen=True, slots=True)
+class MotionFacts:
+    """What the set points command and what came back.
+
+    Set points refused since the buffer was full are left out: the same point is sent again.
+
+    Attributes:
+        read: set points whose pose could be read.
+        unread: set points whose pose could not, or is of another type.
+        not_finite: set points with a NaN or an infinity; in neither of the others' figures.
+        not_finite_frames: the first of them.
+        pose_type_guessed: the pose type was worked out from the count of numbers.
+        axes: axis by axis; () where no pose could be read.
+        returned: replies with a pose of the same type.
+        repeated: set points equal to the one before.
+        stutters: of them, those between two that move: the robot is told to stop for one period.
+        stutter_frames: the first of them, by frame of the request.
+        jumps: steps far larger than those on both sides, alone or as two out and back, or than any axis
+            follows.
+        jump_list: the first of them.
+        figure_changes: how often Fig changed; 0 for joints.
+        lag_cycles: of all axes, an estimate; None where none has one.
+        first_distance: first set point less the position known then, by axis; () where none is known.
+        first_distance_known_by: what told that position, one clause; "" where nothing did.
+        first_distance_frames: that prove both; () likewise.
+    """
+
+    read: int
+    unread: int
+    not_finite: int
+    not_finite_frames: tuple[int, ...]
+    pose_type_guessed: bool
+    axes: tuple[AxisMotion, ...]
+    returned: int
+    repeated: int
+    stutters: int
+    stutter_frames: tuple[int, ...]
+    jumps: int
+    jump_list: tuple[Jump, ...]
+    figure_changes: int
+    lag_cycles: float | None
+    first_distance: tuple[float, ...]
+    first_distance_known_by: str
+    first_distance_frames: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PoseTable:
+    """Poses of successive set points, a row each.
+
+    Attributes:
+        commanded: NaN where one could not be read.
+        readable: rows of `commanded` that could be read.
+        returned: NaN where none came back.
+        has_returned: rows of `returned` in which one came back.
+        frames: of the first requests.
+        times: of those, nanoseconds.
+    """
+
+    commanded: Floats
+    readable: Bools
+    returned: Floats
+    has_returned: Bools
+    frames: NDArray[np.int64]
+    times: NDArray[np.int64]
+
+
+class StartDistance(NamedTuple):
+    """How far the first set point is from where the robot stood.
+
+    Attributes:
+        distance: by axis; () where that is not known.
+        known_by: what told where it stood; "" likewise.
+        frames: that prove it; () likewise.
+    """
+
+    distance: tuple[float, ...] = ()
+    known_by: str = ""
+    frames: tuple[int, ...] = ()
+
+
+class _LargestByAxis:
+    """The largest value of each axis and its frame."""
+
+    __slots__ = ("frames", "values")
+
+    def __init__(self, axes: int) -> None:
+        self.values = np.full(axes, -1.0)
+        self.frames = np.zeros(axes, np.int64)
+
+    def add(self, values: Floats, frames: NDArray[np.int64]) -> None:
+        if not len(values):
+            return
+        rows = values.argmax(axis=0)
+        found = values[rows, np.arange(values.shape[1])]
+        better = found > self.values
+        self.values[better] = found[better]
+        self.frames[better] = frames[rows][better]
+
+    def peak(self, axis: int, factor: float = 1.0) -> Peak | None:
+        value = float(self.values[axis])
+        return Peak(value * factor, int(self.frames[axis])) if value >= 0 else None
+
+
+class MotionModel:
+    """Takes the poses of a stay, in order."""
+
+    def __init__(self, axes: Sequence[Axis], pose_type: PoseType | None, guessed: bool) -> None:
+        self._axes = axes
+        count = len(axes)
+        self._guessed = guessed
+        self._figure = next((index for index, axis in enumerate(axes) if axis.name == _FIGURE), None)
+        turns = [pose_type is PoseType.P and axis.unit == "deg" for axis in axes]
+        self._turns = np.array(turns, np.bool_)
+        self._read = self._unread = self._returned = self._repeated = self._figure_changes = 0
+        self._not_finite: list[int] = []
+        self._not_finite_count = self._stutters_count = self._jumps_count = 0
+        self._stutters: list[int] = []
+        self._measured = [index for index, axis in enumerate(axes) if axis.unit]
+        self._jumps: dict[JumpKind, list[Jump]] = {kind: [] for kind in JumpKind}
+        self._least, self._most = np.full(count, np.inf), np.full(count, -np.inf)
+        self._steps = [Histogram() for _ in axes]
+        self._changes = [Histogram() for _ in axes]
+        self._differences = [Histogram() for _ in axes]
+        self._largest_step, self._largest_change = _LargestByAxis(count), _LargestByAxis(count)
+        self._largest_difference = _LargestByAxis(count)
+        self._lag = AxisLag(count)
+        # the last four set points of the rows before: a step, or two, are judged by those on both sides
+        self._tail = np.empty((0, count))
+        self._tail_frames = self._tail_times = np.empty(0, np.int64)
+
+    def add(self, poses: PoseTable) -> None:
+        """Take in the poses of set points that follow those taken in before."""
+        finite: Bools = np.logical_and.reduce(np.isfinite(poses.commanded), axis=1)
+        good = poses.readable & finite
+        self._count_bad(poses, finite)
+        self._read += int(good.sum())
+        commanded, frames, times = poses.commanded[good], poses.frames[good], poses.times[good]
+        if not len(commanded):
+            return
+        self._least = np.minimum(self._least, commanded.min(axis=0))
+        self._most = np.maximum(self._most, commanded.max(axis=0))
+        self._compare_returned(commanded, poses.returned[good], poses.has_returned[good], frames)
+        self._add_steps(commanded, frames, times)
+
+    def _count_bad(self, poses: PoseTable, finite: Bools) -> None:
+        self._unread += int((~poses.readable).sum())
+        odd = poses.frames[poses.readable & ~finite].tolist()
+        self._not_finite_count += len(odd)
+        self._not_finite += odd[: MAX_LISTED - len(self._not_finite)]
+
+    def _compare_returned(
+        self, commanded: Floats, returned: Floats, answered: Bools, frames: NDArray[np.int64]
+    ) -> None:
+        answered = answered & np.logical_and.reduce(np.isfinite(returned), axis=1)
+        self._returned += int(answered.sum())
+        self._lag.add(commanded, returned, answered)
+        off = np.abs(self._shortest(commanded[answered] - returned[answered]))
+        self._largest_difference.add(off, frames[answered])
+        for histogram, column in zip(self._differences, off.T, strict=True):
+            histogram.add(column)
+
+    def _add_steps(self, commanded: Floats, frames: NDArray[np.int64], times: NDArray[np.int64]) -> None:
+        old = len(self._tail)
+        points = np.vstack((self._tail, commanded))
+        frames = np.concatenate((self._tail_frames, frames))
+        times = np.concatenate((self._tail_times, times))
+        steps = self._shortest(np.diff(points, axis=0))
+        sizes = np.abs(steps)
+        changes = np.abs(np.diff(steps, axis=0))
+        new_steps, new_changes = max(old - 1, 0), max(old - 2, 0)
+        self._largest_step.add(sizes[new_steps:], frames[1:][new_steps:])
+        self._largest_change.add(changes[new_changes:], frames[2:][new_changes:])
+        for axis in range(len(self._axes)):
+            self._steps[axis].add(sizes[new_steps:, axis])
+            self._changes[axis].add(changes[new_changes:, axis])
+        moves: Bools = np.logical_or.reduce(sizes > 0, axis=1)
+        self._repeated += int((~moves[new_steps:]).sum())
+        if self._figure is not None:
+            self._figure_changes += int(np.count_nonzero(sizes[new_steps:, self._figure]))
+        self._find_stutters(moves, frames, new_steps)
+        self._find_jumps(steps, frames, times, new_steps)
+        self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
+
+    def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
+        """Find steps of nothing between two that move, the last of which is new."""
+        first = max(new - 2, 0)
+        still = ~moves[1:-1] & moves[:-2] & moves[2:]
+        found = frames[2:-1][first:][still[first:]].tolist()
+        self._stutters_count += len(found)
+        self._stutters += found[: MAX_LISTED - len(self._stutters)]
+
+    def _find_jumps(
+        self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
+    ) -> None:
+        """Find jumps; each kind in the rows that are known to be or not to be one since the `new` steps."""
+        sizes = np.abs(steps[:, self._measured])
+        absurd = sizes > LARGEST_STEP
+        counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
+        alone, stray = np.zeros_like(absurd), np.zeros_like(absurd)
+        alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
+        alone[counted] = False
+        counted |= np.logical_or.reduce(alone, axis=1)
+        counted[:-1] |= counted[1:]  # the way there is no stray one if the way back counts
+        beside = np.maximum(sizes[:-3], sizes[3:])
+        turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
+        stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns
+        stray[counted] = False
+        for kind, far, first in (
+            (JumpKind.IMPLAUSIBLE, absurd, new),
+            (JumpKind.ISOLATED, alone, max(new - 1, 0)),
+            (JumpKind.OUTLIER, stray, max(new - 2, 0)),
+        ):
+            rows = first + np.flatnonzero(far[first:].any(axis=1))
+            self._jumps_count += len(rows)
+            found = self._jumps[kind]
+            for row in rows[: MAX_LISTED - len(found)].tolist():
+                axis = self._measured[int(np.where(far[row], sizes[row], -1.0).argmax())]
+                name, step = self._axes[axis].name, float(steps[row, axis])
+                found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
+
+    def _shortest(self, steps: Floats) -> Floats:
+        """Take the short way round for angles that turn: 179 and -179 degrees are two apart."""
+        if self._turns.any():
+            turning = steps[:, self._turns]
+            steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)
+        return steps
+
+    def facts(self, grid_ms: float, start: StartDistance) -> MotionFacts:
+        """Tell what was found, with one set point each `grid_ms`."""
+        return MotionFacts(
+            read=self._read,
+            unread=self._unread,
+            not_finite=self._not_finite_count,
+            not_finite_frames=tuple(self._not_finite),
+            pose_type_guessed=self._guessed,
+            axes=tuple(self._axis(index, 1000.0 / grid_ms) for index in self._axes_found()),
+            returned=self._returned,
+            repeated=self._repeated,
+            stutters=self._stutters_count,
+            stutter_frames=tuple(self._stutters),
+            jumps=self._jumps_count,
+            jump_list=tuple(sorted(chain(*self._jumps.values()), key=lambda jump: jump.time)[:MAX_LISTED]),
+            figure_changes=self._figure_changes,
+            lag_cycles=self._lag.of_all(),
+            first_distance=start.distance,
+            first_distance_known_by=start.known_by,
+            first_distance_frames=start.frames,
+        )
+
+    def _axes_found(self) -> range:
+        return range(len(self._axes) if self._read else 0)
+
+    def _axis(self, index: int, per_second: float) -> AxisMotion:
+        step, change = self._steps[index].distribution(), self._changes[index].distribution()
+        return AxisMotion(
+            name=self._axes[index].name,
+            unit=self._axes[index].unit,
+            least=float(self._least[index]),
+            most=float(self._most[index]),
+            step=step,
+            velocity=step and step.scaled(per_second),
+            acceleration=change and change.scaled(per_second * per_second),
+            largest_step=self._largest_step.peak(index),
+            largest_velocity=self._largest_step.peak(index, per_second),
+            largest_acceleration=self._largest_change.peak(index, per_second * per_second),
+            difference=self._differences[index].distribution(),
+            largest_difference=self._largest_difference.peak(index),
+            lag_cycles=self._lag.of_axis(index),
+        )
+
+
+def _stands_out(sizes: Floats, beside: Floats) -> Bools:
+    """Tell which steps are far larger than those beside them."""
+    far: Bools = (sizes > JUMP_TIMES * beside) & (sizes > SMALLEST_JUMP)
+    return far

@@ -1,0 +1,452 @@
+"""Stays in slave mode, found in calls as they settle."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.analysis.slave.controller_state import ControllerState, call_fact, requested_mode
+from bcapscope.analysis.slave.generation_clues import clue_of_call, clue_of_set_point, stronger_clue
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.analysis.slave.session_builder import (
+    BATCH_SIZE,
+    SessionKey,
+    SlaveSessionBuilder,
+    SlaveSetup,
+    execute_parameter,
+)
+from bcapscope.analysis.slave.set_point_batch import HANDLE_VALUE_BYTES, LARGE_FRAME, ROW_SIZE, SetPointBatch
+from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
+from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
+from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.hresult import (
+    E_NOT_IN_SLAVE_MODE,
+    E_SLAVE_OVERFLOW,
+    ends_slave_mode,
+    is_failure,
+)
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation, Endpoint
+
+SLAVE_MODE_OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
+"""A set point, or another command that needs slave mode, came while it is off."""
+
+HOLD_BACK_NS = 6_000_000_000
+"""How long a stay that ended is held back: calls of other clients may settle so much later, and one of them
+may be what ended it."""
+
+SILENCE_NS = 1_000_000_000
+"""A client without set points for so long before the capture ends has stopped sending them."""
+
+SUSPECT_WITHIN_NS = 2_000_000_000
+"""A call of anyone that failed so long before slave mode was found off may be why."""
+
+STILL_TAKING_NS = 200_000_000
+"""How long a controller may go on taking set points after the error that makes it leave slave mode. No paper
+says; 25 cycles leave room for one that stops on its path first."""
+
+BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
+"""How long before and after a stay other calls are told with it."""
+
+MOST_SESSIONS = 64
+"""Stays that go on at a time; of more, the one that was silent longest ends."""
+
+MOST_HELD_BACK = 256
+"""Stays held back; of more, the oldest is given out at once."""
+
+MAX_CONTROLLERS = 64
+
+_ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
+_SESSION_ENDS = frozenset(ID[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
+_FULL = BATCH_SIZE * ROW_SIZE
+_HANDLE = slice(15, 29)
+
+
+_Expected: TypeAlias = "tuple[CallKind | None, Conversation | None, SetPointBatch]"
+_NOTHING_EXPECTED: _Expected = (None, None, SetPointBatch())
+
+
+class _EndedSession(NamedTuple):
+    """A stay that ended and is held back."""
+
+    builder: SlaveSessionBuilder
+    exit: SessionExit
+    slave_setup: SlaveSetup
+
+
+class SlaveSessionDetector:
+    """Finds stays in slave mode; takes calls as a tracker gives them out.
+
+    Memory is bounded by the stays that go on at a time, each by its figures, not by how long they last.
+    """
+
+    def __init__(self, window: int | None = None, on_set_points: SetPointHandler | None = None) -> None:
+        """Begin.
+
+        Args:
+            window: length of a slice of time in nanoseconds, where figures by time are wanted.
+            on_set_points: is given the set points as they are looked at, for who wants each of them.
+        """
+        self._window = window
+        self._on_set_points = on_set_points
+        self._controllers: dict[Endpoint, ControllerState] = {}
+        self._active: dict[SessionKey, SlaveSessionBuilder] = {}
+        self._ended_by_error: dict[
+            SlaveSessionBuilder, SessionExit
+        ] = {}  # an error ended it, unless a set point is accepted after all
+        self._recently_ended: dict[SessionKey, SlaveSessionBuilder] = {}
+        self._held_back: deque[_EndedSession] = deque()
+        self._session_count = 0
+        self._latest_time = 0
+        # The stay of the last set point, and what tells the next one of it at a glance.
+        self._expected_session: SlaveSessionBuilder | None = None
+        self._expected = _NOTHING_EXPECTED
+
+    def add_call(self, call: Call) -> Sequence[SlaveSession]:
+        """Take in a call that settled; return the stays of which no more is to be expected."""
+        question, conversation, batch = self._expected
+        reply = call.reply
+        if (
+            call.kind is question
+            and call.conversation is conversation
+            and reply is not None
+            and not call.other_frames
+            and batch.add_plain(call, reply)
+        ):
+            return () if len(batch.row_data) < _FULL else self._process_call(call, kept=True)
+        return self._process_call(call)
+
+    def _process_call(self, call: Call, kept: bool = False) -> Sequence[SlaveSession]:
+        """Take in a call of any kind, or one that is `kept` already."""
+        if kept and self._expected_session is not None:
+            self._process_batch(self._expected_session)
+        elif is_set_point(call):
+            self._on_set_point(call)
+        else:
+            self._on_other_call(call)
+        self._latest_time = max(self._latest_time, call.last_activity)
+        return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
+
+    def close_conversation(self, conversation: Conversation) -> tuple[SlaveSession, ...]:
+        """Return the stays of a client that were not given out yet, and forget it: it is gone."""
+        for course in [each for each in self._unfinished if each.conversation is conversation]:
+            self._end_session(course, SessionExit(ExitReason.SILENT, course.last_activity, (), None, None))
+        for key in [key for key in self._recently_ended if key[0] is conversation]:
+            del self._recently_ended[key]
+        found = [each for each in self._held_back if each.builder.conversation is conversation]
+        self._held_back = deque(
+            each for each in self._held_back if each.builder.conversation is not conversation
+        )
+        return tuple(self._finish_session(each) for each in found)
+
+    def finish(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
+        """Return the stays that were not given out yet; the traffic has ended.
+
+        Args:
+            ended_at: when, nanoseconds since 1970; the last frame of a call at the earliest.
+        """
+        courses = self._unfinished
+        ends = [course.last_activity for course in courses]
+        seen = max((self._latest_time, ended_at, *ends))
+        for course, last in zip(courses, ends, strict=True):
+            reason = ExitReason.SILENT if seen - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
+            self._end_session(course, SessionExit(reason, last, (), None, None))
+        return tuple(sorted(self._release_ended(None), key=lambda stay: stay.number))
+
+    @property
+    def _unfinished(self) -> Sequence[SlaveSessionBuilder]:
+        """The stays that have not ended, and after them those that have no set point so far."""
+        waiting = (
+            course for known in self._controllers.values() for course in known.pending_sessions.values()
+        )
+        return (*self._active.values(), *waiting)
+
+    # set points
+
+    def _on_set_point(self, call: Call) -> None:
+        key = call.conversation, call.request.item.body[_HANDLE]
+        code, course = call.hresult, self._active.get(key)
+        if code in SLAVE_MODE_OFF_CODES:
+            self._on_found_off(key, course, call)
+            return
+        failed = code is not None and is_failure(code) and code != E_SLAVE_OVERFLOW
+        if course is None:
+            if self._is_outside_session(key, call, failed):
+                return
+            course = self._begin_session(key, call)
+        if course in self._ended_by_error:
+            if code is None or failed:
+                course.after_end += 1
+                return
+            del self._ended_by_error[course]
+        course.batch.add(call)
+        if failed:
+            self._ended_by_error[course] = SessionExit(
+                ExitReason.ERROR, _call_end(call), _call_frames(call), code, call_fact(call)
+            )
+        self._expect_next(None if failed else course, call)
+        if len(course.batch) >= BATCH_SIZE or len(call.request.item.raw) > LARGE_FRAME:
+            self._process_batch(course)
+
+    def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
+        """Tell whether a set point that belongs to no stay begins none either."""
+        if self._controller(call).pending_sessions or not (failed or call.reply is None):
+            return False
+        over = self._recently_ended.get(key)
+        if over is not None:
+            over.after_end += 1
+        return failed or over is not None
+
+    def _begin_session(self, key: SessionKey, call: Call) -> SlaveSessionBuilder:
+        controller = self._controller(call)
+        parameter = execute_parameter(call.request.item)
+        if parameter is not None:
+            controller.clue = stronger_clue(controller.clue, clue_of_set_point(parameter))
+        course = controller.claim_pending(key)
+        if course is None:
+            self._session_count += 1
+            tried = controller.claim_unanswered_entry()
+            course = SlaveSessionBuilder(
+                self._session_count,
+                key,
+                tried,
+                controller.reported_mode,
+                window=self._window,
+                on_set_points=self._on_set_points,
+            )
+        self._active[key] = course
+        self._recently_ended.pop(key, None)
+        if len(self._active) > MOST_SESSIONS:
+            silent = min(self._active.values(), key=lambda each: each.last_activity)
+            self._end_session(silent, SessionExit(ExitReason.SILENT, silent.last_activity, (), None, None))
+        return course
+
+    def _on_found_off(self, key: SessionKey, builder: SlaveSessionBuilder | None, call: Call) -> None:
+        if builder is None and key in self._controller(call).pending_sessions:
+            builder = self._begin_session(key, call)
+        if builder is None:
+            builder = self._recently_ended.get(key)
+        else:
+            found = SessionExit(
+                ExitReason.FOUND_OFF, _call_end(call), _call_frames(call), call.hresult, call_fact(call)
+            )
+            self._end_session(builder, found)
+        if builder is not None:
+            builder.after_end += 1
+
+    def _expect_next(self, builder: SlaveSessionBuilder | None, call: Call) -> None:
+        """Expect the next set point to be one of `builder`; a compressed one has its handle elsewhere."""
+        raw = call.request.item.raw
+        if builder is not None and call.request.item.body is raw:
+            self._expected_session = builder
+            builder.batch.handle = raw[HANDLE_VALUE_BYTES]
+            self._expected = call.kind, call.conversation, builder.batch
+        else:
+            self._expected_session, self._expected = None, _NOTHING_EXPECTED
+
+    # other calls
+
+    def _on_other_call(self, call: Call) -> None:
+        controller = self._controller(call)
+        controller.clue = stronger_clue(controller.clue, clue_of_call(call))
+        controller.remember_call(call)
+        function_id, command = call.kind
+        refused = call.reply is not None and is_failure(call.reply.item.code)
+        if function_id in _SESSION_ENDS and not refused:
+            self._on_disconnect(call, None)
+        elif function_id == _ROBOT_RELEASE and not refused:
+            self._on_disconnect(call, call.request.item.body[_HANDLE])
+        elif function_id == _ROBOT_EXECUTE and command is not None and not refused:
+            self._on_robot_call(call, command.casefold(), controller)
+
+    def _on_robot_call(self, call: Call, command: str, controller: ControllerState) -> None:
+        if command == "slvchangemode":
+            self._on_change_mode(call, controller)
+        elif call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
+            for course in self._active.values():
+                if course.slave_setup is None and course.conversation.server == call.conversation.server:
+                    self._process_batch(course)
+            controller.record_format(call, command)
+        elif call.reply is not None and command == "slvgetmode":
+            self._on_get_mode(call, controller)
+        elif call.reply is not None:
+            controller.record_position(call, command)
+
+    def _on_change_mode(self, call: Call, controller: ControllerState) -> None:
+        value = requested_mode(call)
+        if call.reply is None:
+            controller.unanswered_entry = call if value else None
+            return
+        key = call.conversation, call.request.item.body[_HANDLE]
+        course = self._active.get(key) or controller.pending_sessions.get(key)
+        if course is not None:
+            reason = ExitReason.CHANGED if value else ExitReason.LEFT
+            self._end_session(
+                course,
+                SessionExit(reason, _call_end(call), _call_frames(call), call.hresult, call_fact(call)),
+            )
+        controller.unanswered_entry = None
+        controller.reported_mode = (None, "")
+        if value != 0:
+            self._session_count += 1
+            mode = value, "slvChangeMode"
+            entered = SlaveSessionBuilder(
+                self._session_count,
+                key,
+                call_fact(call),
+                mode,
+                window=self._window,
+                on_set_points=self._on_set_points,
+            )
+            dropped = controller.add_pending(key, entered)
+            if dropped is not None:
+                self._end_session(
+                    dropped, SessionExit(ExitReason.SILENT, dropped.last_activity, (), None, None)
+                )
+
+    def _on_get_mode(self, call: Call, controller: ControllerState) -> None:
+        arguments = () if call.reply is None else call.reply.item.arguments
+        value = integer_value(arguments[0].variant) if arguments else None
+        if not value:
+            return
+        controller.reported_mode = value, "slvGetMode"
+        course = self._active.get((call.conversation, call.request.item.body[_HANDLE]))
+        if course is not None and course.mode[0] is None:
+            course.mode = controller.reported_mode
+
+    def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
+        """End the stays of a client, or of one of its robots."""
+        waiting = self._controller(call).pending_sessions
+        for course in (*self._active.values(), *waiting.values()):
+            if course.conversation is call.conversation and handle in (None, course.handle):
+                reason = ExitReason.DISCONNECTED
+                self._end_session(
+                    course,
+                    SessionExit(reason, _call_end(call), _call_frames(call), call.hresult, call_fact(call)),
+                )
+
+    # ends
+
+    def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
+        """End a stay; where an error had ended it already, that stays the reason."""
+        exit_ = self._ended_by_error.pop(builder, exit_)
+        controller = self._controllers.get(builder.conversation.server) or ControllerState()
+        self._active.pop(builder.key, None)
+        controller.pending_sessions.pop(builder.key, None)
+        self._recently_ended[builder.key] = builder
+        if len(self._recently_ended) > MOST_SESSIONS:
+            del self._recently_ended[next(iter(self._recently_ended))]
+        if self._expected_session is builder:
+            self._expected_session, self._expected = None, _NOTHING_EXPECTED
+        setting = self._slave_setup(builder)
+        builder.process_batch(setting)
+        self._held_back.append(_EndedSession(builder, exit_, setting))
+
+    def _release_ended(self, before: int | None) -> list[SlaveSession]:
+        """Give out the stays that ended before a moment; all where it is None."""
+        stays = []
+        ended = self._held_back
+        while ended and (before is None or ended[0].exit.time <= before or len(ended) > MOST_HELD_BACK):
+            stays.append(self._finish_session(ended.popleft()))
+        return stays
+
+    def _finish_session(self, ended: _EndedSession) -> SlaveSession:
+        course = ended.builder
+        controller = self._controllers.get(course.conversation.server) or ControllerState()
+        exit_ = _find_exit_cause(ended, controller)
+        others = controller.calls_between(course.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
+        return course.finish(exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:])))
+
+    def _process_batch(self, builder: SlaveSessionBuilder) -> None:
+        builder.process_batch(self._slave_setup(builder))
+
+    def _slave_setup(self, builder: SlaveSessionBuilder) -> SlaveSetup:
+        controller = self._controllers.get(builder.conversation.server) or ControllerState()
+        return controller.slave_setup(builder.mode)
+
+    def _controller(self, call: Call) -> ControllerState:
+        server = call.conversation.server
+        controller = self._controllers.get(server)
+        if controller is None:
+            if len(self._controllers) >= MAX_CONTROLLERS:
+                del self._controllers[next(iter(self._controllers))]
+            controller = self._controllers[server] = ControllerState()
+        return controller
+
+
+class SelectedSlaveSessions:
+    """Finds the stays of chosen set points; what begins and ends a stay is followed all the same."""
+
+    def __init__(self, is_selected: Callable[[Call], bool] | None, window: int | None = None) -> None:
+        """Begin.
+
+        Args:
+            is_selected: tells which set points are asked for; None for all, and for stays without any as well.
+            window: as of `SlaveSessionDetector`.
+        """
+        self._is_selected = is_selected
+        self._detector = SlaveSessionDetector(window)
+
+    def add_call(self, call: Call) -> Sequence[SlaveSession]:
+        """Take in a call that settled; return the stays of which no more is to be expected."""
+        chosen = self._is_selected
+        if chosen is None:
+            return self._detector.add_call(call)
+        if is_set_point(call) and not chosen(call):
+            return ()
+        return _with_set_points(self._detector.add_call(call))
+
+    def finish(self, ended_at: int = 0) -> Sequence[SlaveSession]:
+        """Return the stays that were not given out yet; `ended_at` as of `SlaveSessionDetector`."""
+        stays = self._detector.finish(ended_at)
+        return stays if self._is_selected is None else _with_set_points(stays)
+
+
+def _with_set_points(stays: Sequence[SlaveSession]) -> Sequence[SlaveSession]:
+    return [stay for stay in stays if stay.first_set_point is not None]
+
+
+def is_set_point(call: Call) -> bool:
+    """Tell whether a call is slvMove."""
+    function_id, command = call.kind
+    return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
+
+
+def _call_end(call: Call) -> int:
+    return call.request.time if call.reply is None else call.reply.time
+
+
+def _call_frames(call: Call) -> tuple[int, ...]:
+    return (call.request.number,) if call.reply is None else (call.request.number, call.reply.number)
+
+
+def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
+    """Look for what ended a stay of which the set points do not tell it."""
+    course, exit_, _ = ended
+    if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
+        return exit_
+    began = course.began_at(exit_.time)
+    last = began if course.last_accepted is None else course.last_accepted
+    found_off = exit_.reason is ExitReason.FOUND_OFF
+    until = exit_.time if found_off else max(exit_.time, last) + SILENCE_NS
+    recent = max(began, last - STILL_TAKING_NS, exit_.time - SUSPECT_WITHIN_NS)
+    told = [call for call in controller.calls_between(min(recent, last), until) if _call_end(call) <= until]
+    changes = [call for call in told if _call_end(call) >= last and _switches_off(call, course)]
+    if changes:
+        return _exit_by(ExitReason.OTHER_CLIENT, changes[-1], exit_)
+    failures = [call for call in told if _call_end(call) >= recent and ends_slave_mode(call.hresult or 0)]
+    return _exit_by(ExitReason.OTHER_CALL, failures[-1], exit_) if failures and found_off else exit_
+
+
+def _exit_by(reason: ExitReason, call: Call, told: SessionExit) -> SessionExit:
+    frames = (*_call_frames(call), *told.frames)
+    return SessionExit(reason, _call_end(call), frames, call.hresult, call_fact(call))
+
+
+def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:
+    """Tell whether a call of another client switches slave mode off."""
+    foreign = call.conversation is not builder.conversation
+    return foreign and call.hresult is not None and not is_failure(call.hresult) and requested_mode(call) == 0

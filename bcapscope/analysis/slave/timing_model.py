@@ -1,0 +1,269 @@
+"""When set points were sent and how soon they were answered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bcapscope.analysis.slave.buffer_model import slack_ms
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
+from bcapscope.analysis.slave.set_point_table import SetPointTable
+from bcapscope.analysis.statistics.distribution import DistributionSummary, Floats, Histogram
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
+from bcapscope.traffic.observation import Transport
+
+FAST_GRID_MS = 1
+"""Recommended where the newest point wins (DENSO Wave 2009, How to use the Slave mode)."""
+
+FAST_BELOW_MS = 3.0
+"""A median cycle below this is nearer, as factors go, to 1 ms than to 8 ms."""
+
+MOST_SLOWEST = 16
+_ON_GRID = 0.1
+_SKIPPED = 1.5
+_GUIDE = "DENSO Wave 2009, How to use the Slave mode"
+_DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core"
+
+
+class Deadline(NamedTuple):
+    """A recommended time-out, and how many set points would have missed it.
+
+    Attributes:
+        name: for people.
+        timeout_ms: of one try.
+        tries: at the most, the first one with them.
+        late: set points whose reply came later than one time-out after their first request, or never.
+        given_up: set points whose reply came later than all tries together take, or never.
+        applies: the one that is recommended for this mode and transport.
+        source: who recommends it.
+    """
+
+    name: str
+    timeout_ms: float
+    tries: int
+    late: int
+    given_up: int
+    applies: bool
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class TimingFacts:
+    """When set points were sent and answered.
+
+    Attributes:
+        cycle: between successive set points' first requests; None for fewer than two.
+        grid_ms: the period that the client should keep, 8 or 1.
+        grid_known_by: why this one, one clause.
+        jitter: how far each cycle is from the grid, up or down; None likewise.
+        on_grid: cycles no more than a tenth of the grid away from it.
+        skipped: cycles of one and a half periods or more.
+        backwards: set points that were seen earlier than the one before; left out of `cycle`.
+        rate_hz: set points a second over the whole stay; None for fewer than two.
+        latency: from the first request to the accepted reply; None without one.
+        rtt: from the request that was answered to the accepted reply; None likewise.
+        deadlines: recommended time-outs against `latency`.
+        slowest: the set points with the longest latency or with no reply in time, worst first.
+        slack_ms: what the controller's buffer can bridge when full, see `analysis.buffer.slack_ms`.
+        gaps: cycles longer than `slack_ms`, all of them.
+        gap_list: the first of them, each the set point behind the gap.
+    """
+
+    cycle: DistributionSummary | None
+    grid_ms: float
+    grid_known_by: str
+    jitter: DistributionSummary | None
+    on_grid: int
+    skipped: int
+    backwards: int
+    rate_hz: float | None
+    latency: DistributionSummary | None
+    rtt: DistributionSummary | None
+    deadlines: tuple[Deadline, ...]
+    slowest: tuple[SetPointFact, ...]
+    slack_ms: float
+    gaps: int
+    gap_list: tuple[SetPointFact, ...]
+
+
+class _RecommendedTimeout(NamedTuple):
+    """A recommended time-out.
+
+    Attributes:
+        name: for people.
+        timeout_ms: of one try.
+        tries: at the most.
+        kinds: of modes that it is meant for.
+        udp_only: for UDP alone.
+        source: who recommends it.
+    """
+
+    name: str
+    timeout_ms: float
+    tries: int
+    kinds: frozenset[ModeKind]
+    udp_only: bool
+    source: str
+
+
+RECOMMENDED_TIMEOUTS = (
+    _RecommendedTimeout("Sync: 2 ms, 7 retries", 2.0, 8, frozenset({ModeKind.SYNC}), True, _GUIDE),
+    _RecommendedTimeout(
+        "Async: 2 ms, no retry", 2.0, 1, frozenset({ModeKind.ASYNC, ModeKind.MODE_1}), True, _GUIDE
+    ),
+    _RecommendedTimeout(
+        "ROS driver, mode 2: 16 ms, 3 tries", 16.0, 3, frozenset({ModeKind.MODE_2}), False, _DRIVER
+    ),
+    _RecommendedTimeout(
+        "ROS driver, modes 0 and 1: 8 ms, 3 tries",
+        8.0,
+        3,
+        frozenset({ModeKind.MODE_0, ModeKind.MODE_1}),
+        False,
+        _DRIVER,
+    ),
+)
+"""What is recommended for slvMove."""
+
+
+class _DeadlineMisses:
+    """Set points that a time-out would have been too short for."""
+
+    __slots__ = ("given_up", "late")
+
+    def __init__(self) -> None:
+        self.late = self.given_up = 0
+
+    def add(self, budget: _RecommendedTimeout, latencies: Floats) -> None:
+        self.late += int(np.count_nonzero(latencies > budget.timeout_ms))
+        self.given_up += int(np.count_nonzero(latencies > budget.timeout_ms * budget.tries))
+
+
+class CycleGrid(NamedTuple):
+    """The period that a client should keep, and why."""
+
+    ms: int
+    known_by: str
+
+
+def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
+    """Choose between 8 ms and 1 ms.
+
+    Args:
+        overwrites: the newest point wins; None where the mode is not known.
+        cycles: the first ones of a stay, ms.
+    """
+    pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)
+    if overwrites is False:
+        return CycleGrid(PERIOD_MS, "the mode takes a set point each 8 ms")
+    why = "the newest point wins in this mode" if overwrites else "the mode is not known"
+    if pace < FAST_BELOW_MS:
+        return CycleGrid(FAST_GRID_MS, f"{why}, and the median cycle is nearer to 1 ms than to 8 ms")
+    return CycleGrid(PERIOD_MS, f"{why}, and the median cycle is nearer to 8 ms than to 1 ms")
+
+
+class TimingModel:
+    """Takes set points in order."""
+
+    def __init__(self, mode: SlaveMode | None, transport: Transport, slots: int) -> None:
+        self.grid = CycleGrid(PERIOD_MS, "")
+        self._mode = mode
+        self._transport = transport
+        self._slack_ms = slack_ms(slots)
+        self._first: int | None = None
+        self._last = 0  # time of the latest set point
+        self._count = self._backwards = self._on_grid = self._skipped = self._gap_count = 0
+        self._cycle, self._jitter, self._latency, self._rtt = (Histogram() for _ in range(4))
+        self._misses = [_DeadlineMisses() for _ in RECOMMENDED_TIMEOUTS]
+        self._slowest: list[tuple[float, SetPointFact]] = []
+        self._gaps: list[SetPointFact] = []
+
+    def add(self, rows: SetPointTable) -> Floats:
+        """Take in set points; return the cycle before each in ms, NaN for the first of all."""
+        cycles = np.diff(rows.times, prepend=self._last) / 1e6
+        if self._first is None:
+            self._first = int(rows.times[0])
+            cycles[0] = np.nan
+            self._choose_grid(cycles[1:])
+        self._count += len(cycles)
+        self._last = int(rows.times[-1])
+        measured = cycles[~np.isnan(cycles)]
+        self._add_cycles(measured)
+        self._add_latencies(rows, cycles)
+        self._add_gaps(rows, cycles)
+        return cycles
+
+    def _choose_grid(self, cycles: Floats) -> None:
+        self.grid = choose_grid(None if self._mode is None else self._mode.overwrites_waiting, cycles)
+
+    def _add_cycles(self, cycles: Floats) -> None:
+        grid = self.grid.ms
+        self._backwards += int(np.count_nonzero(cycles < 0))
+        forward = cycles[cycles >= 0]
+        off = np.abs(forward - grid)
+        self._on_grid += int(np.count_nonzero(off <= _ON_GRID * grid))
+        self._skipped += int(np.count_nonzero(forward >= _SKIPPED * grid))
+        self._cycle.add(forward)
+        self._jitter.add(off)
+
+    def _add_latencies(self, rows: SetPointTable, cycles: Floats) -> None:
+        latencies = rows.latencies
+        answered = rows.answered
+        self._latency.add(latencies[answered])
+        self._rtt.add((rows.replies - rows.arrivals)[answered] / 1e6)
+        judged = latencies[~rows.open]
+        for misses, budget in zip(self._misses, RECOMMENDED_TIMEOUTS, strict=True):
+            misses.add(budget, judged)
+        known = np.where(rows.open, -1.0, latencies)
+        least = self._slowest[-1][0] if len(self._slowest) == MOST_SLOWEST else -1.0
+        slow = np.flatnonzero(known > least)
+        if len(slow):
+            slow = slow[np.argsort(-known[slow], kind="stable")][:MOST_SLOWEST]
+            found = [(float(known[row]), set_point_fact(rows, row, cycles)) for row in slow.tolist()]
+            merged = sorted((*self._slowest, *found), key=lambda each: -each[0])
+            self._slowest = merged[:MOST_SLOWEST]
+
+    def _add_gaps(self, rows: SetPointTable, cycles: Floats) -> None:
+        gaps = np.flatnonzero(cycles > self._slack_ms)
+        self._gap_count += len(gaps)
+        for row in gaps[: MAX_LISTED - len(self._gaps)].tolist():
+            self._gaps.append(set_point_fact(rows, row, cycles))
+
+    def facts(self) -> TimingFacts:
+        """Tell what was found."""
+        return TimingFacts(
+            cycle=self._cycle.distribution(bins=True),
+            grid_ms=float(self.grid.ms),
+            grid_known_by=self.grid.known_by,
+            jitter=self._jitter.distribution(),
+            on_grid=self._on_grid,
+            skipped=self._skipped,
+            backwards=self._backwards,
+            rate_hz=self._rate(),
+            latency=self._latency.distribution(bins=True),
+            rtt=self._rtt.distribution(),
+            deadlines=tuple(map(self._deadline, RECOMMENDED_TIMEOUTS, self._misses)),
+            slowest=tuple(fact for _, fact in self._slowest),
+            slack_ms=self._slack_ms,
+            gaps=self._gap_count,
+            gap_list=tuple(self._gaps),
+        )
+
+    def _rate(self) -> float | None:
+        lasted = self._last - (self._first or 0)
+        return (self._count - 1) / (lasted / 1e9) if self._count > 1 and lasted > 0 else None
+
+    def _deadline(self, budget: _RecommendedTimeout, misses: _DeadlineMisses) -> Deadline:
+        kind = None if self._mode is None else self._mode.kind
+        applies = kind in budget.kinds and (self._transport is Transport.UDP or not budget.udp_only)
+        return Deadline(
+            name=budget.name,
+            timeout_ms=budget.timeout_ms,
+            tries=budget.tries,
+            late=misses.late,
+            given_up=misses.given_up,
+            applies=applies,
+            source=budget.source,
+        )

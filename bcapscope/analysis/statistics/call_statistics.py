@@ -1,0 +1,315 @@
+"""Figures of calls, by client and by command: how many, how often, how long, what went wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from bcapscope.analysis.statistics.distribution import DistributionSummary, Histogram
+from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.call_verdict import Outcome
+from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+
+MAX_KINDS = 4096
+"""Pairs of client and question that have figures of their own; calls of others are counted together as
+`OTHER_KINDS` of their client."""
+
+MAX_CODES = 16
+"""Result codes told apart for one kind of call, the first ones met."""
+
+GRACE_NS = 200_000_000_000
+"""How long after the end of a time slice its last calls may settle: a tracker keeps a silent call open for
+180 s (`traffic.lane.EXECUTION_NS`)."""
+
+OTHER_KINDS = CallKind(0, None)
+"""Stands for all that was asked beyond `MAX_KINDS`; 0 is no function's id."""
+
+OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, "")
+"""Stands for all clients that came when twice `MAX_KINDS` pairs had figures of their own."""
+
+_FLUSH_AT = 512
+_MILLISECOND = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class CallFigures:
+    """What is known of the calls of one kind, of one client, or of all.
+
+    Attributes:
+        calls: in all.
+        answered: with a result that is no failure.
+        refused: with a failure.
+        unanswered: given up by the client.
+        open: still open when the traffic ended.
+        not_followed: let go while they were open, as more was open than is kept.
+        retries: requests sent again.
+        retried_calls: calls that were sent more than once.
+        late_replies: replies that came too late.
+        executing: S_EXECUTING notices.
+        request_bytes: of all requests, retries included.
+        calls_per_second: calls a second over the time of the whole, None for a time of 0.
+        line_time_share: of the whole time during which the client waited for the reply to such a call; what several
+            conversations wait at once adds up.
+        latency: milliseconds from the first request to the accepted reply.
+        refusal_codes: failures by HRESULT, the most frequent first.
+    """
+
+    calls: int
+    answered: int
+    refused: int
+    unanswered: int
+    open: int
+    not_followed: int
+    retries: int
+    retried_calls: int
+    late_replies: int
+    executing: int
+    request_bytes: int
+    calls_per_second: float | None
+    line_time_share: float | None
+    latency: DistributionSummary | None
+    refusal_codes: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StatisticsRow:
+    """Figures of one kind of call.
+
+    Attributes:
+        conversation: of which client; None for all.
+        call_kind: function and command; None for all of the client.
+        figures: of these calls.
+    """
+
+    conversation: Conversation | None
+    call_kind: CallKind | None
+    figures: CallFigures
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """Figures of a time.
+
+    Attributes:
+        start: nanoseconds since 1970; of the first request, or where the slice begins.
+        end: of the last frame of a call, or where the slice ends.
+        total: of all calls.
+        clients: of each client, the one that called most first.
+        commands: of each kind of call of each client, the one that took most time first.
+        kinds: of each kind of call, all clients together, likewise.
+    """
+
+    start: int
+    end: int
+    total: StatisticsRow
+    clients: tuple[StatisticsRow, ...]
+    commands: tuple[StatisticsRow, ...]
+    kinds: tuple[StatisticsRow, ...]
+
+
+class _CallTally:
+    """Counts calls of one kind; smooth ones, nearly all, are counted many at once."""
+
+    __slots__ = (
+        "calls", "codes", "executing", "histogram", "late", "other_latencies",
+        "outcomes", "request_bytes", "retried", "retries", "smooth_latencies", "waited",
+    )  # fmt: skip
+
+    def __init__(self) -> None:
+        self.calls = self.retries = self.retried = self.late = self.executing = self.request_bytes = 0
+        self.waited = 0
+        self.outcomes: Counter[Outcome] = Counter()
+        self.codes: Counter[int] = Counter()
+        self.histogram = Histogram()
+        self.smooth_latencies: list[int] = []
+        self.other_latencies: list[int] = []
+
+    def add_call(self, call: Call) -> None:
+        request, reply = call.request, call.reply
+        self.request_bytes += len(request.item.raw)
+        if reply is None or is_failure(reply.item.code) or not call.is_plain:
+            self._add_troubled(call)
+            return
+        smooth = self.smooth_latencies
+        smooth.append(reply.time - request.time)
+        if len(smooth) >= _FLUSH_AT:
+            self.flush()
+
+    def _add_troubled(self, call: Call) -> None:
+        self.calls += 1
+        self.retries += call.retries
+        self.retried += call.retries > 0
+        self.late += len(call.late_replies)
+        self.executing += len(call.notices)
+        self.request_bytes += sum(len(seen.item.raw) for seen in call.attempts[1:])
+        self.outcomes[call.outcome] += 1
+        if call.outcome is Outcome.REFUSED:
+            self._count_code(call.hresult)
+        if call.latency is not None:
+            self.other_latencies.append(call.latency)
+            if len(self.other_latencies) >= _FLUSH_AT:
+                self.flush()
+
+    def _count_code(self, code: int | None) -> None:
+        if code is not None and (code in self.codes or len(self.codes) < MAX_CODES):
+            self.codes[code] += 1
+
+    def flush(self) -> None:
+        """Count the smooth calls kept so far, and move all latencies into the histogram."""
+        self.calls += len(self.smooth_latencies)
+        self.outcomes[Outcome.ANSWERED] += len(self.smooth_latencies)
+        latencies = self.smooth_latencies + self.other_latencies
+        self.waited += sum(latencies)
+        self.histogram.add(np.array(latencies, dtype=np.float64) / _MILLISECOND)
+        self.smooth_latencies, self.other_latencies = [], []
+
+    def merge(self, other: _CallTally) -> None:
+        """Take over what another tally counted, whose latencies are settled."""
+        for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.outcomes.update(other.outcomes)
+        self.codes.update(other.codes)
+        self.histogram.merge(other.histogram)
+
+    def figures(self, nanoseconds: int) -> CallFigures:
+        """Sum up over a time."""
+        self.flush()
+        seconds = nanoseconds / 1_000_000_000
+        return CallFigures(
+            calls=self.calls,
+            answered=self.outcomes[Outcome.ANSWERED],
+            refused=self.outcomes[Outcome.REFUSED],
+            unanswered=self.outcomes[Outcome.UNANSWERED],
+            open=self.outcomes[Outcome.CAPTURE_ENDED],
+            not_followed=self.outcomes[Outcome.NOT_FOLLOWED],
+            retries=self.retries,
+            retried_calls=self.retried,
+            late_replies=self.late,
+            executing=self.executing,
+            request_bytes=self.request_bytes,
+            calls_per_second=self.calls / seconds if seconds else None,
+            line_time_share=self.waited / nanoseconds if nanoseconds else None,
+            latency=self.histogram.distribution(),
+            refusal_codes=tuple(sorted(self.codes.items(), key=lambda code: (-code[1], code[0]))),
+        )
+
+
+class StatisticsBuilder:
+    """Counts calls as they settle; memory grows with the kinds of calls, not with their number."""
+
+    def __init__(self) -> None:
+        self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
+        self._conversation: Conversation | None = None
+        self._question: CallKind | None = None
+        self._tally: _CallTally
+        self._start: int | None = None
+        self._end = 0
+
+    def add_call(self, call: Call) -> None:
+        """Count a call."""
+        if call.kind is not self._question or call.conversation is not self._conversation:
+            self._select_tally(call)
+        self._tally.add_call(call)
+        if self._start is None or call.request.time < self._start:
+            self._start = call.request.time
+        self._end = max(self._end, call.last_activity)
+
+    def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
+        """Sum up; None where there were no calls.
+
+        Args:
+            start: where the time begins that rates and shares are of; the first request if not given.
+            end: where it ends; the last frame of a call if not given.
+        """
+        if self._start is None:
+            return None
+        start, end = self._start if start is None else start, self._end if end is None else end
+        span = end - start
+        commands = [StatisticsRow(*key, tally.figures(span)) for key, tally in self._tallies.items()]
+        clients: dict[Conversation, _CallTally] = {}
+        kinds: dict[CallKind, _CallTally] = {}
+        total = _CallTally()
+        for (conversation, question), tally in self._tallies.items():
+            for whole in (
+                clients.setdefault(conversation, _CallTally()),
+                kinds.setdefault(question, _CallTally()),
+                total,
+            ):
+                whole.merge(tally)
+        by_client = [
+            StatisticsRow(conversation, None, tally.figures(span)) for conversation, tally in clients.items()
+        ]
+        by_kind = [StatisticsRow(None, question, tally.figures(span)) for question, tally in kinds.items()]
+        return Statistics(
+            start,
+            end,
+            StatisticsRow(None, None, total.figures(span)),
+            tuple(sorted(by_client, key=lambda row: -row.figures.calls)),
+            tuple(sorted(commands, key=_time_taken)),
+            tuple(sorted(by_kind, key=_time_taken)),
+        )
+
+    def _select_tally(self, call: Call) -> None:
+        key = self._conversation, self._question = call.conversation, call.kind
+        tally = self._tallies.get(key)
+        if tally is None:
+            if len(self._tallies) >= MAX_KINDS:
+                key = call.conversation if len(self._tallies) < 2 * MAX_KINDS else OTHER_CLIENTS, OTHER_KINDS
+            tally = self._tallies.setdefault(key, _CallTally())
+        self._tally = tally
+
+
+def _time_taken(row: StatisticsRow) -> tuple[float, int]:
+    return -(row.figures.line_time_share or 0), -row.figures.calls
+
+
+class SlicedStatistics:
+    """Statistics of one slice of time after the other; a call belongs to the slice in which it started.
+
+    Where time goes back by more than `GRACE_NS`, as between captures read in another order, all slices before
+    that are over; a slice may then come twice, each time with other calls.
+    """
+
+    def __init__(self, nanoseconds: int) -> None:
+        """Cut the time into slices of that length, the first one beginning with the first call."""
+        self._length = nanoseconds
+        self._origin: int | None = None
+        self._latest = 0
+        self._finished_until = 0
+        self._builders: dict[int, StatisticsBuilder] = {}
+
+    def add_call(self, call: Call) -> list[Statistics]:
+        """Count a call; return the slices to which nothing can be added any more, in order."""
+        time = call.request.time
+        if self._origin is None:
+            self._origin = self._latest = time
+        found = []
+        if time < self._latest - GRACE_NS:
+            found = self.close()
+            self._latest = time
+        self._latest = max(self._latest, time)
+        over = (self._latest - self._origin - GRACE_NS) // self._length
+        if over > self._finished_until:
+            found = self._finish_slices([number for number in self._builders if number < over])
+        self._finished_until = over
+        number = (time - self._origin) // self._length
+        summary = self._builders.get(number)
+        if summary is None:
+            summary = self._builders[number] = StatisticsBuilder()
+        summary.add_call(call)
+        return found
+
+    def close(self) -> list[Statistics]:
+        """Return the slices that are left."""
+        return self._finish_slices(list(self._builders))
+
+    def _finish_slices(self, numbers: list[int]) -> list[Statistics]:
+        starts = [(number, (self._origin or 0) + number * self._length) for number in sorted(numbers)]
+        found = (
+            self._builders.pop(number).statistics(start, start + self._length) for number, start in starts
+        )
+        return [statistics for statistics in found if statistics is not None]

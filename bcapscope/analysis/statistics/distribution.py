@@ -1,0 +1,198 @@
+"""How values are spread: percentiles and a histogram, in memory that does not grow with their number."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = "NDArray[np.float64]"
+Bools: TypeAlias = "NDArray[np.bool_]"
+
+EXACT_UP_TO = 8192
+"""So many values are kept as they are; from then on they are counted in bins."""
+
+_PER_OCTAVE = 128
+"""Bins between a power of two and the next: the middle of a bin is less than 0.4% from all in it."""
+
+_LOWEST, _HIGHEST = -24, 40
+"""Powers of two between which bins are told apart: from a micrometre's tenth in mm to decades in ms."""
+
+_BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """How many values there are from `low`, itself included, to `high`."""
+
+    low: float
+    high: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class DistributionSummary:
+    """How values are spread. A percentile is the smallest value that this share of all does not exceed.
+
+    Attributes:
+        count: of values.
+        mean: of them, exact.
+        least: exact.
+        most: exact.
+        p50: exact for up to 8192 values, else within 0.4%, as all percentiles.
+        p90: likewise.
+        p99: likewise.
+        p999: likewise.
+        bins: in order, without empty ones, 128 to a power of two; () where nobody wants to draw them.
+    """
+
+    count: int
+    mean: float
+    least: float
+    most: float
+    p50: float
+    p90: float
+    p99: float
+    p999: float
+    bins: tuple[Bin, ...] = ()
+
+    def scaled(self, factor: float) -> DistributionSummary:
+        """Return that of the same values in another unit, without bins."""
+        points = (self.mean, self.least, self.most, self.p50, self.p90, self.p99, self.p999)
+        mean, least, most, p50, p90, p99, p999 = (point * factor for point in points)
+        return DistributionSummary(self.count, mean, least, most, p50, p90, p99, p999)
+
+
+class Histogram:
+    """Takes values, 0 or more, and tells how they are spread; what is negative or no number is left out."""
+
+    __slots__ = ("_counts", "_first_bin", "_least", "_most", "_pending", "_pending_count", "_total")
+
+    def __init__(self) -> None:
+        self._pending: list[Floats] = []  # values that are not counted in bins yet
+        self._pending_count = 0
+        self._counts: NDArray[np.int64] | None = None
+        self._first_bin = 0  # number of the bin that the first of the counts is for
+        self._total = 0.0
+        self._least, self._most = math.inf, 0.0
+
+    def add(self, values: Floats) -> None:
+        """Take values in; they are not copied, so nobody must change them afterwards."""
+        if not len(values):
+            return
+        self._pending.append(values)
+        self._pending_count += len(values)
+        if self._pending_count > EXACT_UP_TO or len(self._pending) > _MAX_PIECES:
+            self._join_pending()
+
+    def merge(self, other: Histogram) -> None:
+        """Take in all that another histogram took."""
+        if other._counts is not None:
+            self._add_counts(other._first_bin, other._counts)
+            self._total += other._total
+            self._least, self._most = min(self._least, other._least), max(self._most, other._most)
+        for values in other._pending:
+            self.add(values)
+
+    def distribution(self, bins: bool = False) -> DistributionSummary | None:
+        """Tell how the values so far are spread; None where there is none."""
+        if self._counts is not None:
+            self._count_into_bins(self._pending_values())
+            points = self._percentiles(self._counts)
+            drawn = _bins(self._first_bin, self._counts) if bins else ()
+            return self._summary(int(self._counts.sum()), self._total, points, drawn)
+        values = np.sort(self._pending_values())
+        if not len(values):
+            return None
+        self._least, self._most = float(values[0]), float(values[-1])
+        points = [float(values[_rank(share, len(values)) - 1]) for share in _SHARES]
+        drawn = _bins(*_bin_counts(values)) if bins else ()
+        return self._summary(len(values), float(values.sum()), points, drawn)
+
+    def _summary(
+        self, count: int, total: float, points: list[float], drawn: tuple[Bin, ...]
+    ) -> DistributionSummary:
+        mean = min(max(total / count, self._least), self._most)
+        p50, p90, p99, p999 = points
+        return DistributionSummary(count, mean, self._least, self._most, p50, p90, p99, p999, drawn)
+
+    def _pending_values(self) -> Floats:
+        values = np.concatenate(self._pending) if self._pending else np.empty(0)
+        self._pending, self._pending_count = [values], len(values)
+        valid = (values >= 0) & (values < math.inf)  # false for NaN
+        return values if valid.all() else values[valid]
+
+    def _join_pending(self) -> None:
+        values = self._pending_values()
+        if len(values) > EXACT_UP_TO or self._counts is not None:
+            self._count_into_bins(values)
+        else:
+            self._pending, self._pending_count = [values], len(values)
+
+    def _count_into_bins(self, values: Floats) -> None:
+        """Count values in bins instead of keeping them."""
+        self._pending, self._pending_count = [], 0
+        if len(values):
+            self._total += float(values.sum())
+            self._least = min(self._least, float(values.min()))
+            self._most = max(self._most, float(values.max()))
+            self._add_counts(*_bin_counts(values))
+
+    def _add_counts(self, base: int, counts: NDArray[np.int64]) -> None:
+        if self._counts is None:
+            self._first_bin, self._counts = base, counts.copy()
+            return
+        first = min(base, self._first_bin)
+        size = max(base + len(counts), self._first_bin + len(self._counts)) - first
+        if size > len(self._counts):
+            wider = np.zeros(size, np.int64)
+            wider[self._first_bin - first : self._first_bin - first + len(self._counts)] = self._counts
+            self._first_bin, self._counts = first, wider
+        self._counts[base - first : base - first + len(counts)] += counts
+
+    def _percentiles(self, counts: NDArray[np.int64]) -> list[float]:
+        sums = np.cumsum(counts)
+        ranks = [_rank(share, int(sums[-1])) for share in _SHARES]
+        found = (np.searchsorted(sums, ranks) + self._first_bin).tolist()
+        middles = [(_bin_edge(number) + _bin_edge(number + 1)) / 2 for number in found]
+        return [min(max(middle, self._least), self._most) for middle in middles]
+
+
+_SHARES = (500, 900, 990, 999)  # thousandths
+_MAX_PIECES = 64
+_MANTISSA_BITS = 52
+_BIN_SHIFT = _MANTISSA_BITS - _PER_OCTAVE.bit_length() + 1
+_FIRST_BIN = (_LOWEST + 1023) * _PER_OCTAVE
+
+
+def _rank(share: int, count: int) -> int:
+    return -(-share * count // 1000)
+
+
+def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
+    """Count values in bins; return the number of the first bin and the counts from it on.
+
+    The upper bits of an IEEE 754 double, exponent and first bits of the mantissa, are the number of its bin.
+    """
+    bits = np.ascontiguousarray(values).view(np.int64)
+    numbers = np.clip((bits >> _BIN_SHIFT) - _FIRST_BIN, 0, _BINS - 1)
+    base = int(numbers.min())
+    return base, np.bincount(numbers - base)
+
+
+def _bin_edge(number: int) -> float:
+    """Return the lower edge of a bin; that of the first is 0."""
+    if number <= 0:
+        return 0.0
+    octave, part = divmod(number, _PER_OCTAVE)
+    return math.ldexp(1 + part / _PER_OCTAVE, octave + _LOWEST)
+
+
+def _bins(base: int, counts: NDArray[np.int64]) -> tuple[Bin, ...]:
+    filled = np.flatnonzero(counts).tolist()
+    return tuple(
+        Bin(_bin_edge(base + each), _bin_edge(base + each + 1), int(counts[each])) for each in filled
+    )

@@ -1,0 +1,211 @@
+"""Calls kept on disk beside the observations that they are made of."""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import msgspec
+
+from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader
+from bcapscope.capture.observation_store import ObservationStore, decode_text, encode_text
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.traffic.call import Call, CallFrame, FrameObservation, FrameRole, PairingResult, StrayReply
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
+
+_CALLS, _ROW_BY_FRAME = "calls", "links"
+_ROW_NUMBER = _SIZE = struct.Struct("<I")
+_ROLES = tuple(FrameRole)
+_CONVENTIONS = tuple(ReservedConvention)
+_RESERVED = tuple(ReplyReserved)
+_CLASSES = tuple(ObjectClass)
+
+_ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
+_Record = tuple[
+    int, int, int, int, list[tuple[int, int]], int, int, bool, bool, int, int, int, _ObjectRecord | None
+]
+"""Call, request, last try, reply or 0, roles and frames of the others, activity, gone on, silent, let go,
+skipped handles, convention and reserved of the replies, the object. Of a stray: 0, its frame, 0, the call it
+is too late for or 0, whether it was overlooked in the place of let go, and nothing else."""
+
+_encode = msgspec.msgpack.encode
+_decoder = msgspec.msgpack.Decoder(_Record)
+
+
+class StoredCall(NamedTuple):
+    """A call, or a reply that belongs to none, with the object that it was asked of where that is known."""
+
+    settled: PairingResult
+    subject: TrackedObject | None
+
+
+class CallStoreWriter:
+    """Writes calls as they settle, and which frames belong to which."""
+
+    def __init__(self, folder: Path) -> None:
+        """Begin in the folder of a journal."""
+        self._calls = AppendLogWriter(folder / _CALLS)
+        self._file = (folder / _ROW_BY_FRAME).open("xb", buffering=0)
+        self._row_by_frame = array("I")
+        self._first_unwritten = 0
+
+    @property
+    def count(self) -> int:
+        """Rows so far."""
+        return self._calls.count
+
+    def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
+        """Note a call; its frames are in the journal before `flush`."""
+        if isinstance(settled, StrayReply):
+            number = settled.observation.number
+            overlooked = settled.may_answer_evicted
+            record: _Record = (
+                0,
+                number,
+                0,
+                settled.call_number or 0,
+                [],
+                0,
+                0,
+                False,
+                overlooked,
+                0,
+                0,
+                0,
+                None,
+            )
+            frames = [number]
+        else:
+            record = _record_of(settled, subject)
+            frames = [record[1], record[3], *(number for _, number in record[4])]
+        data = _encode(record)
+        self._calls.add(_SIZE.pack(len(data)) + data)
+        for number in frames:
+            if number:
+                self._assign_row(number, self._calls.count)
+
+    def _assign_row(self, number: int, row: int) -> None:
+        links = self._row_by_frame
+        if number > len(links):
+            links.extend([0] * (number + 1024 - len(links)))
+        links[number - 1] = row
+        self._first_unwritten = min(self._first_unwritten, number - 1)
+
+    def flush(self) -> None:
+        """Let readers see all that was added.
+
+        Raises:
+            OSError: there is no room.
+        """
+        self._calls.flush()
+        if self._first_unwritten < len(self._row_by_frame):
+            self._file.seek(self._first_unwritten * _ROW_NUMBER.size)
+            self._file.write(self._row_by_frame[self._first_unwritten :].tobytes())
+        self._first_unwritten = len(self._row_by_frame)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._calls.close()
+        self._file.close()
+
+
+def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
+    thing: _ObjectRecord | None = None
+    if subject is not None:
+        name, parent = encode_text(subject.name), encode_text(subject.parent)
+        kind = _CLASSES.index(subject.kind)
+        thing = (kind, subject.handle, name, parent, subject.created_by_call, subject.known_to_client)
+    return (
+        call.number,
+        call.request.number,
+        call.last_attempt.number,
+        0 if call.reply is None else call.reply.number,
+        [(_ROLES.index(role), seen.number) for role, seen in call.other_frames],
+        call.last_activity,
+        call.abandoned_at,
+        call.no_reply_expected,
+        call.evicted,
+        call.skipped_handles,
+        _CONVENTIONS.index(call.reserved_usage.convention),
+        _RESERVED.index(call.reserved_usage.reply_reserved),
+        thing,
+    )
+
+
+class CallStore:
+    """Reads what a `CallStoreWriter` wrote, while it does."""
+
+    def __init__(self, folder: Path, observations: ObservationStore) -> None:
+        """Open the calls of a folder.
+
+        Raises:
+            OSError: there are none.
+        """
+        self._observations = observations
+        self._records = AppendLogReader(folder / _CALLS)
+        self._row_by_frame = CachedFileReader(folder / _ROW_BY_FRAME)
+
+    def __len__(self) -> int:
+        """How many rows there were when `refresh` was called last."""
+        return len(self._records)
+
+    def refresh(self) -> int:
+        """Look how many there are by now."""
+        self._row_by_frame.discard_cache()
+        return self._records.refresh()
+
+    def read_call(self, index: int) -> StoredCall:
+        """Read a row by its index from 0, in the order in which calls settled.
+
+        Raises:
+            IndexError: there is none.
+        """
+        (
+            call, request, last, reply, others, activity, gone_on, silent, let_go, skipped,
+            convention, replies, thing,
+        ) = _decoder.decode(self._read_record(index))  # fmt: skip
+        told = self._observations.read_frame(request)
+        seen = cast(FrameObservation, told.observation)
+        if not call:
+            return StoredCall(StrayReply(seen, reply or None, let_go), None)
+        question = told.call_kind or CallKind(seen.item.code, None)
+        habits = ReservedFieldUsage(_CONVENTIONS[convention], _RESERVED[replies])
+        made = Call(call, seen.flow.conversation, question, seen, habits)
+        made.last_attempt = self._read_frame(last, seen)
+        made.reply = self._read_frame(reply, seen) if reply else None
+        made.other_frames = [
+            CallFrame(_ROLES[role], self._read_frame(number, seen)) for role, number in others
+        ]
+        made.last_activity, made.abandoned_at = activity, gone_on
+        made.no_reply_expected, made.evicted, made.skipped_handles = silent, let_go, skipped
+        return StoredCall(made, None if thing is None else _object_from_record(thing))
+
+    def index_of_frame(self, frame: int) -> int | None:
+        """Tell which row a frame belongs to; None where that is not known, or not yet."""
+        data = self._row_by_frame.read((frame - 1) * _ROW_NUMBER.size, _ROW_NUMBER.size)
+        row = int.from_bytes(data, "little")
+        return row - 1 if row else None
+
+    def _read_frame(self, number: int, request: FrameObservation) -> FrameObservation:
+        if number == request.number:
+            return request
+        return cast(FrameObservation, self._observations.read_frame(number).observation)
+
+    def _read_record(self, index: int) -> bytes:
+        start = self._records.offset_of(index)
+        (size,) = _SIZE.unpack(self._records.read(start, _SIZE.size))
+        return self._records.read(start + _SIZE.size, size)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._records.close()
+        self._row_by_frame.close()
+
+
+def _object_from_record(record: _ObjectRecord) -> TrackedObject:
+    kind, handle, name, parent, created, known = record
+    return TrackedObject(_CLASSES[kind], handle, decode_text(name), decode_text(parent), created, known)

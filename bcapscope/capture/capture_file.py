@@ -1,0 +1,107 @@
+"""Capture files: which kind it is, and where its bytes come from."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO, TypeAlias
+
+from bcapscope.capture.byte_source import GZIP_MAGIC, ByteSource, ChunkReader, GzipReader
+from bcapscope.capture.packet import Packet
+from bcapscope.capture.pcap import MAGICS, read_pcap
+from bcapscope.capture.pcapng import MAGIC, read_pcapng
+from bcapscope.errors import CaptureError
+
+_FormatReader: TypeAlias = Callable[[ByteSource], Iterator[Packet]]
+
+_OTHER_FORMATS = {
+    b"\xa1\xb2\xcd\x34": "Kuznetzov's variant of pcap",
+    b"\x34\xcd\xb2\xa1": "Kuznetzov's variant of pcap",
+    b"snoo": "a capture of Solaris snoop",
+    b"\x28\xb5\x2f\xfd": "compressed by zstd",
+    b"\xfd7zX": "compressed by xz",
+    b"BZh9": "compressed by bzip2",
+    b"\x04\x22\x4d\x18": "compressed by lz4",
+}
+
+
+class CaptureFile:
+    """A capture, read once from beginning to end; also a context manager that closes it.
+
+    Attributes:
+        size: bytes of the file as it lies on disk, or None for what has no size, such as a pipe.
+        position: bytes of it read so far.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        """Read from `stream`, binary; a pipe's packets are given out as they arrive."""
+        self._stream = stream
+        self._read: ChunkReader = getattr(stream, "read1", stream.read)
+        self.size = _file_size(stream)
+        self.position = 0
+
+    def __enter__(self) -> CaptureFile:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the stream."""
+        self._stream.close()
+
+    def __iter__(self) -> Iterator[Packet]:
+        """Yield the packets.
+
+        Raises:
+            CaptureError: this is no capture, or it is damaged or breaks off; all packets before the
+                damage were yielded.
+        """
+        source = ByteSource(self._read_chunk)
+        if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
+            source = ByteSource(GzipReader(self._read_chunk, source.data))
+        source.ensure_bytes(4)
+        return _reader_for(source.data)(source)
+
+    def _read_chunk(self, size: int) -> bytes:
+        try:
+            data = self._read(size)
+        except OSError as error:
+            raise CaptureError(f"reading failed: {error.strerror}", self.position) from error
+        self.position += len(data)
+        return data
+
+
+def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
+    """Open a capture file, compressed by gzip or not; its kind is told by its content.
+
+    Raises:
+        CaptureError: the file cannot be opened.
+    """
+    try:
+        return CaptureFile(Path(path).open("rb", buffering=0))
+    except OSError as error:
+        raise CaptureError(f"cannot be opened: {error.strerror}") from error
+
+
+def _reader_for(head: bytes) -> _FormatReader:
+    magic = head[:4]
+    if magic in MAGICS:
+        return read_pcap
+    if magic == MAGIC:
+        return read_pcapng
+    if not head:
+        raise CaptureError("the file is empty", 0)
+    if magic in _OTHER_FORMATS:
+        raise CaptureError(f"{_OTHER_FORMATS[magic]}, which is not read here: pcap and pcapng are", 0)
+    raise CaptureError(f"this is no capture: it begins with {magic.hex(' ')}, neither pcap nor pcapng", 0)
+
+
+def _file_size(stream: BinaryIO) -> int | None:
+    try:
+        status = os.fstat(stream.fileno())
+    except OSError:
+        return None
+    return status.st_size if stat.S_ISREG(status.st_mode) else None

@@ -1,0 +1,372 @@
+"""Frames out of text: hex as people paste it from mails, documents, tools and screenshots.
+
+What is hex in a line is found by `bcapscope.capture.hex_line`; here lines become packets, with what the text
+says about them. Prose, tables and words that look like hex are left aside.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from bcapscope.capture.captions import caption_direction, shorten_caption
+from bcapscope.capture.hex_block import LARGEST_REPEAT, HexBlock
+from bcapscope.capture.hex_line import MIN_HEX_BYTES, EndOffset, HexDigits, LinePiece, ProseText, parse_line
+from bcapscope.capture.link_layer import ETHERNET, NOT_IP, find_ip, read_ip
+from bcapscope.capture.role_detection import BCAP_PORTS, direction_evidence
+from bcapscope.protocol.codec.frame import parse_single_frame
+from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SOH
+from bcapscope.protocol.dissection.frame_repair import LONGEST_SEARCHED, find_repair
+from bcapscope.protocol.dissection.plausibility import (
+    LARGEST_LIKELY,
+    plausible_length_field,
+    plausible_prefix_length,
+)
+from bcapscope.traffic.observation import Direction
+
+MAX_REPEATED = 1024 * 1024
+"""Bytes that all asterisks of a text may stand for, so that a short text cannot fill the memory."""
+
+_UDP, _TCP = 17, 6
+_SERIAL = slice(5, 7)
+
+
+class HexPacket(NamedTuple):
+    """Bytes that stand in a text as one packet.
+
+    Attributes:
+        data: one frame, sound or not, or bytes that are none.
+        direction: who sent it; None where neither the text nor the bytes tell.
+        is_direction_guessed: the direction follows from the bytes only.
+        caption: the words that stand over it, or before it on its line; else empty. Not to be trusted, as
+            everything that was pasted.
+        line: where it begins, 1 for the first line of the text.
+        notes: what is odd about it that its bytes do not show, a clause each.
+    """
+
+    data: bytes
+    direction: Direction | None
+    is_direction_guessed: bool
+    caption: str
+    line: int
+    notes: tuple[str, ...]
+
+
+def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
+    """Find the packets in the lines of a text, in their order; none where there is no hex.
+
+    Yields a packet as soon as the lines after it show that it is complete.
+
+    Raises:
+        CaptureError: as `lines` does.
+    """
+    packets = (packet for block in _join_blocks(_read_blocks(lines)) for packet in _packets_in(block))
+    return _note_serial_mismatches(packets)
+
+
+def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
+    """Yield the blocks of a text, including those that turn out not to be hex."""
+    reader = _BlockReader()
+    for number, line in enumerate(lines, 1):
+        reader.add_line(number, parse_line(line))
+        yield from reader.pop_finished()
+    if reader.last is not None:
+        yield reader.last
+
+
+class _BlockReader:
+    """Assembles blocks from the hex of lines.
+
+    Attributes:
+        last: the latest block, which further lines may belong to.
+    """
+
+    def __init__(self) -> None:
+        self.last: HexBlock | None = None
+        self._finished: list[HexBlock] = []
+        self._open: HexBlock | None = None
+        self._caption = ""
+        self._direction: Direction | None = None
+        self._caption_line = 0
+        self._has_new_caption = False
+        self._tail: tuple[int, HexDigits] | None = None
+        self._repeat_budget = MAX_REPEATED
+
+    def add_line(self, number: int, pieces: list[LinePiece]) -> None:
+        """Take the pieces of line `number`."""
+        if not pieces and self._open is not None:
+            self._open.blank_line_follows = True
+        for piece in pieces:
+            if isinstance(piece, ProseText):
+                self._add_words(number, piece.text)
+            elif isinstance(piece, HexDigits):
+                self._add_hex(number, piece)
+            elif isinstance(piece, EndOffset):
+                self._add_end_offset(number, piece.digits)
+            elif self._open is not None:
+                self._open.asterisk_bytes = min(LARGEST_REPEAT, self._repeat_budget)
+
+    def pop_finished(self) -> list[HexBlock]:
+        """Return the blocks that nothing is added to any more, each once."""
+        complete, self._finished = self._finished, []
+        return complete
+
+    def _add_words(self, number: int, words: str) -> None:
+        said = caption_direction(words)
+        follows = self._has_new_caption and number - self._caption_line <= 1 and self._direction is not None
+        self._open = None
+        self._has_new_caption = True
+        if follows and (said is None or words.casefold() in self._caption.casefold()):
+            return
+        self._caption, self._direction, self._caption_line = words, said, number
+
+    def _add_hex(self, number: int, piece: HexDigits) -> None:
+        if piece.offset:
+            self._add_dump_row(number, piece)
+        elif not (piece.is_hex_only or piece.has_hex_notation) and len(piece.digits) < 2 * MIN_HEX_BYTES:
+            self._add_few_bytes(number, piece)
+        elif self._open is not None and not self._open.blank_line_follows:
+            self._add_row(self._open, number, piece)
+        else:
+            self._begin_block(number, piece)
+
+    def _add_dump_row(self, number: int, piece: HexDigits) -> None:
+        """Go on with the last block if the offset fits; characters that were wrapped may stand between."""
+        last = self.last
+        if (
+            last is not None
+            and last.indent == piece.indent
+            and self._fit_to_offset(last, piece.offset, number)
+        ):
+            self._open, self._has_new_caption = last, False
+            self._add_row(last, number, piece)
+        else:
+            self._begin_block(number, piece)
+
+    def _fit_to_offset(self, block: HexBlock, offset: str, number: int) -> bool:
+        size = block.size
+        reached = block.fit_to_offset(offset, number)
+        self._repeat_budget -= max(block.size - size, 0)
+        return reached
+
+    def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
+        """Take a few bytes beside words: the end of a frame, or the beginning of what the next line has."""
+        block = self._open
+        is_short = block is not None and block.size <= LONGEST_SEARCHED
+        if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
+            block.add(number, piece)
+        elif piece.ends_line:
+            self._tail = number, piece
+
+    def _begin_block(self, number: int, piece: HexDigits) -> None:
+        block = HexBlock(self._caption, self._direction, self._has_new_caption, piece)
+        tail = self._tail
+        if (
+            tail
+            and tail[0] == number - 1
+            and piece.is_hex_only
+            and not piece.offset
+            and not _digits_begin_frame(piece.digits)
+        ):
+            block.add(*tail)
+        block.add(number, piece)
+        self._set_last_block(block)
+        self._has_new_caption, self._tail = False, None
+
+    def _add_row(self, block: HexBlock, number: int, piece: HexDigits) -> None:
+        """Add a row to the last block; from a full block, carry over only the incomplete frame."""
+        block.add(number, piece)
+        if block.is_full:
+            self._set_last_block(block.split(_last_frame_start(block)))
+
+    def _set_last_block(self, block: HexBlock) -> None:
+        """Begin another block."""
+        if self.last is not None:
+            self._finished.append(self.last)
+        self.last = self._open = block
+
+    def _add_end_offset(self, number: int, digits: str) -> None:
+        if self._open is not None and self._open.offset and self._fit_to_offset(self._open, digits, number):
+            self._open = None
+        else:
+            self._add_hex(number, HexDigits(digits, "", 0, True, False, True, True))
+
+
+def _last_frame_start(block: HexBlock) -> int:
+    """Return where in a full block the last frame begins; 0 if that would leave too much."""
+    start = (
+        _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
+        if _begins_as_frame(block.data)
+        else 0
+    )
+    return start if block.size - start <= LARGEST_LIKELY else 0
+
+
+def _digits_begin_frame(digits: str) -> bool:
+    return _begins_as_frame(bytes.fromhex(digits[: len(digits) & ~1]))
+
+
+def _begins_as_frame(data: bytes) -> bool:
+    """Tell whether `data` begins as a frame does."""
+    return data[:1] == bytes((SOH,)) and plausible_length_field(data) is not None
+
+
+def _missing_bytes(data: bytes) -> int:
+    """Return how many bytes the frame lacks that `data` ends with; 0 where there is none."""
+    last = data[_frame_starts(data, [])[-1] :]
+    length = plausible_length_field(last) if _begins_as_frame(last) else None
+    return max(length - len(last), 0) if length else 0
+
+
+def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
+    """Put together what only blank lines separate, and leave aside what is no hex after all."""
+    pending: HexBlock | None = None
+    for block in blocks:
+        if (
+            pending is not None
+            and not block.is_captioned
+            and not block.starts_at_zero
+            and _continues_frame(pending, block)
+        ):
+            pending.extend(block)
+        elif _is_bcap_hex(block):
+            if pending is not None:
+                yield pending
+            pending = block
+    if pending is not None:
+        yield pending
+
+
+def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
+    """Tell whether `block` is more of a frame that is not whole; a lone byte may be the number of a page."""
+    data = block.data
+    lacking = _missing_bytes(before.data)
+    return not _begins_as_frame(data) and (len(data) == lacking or 2 <= len(data) < lacking)
+
+
+def _is_bcap_hex(block: HexBlock) -> bool:
+    """Tell whether a block holds bytes of b-CAP: most of these are zeros, and few other numbers are."""
+    data = block.data
+    if block.is_captioned and block.direction is not None:
+        return len(data) >= MIN_HEX_BYTES // 2
+    if len(data) < MIN_HEX_BYTES:
+        return False
+    if _begins_as_frame(data) or block.has_hex_notation or 4 * data.count(0) >= len(data):
+        return True
+    return block.is_hex_only and not block.digits.isdigit()
+
+
+def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
+    data, by_port, notes = block.data, None, list(block.notes)
+    if len(block.digits) % 2:
+        notes.append("the text ends in the middle of a byte")
+    lines = block.line_numbers()
+    if not _begins_as_frame(data):
+        data, by_port, skipped = _without_headers(data)
+        if skipped:
+            notes.append(f"headers of {skipped} bytes, down to the port, taken off")
+            lines = [(max(place - skipped, 0), line) for place, line in lines]
+    cuts = _frame_starts(data, [place for place, _ in lines])
+    for start, stop in zip(cuts, [*cuts[1:], len(data)], strict=True):
+        part = data[start:stop]
+        direction, guessed, doubts = _direction_of(part, block, by_port)
+        line = lines[bisect_right(lines, start, key=lambda entry: entry[0]) - 1][1]
+        caption = shorten_caption(block.caption)
+        yield HexPacket(part, direction, guessed, caption, line, (*notes, *doubts))
+        notes = []
+
+
+def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
+    """Return where the frames in `data` begin: behind a whole one, else at a row that looks like one."""
+    cuts = [0]
+    while True:
+        start = cuts[-1]
+        head = data[start : start + 5]
+        stop = start + ((plausible_length_field(head) if _begins_as_frame(head) else None) or len(data))
+        if stop < len(data) and data[stop - 1] == EOT and data[stop] == SOH:
+            cuts.append(stop)
+            continue
+        later = range(bisect_right(rows, start), len(rows) if stop != len(data) else 0)
+        begun = (rows[at] for at in later if _frame_begins_at(data, rows[at]))
+        row = next(begun, None)
+        if row is None:
+            return cuts
+        cuts.append(row)
+
+
+def _frame_begins_at(data: bytes, row: int) -> bool:
+    return data[row - 1 : row] == bytes((EOT,)) and _begins_as_frame(data[row : row + 5])
+
+
+def _direction_of(
+    part: bytes, block: HexBlock, by_port: Direction | None
+) -> tuple[Direction | None, bool, list[str]]:
+    """Return who sent a packet, whether that is a guess, and what speaks against it."""
+    content = _direction_by_content(part)
+    if by_port is not None:
+        return by_port, False, []
+    if block.direction is None or not block.is_captioned:
+        return content or block.direction, (content or block.direction) is not None, []
+    shown = direction_evidence(parse_single_frame(part))
+    if shown is None or shown[0] is block.direction:
+        return block.direction, False, []
+    return block.direction, False, [f"called a {block.direction}, but it holds {shown[1]}"]
+
+
+def _direction_by_content(part: bytes) -> Direction | None:
+    """Tell a request from a reply by what only one of them can hold, if need be once repaired."""
+    if not _begins_as_frame(part) or len(part) < HEADER_SIZE:
+        return None
+    shown = direction_evidence(parse_single_frame(part))
+    if shown is not None:
+        return shown[0]
+    mended = find_repair(part)
+    if mended is not None:
+        part = mended.raw
+    size = len(part) + (mended.missing_at_end if mended else 0)
+    as_request, as_reply = (
+        plausible_prefix_length(part, size, True),
+        plausible_prefix_length(part, size, False),
+    )
+    if as_request == as_reply:
+        return None
+    return Direction.REQUEST if as_request > as_reply else Direction.RESPONSE
+
+
+def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
+    """Take a frame out of a whole packet from the network card: payload, sender, bytes before it."""
+    for start in (find_ip(ETHERNET, data), 0):
+        packet = read_ip(data, start) if start != NOT_IP and data else None
+        if packet is None or packet.fragment is not None:
+            continue
+        segment = packet.payload
+        size = 8 if packet.protocol == _UDP else 4 * (segment[12] >> 4) if len(segment) > 12 else len(segment)
+        payload = segment[size:]
+        if packet.protocol in (_UDP, _TCP) and _begins_as_frame(payload):
+            return payload, _direction_by_ports(segment), data.index(segment) + size
+    return data, None, 0
+
+
+def _direction_by_ports(segment: bytes) -> Direction | None:
+    source, target = (int.from_bytes(segment[at : at + 2]) in BCAP_PORTS for at in (0, 2))
+    if source == target:
+        return None
+    return Direction.RESPONSE if source else Direction.REQUEST
+
+
+def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]:
+    """Add a note to each reply whose serial no request before it has."""
+    asked: set[int] = set()
+    last = 0
+    for packet in packets:
+        noted = packet
+        if _begins_as_frame(packet.data) and len(packet.data) >= HEADER_SIZE:
+            serial = int.from_bytes(packet.data[_SERIAL], "little")
+            if packet.direction is Direction.REQUEST:
+                asked.add(serial)
+                last = serial
+            elif packet.direction is Direction.RESPONSE and asked and serial not in asked:
+                note = f"serial {serial}, the request above has {last}: they do not belong together"
+                noted = packet._replace(notes=(*packet.notes, note))
+        yield noted

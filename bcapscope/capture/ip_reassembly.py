@@ -1,0 +1,153 @@
+"""Putting fragmented IP packets together."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from typing import NamedTuple
+
+from bcapscope.capture.link_layer import IPPacket
+
+REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
+"""Nanoseconds after its first part at which an incomplete packet is given up, as Linux does (ipfrag_time)."""
+
+MEMORY_LIMIT = 4 * 1024 * 1024
+"""Bytes held in all, as Linux does (ipfrag_high_thresh)."""
+
+LARGEST_PAYLOAD = 65535
+"""No IP payload in fragments is longer (RFC 791; RFC 8200 for IPv6)."""
+
+_PART_COST = 128  # bytes that a part costs beside its content
+
+
+class ReassembledPacket(NamedTuple):
+    """A packet whose last missing part has come.
+
+    Attributes:
+        packet: as if it had never been cut.
+        began: when its first part was seen, in nanoseconds.
+    """
+
+    packet: IPPacket
+    began: int
+
+
+class _PartialPacket:
+    """The parts of one packet so far."""
+
+    __slots__ = ("_content", "_held_bytes", "_is_contradictory", "_offsets", "_size", "began", "protocol")
+
+    def __init__(self, began: int) -> None:
+        self.began = began
+        self.protocol: int | None = None
+        self._offsets: list[int] = []
+        self._content: dict[int, bytes] = {}
+        self._held_bytes = 0
+        self._size: int | None = None
+        self._is_contradictory = False
+
+    @property
+    def cost(self) -> int:
+        """Bytes of memory, roughly."""
+        return self._held_bytes + _PART_COST * (len(self._offsets) + 1)
+
+    def add(self, offset: int, payload: bytes, more: bool) -> None:
+        """Take a part in; parts that contradict each other spoil the packet (RFC 5722, RFC 8200 4.5)."""
+        stop = offset + len(payload)
+        size = self._size if more else stop
+        if self._content.get(offset) == payload and size == self._size:
+            return
+        end = LARGEST_PAYLOAD if size is None else size
+        if (
+            max(stop, self._end_offset) > end
+            or self._size not in (None, size)
+            or self._overlaps(offset, stop)
+        ):
+            self._mark_contradictory()
+        if self._is_contradictory:
+            return
+        self._size = size
+        if payload:
+            insort(self._offsets, offset)
+            self._content[offset] = payload
+            self._held_bytes += len(payload)
+
+    def joined_payload(self) -> bytes | None:
+        """Return the payload once no part is missing."""
+        if self._held_bytes != self._size:
+            return None
+        return b"".join(map(self._content.__getitem__, self._offsets))
+
+    @property
+    def _end_offset(self) -> int:
+        """Offset behind the last of the parts."""
+        return self._offsets[-1] + len(self._content[self._offsets[-1]]) if self._offsets else 0
+
+    def _overlaps(self, offset: int, stop: int) -> bool:
+        place = bisect_left(self._offsets, offset)
+        if place < len(self._offsets) and self._offsets[place] < stop:
+            return True
+        before = self._offsets[place - 1] if place else 0
+        return place > 0 and before + len(self._content[before]) > offset
+
+    def _mark_contradictory(self) -> None:
+        self._offsets.clear()
+        self._content.clear()
+        self._held_bytes, self._size, self._is_contradictory = 0, None, True
+
+
+class IpReassembly:
+    """All packets of which only parts were seen.
+
+    Attributes:
+        packets_lost: packets given up, because parts were missing or contradicted each other.
+    """
+
+    def __init__(self) -> None:
+        self.packets_lost = 0
+        self._incomplete: dict[bytes, _PartialPacket] = {}
+        self._cost = 0
+
+    def add(self, packet: IPPacket, time: int) -> ReassembledPacket | None:
+        """Take in a part and return the packet that it completes.
+
+        Args:
+            packet: has a fragment.
+            time: when it was captured, in nanoseconds.
+        """
+        fragment = packet.fragment
+        if fragment is None:
+            return ReassembledPacket(packet, time)
+        self._drop_expired(time)
+        parts = self._incomplete.get(fragment.key)
+        if parts is None:
+            parts = self._incomplete[fragment.key] = _PartialPacket(time)
+        else:
+            self._cost -= parts.cost
+        if packet.missing == 0:
+            parts.add(fragment.offset, packet.payload, fragment.more)
+        if fragment.offset == 0:
+            parts.protocol = packet.protocol
+        self._cost += parts.cost
+        payload = parts.joined_payload()
+        if payload is None or parts.protocol is None:
+            return None
+        self._remove(fragment.key)
+        return ReassembledPacket(IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began)
+
+    def close(self) -> None:
+        """Give up all that is incomplete."""
+        self.packets_lost += len(self._incomplete)
+        self._incomplete.clear()
+        self._cost = 0
+
+    def _remove(self, key: bytes) -> None:
+        self._cost -= self._incomplete.pop(key).cost
+
+    def _drop_expired(self, time: int) -> None:
+        """Give up what is too old, and the oldest while there is too much."""
+        while self._incomplete:
+            key, oldest = next(iter(self._incomplete.items()))
+            if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:
+                return
+            self.packets_lost += 1
+            self._remove(key)

@@ -1,0 +1,214 @@
+"""From a captured packet to the IP packet inside: link headers, IPv4, IPv6.
+
+Link headers: IEEE 802.3 and 802.1Q; RFC 1042 for LLC and SNAP; RFC 1661 and 1662 for PPP, whose protocol
+numbers are those of RFC 1332 and RFC 5072, and RFC 2516 over Ethernet; the LINKTYPE_ documents of tcpdump.org
+for the others. IPv4: RFC 791; IPv6: RFC 8200.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import NamedTuple
+
+ETHERNET, LINUX_COOKED, LINUX_COOKED_2 = 1, 113, 276
+
+_IPV4, _IPV6 = 0x0800, 0x86DD
+_VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
+"""Customer tag, service tag (IEEE 802.1Q), and the service tag of switches older than the standard."""
+
+_MAX_LENGTH_FIELD = 1500
+"""Up to this number the type field is a length, and LLC stands behind it (IEEE 802.3)."""
+
+_SNAP = b"\xaa\xaa\x03\x00\x00\x00"
+"""LLC for SNAP, unnumbered information, and the organisation whose types are those of Ethernet."""
+
+_PPPOE, _PPPOE_SIZE = 0x8864, 6
+_PPP_FRAMING = b"\xff\x03"
+_PPP_IP = frozenset({0x0021, 0x0057})
+
+_LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
+"""AF_INET, then AF_INET6 of Linux, NetBSD and OpenBSD, FreeBSD, macOS (LINKTYPE_NULL)."""
+
+_HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60
+_EXTENSIONS = frozenset({_HOP_BY_HOP, _ROUTING, _AUTHENTICATION, _DESTINATION, 135, 139, 140})
+_NO_NEXT_HEADER = 59
+
+NOT_IP = -1
+
+_IPV4_HEADER = struct.Struct(">2xH2sHxBxx8s")
+
+
+class Fragment(NamedTuple):
+    """Which part of a cut IP packet this is.
+
+    Attributes:
+        key: what all parts share: addresses, identification and, in IPv4, protocol.
+        offset: where the part begins, in bytes of the whole payload.
+        more: whether other parts follow behind it.
+    """
+
+    key: bytes
+    offset: int
+    more: bool
+
+
+class IPPacket(NamedTuple):
+    """What an IP packet carries.
+
+    Attributes:
+        protocol: 17 is UDP, 6 TCP.
+        addresses: source and destination, 4 or 16 bytes each.
+        payload: what was captured of it; padding of the link is not in it.
+        missing: bytes of the payload that the packet's own length promises and that are not there.
+        fragment: None for a whole packet.
+    """
+
+    protocol: int
+    addresses: bytes
+    payload: bytes
+    missing: int
+    fragment: Fragment | None
+
+
+def find_ip(linktype: int, data: bytes) -> int:
+    """Return the offset of the IP header, or `NOT_IP`.
+
+    Raises:
+        KeyError: the link type is not known, see `IP_OFFSET_FINDERS`.
+    """
+    offset = IP_OFFSET_FINDERS[linktype](data)
+    return offset if offset < len(data) else NOT_IP
+
+
+def read_ip(data: bytes, offset: int) -> IPPacket | None:
+    """Read the IP packet at `offset`; None where no sound IP header is."""
+    version = data[offset] >> 4
+    if version == 4:
+        return _read_ipv4(data, offset)
+    return _read_ipv6(data, offset) if version == 6 else None
+
+
+def _ethernet(data: bytes) -> int:
+    return _ip_after_type(data, 12)
+
+
+def _ip_after_type(data: bytes, offset: int) -> int:
+    """Follow VLAN tags, LLC with SNAP, and a PPPoE session, from the type field at `offset`."""
+    kind = int.from_bytes(data[offset : offset + 2])
+    while kind in _VLAN_TAGS:
+        offset += 4
+        kind = int.from_bytes(data[offset : offset + 2])
+    if kind <= _MAX_LENGTH_FIELD:
+        offset, kind = _type_after_llc(data, offset + 2)
+    if kind == _PPPOE:
+        return _ip_after_ppp(data, offset + 2 + _PPPOE_SIZE)
+    return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
+
+
+def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
+    """Return the offset and the value of the type field behind LLC and SNAP; 0 where none is."""
+    if not data.startswith(_SNAP, offset):
+        return offset, 0
+    offset += len(_SNAP)
+    return offset, int.from_bytes(data[offset : offset + 2])
+
+
+def _ip_after_ppp(data: bytes, offset: int) -> int:
+    """Read the protocol field at `offset`: two bytes, or one where the ends agreed to compress it."""
+    compressed = data[offset : offset + 1]
+    if compressed and compressed[0] & 1:
+        return offset + 1 if compressed[0] in _PPP_IP else NOT_IP
+    return offset + 2 if int.from_bytes(data[offset : offset + 2]) in _PPP_IP else NOT_IP
+
+
+def _ppp(data: bytes) -> int:
+    return _ip_after_ppp(data, len(_PPP_FRAMING) if data.startswith(_PPP_FRAMING) else 0)
+
+
+def _cooked(data: bytes) -> int:
+    return _ip_after_type(data, 14)
+
+
+def _cooked_2(data: bytes) -> int:
+    kind = int.from_bytes(data[:2])
+    if kind in _VLAN_TAGS:
+        return _ip_after_type(data, 22)
+    offset = 18
+    if kind <= _MAX_LENGTH_FIELD:
+        offset, kind = _type_after_llc(data, 20)
+    return offset + 2 if kind in (_IPV4, _IPV6) else NOT_IP
+
+
+def _loopback(data: bytes) -> int:
+    """The address family, in the byte order of the machine that captured (network order for LOOP)."""
+    families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
+    return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
+
+
+def _raw(_: bytes) -> int:
+    return 0
+
+
+IP_OFFSET_FINDERS: dict[int, Callable[[bytes], int]] = {
+    0: _loopback,
+    ETHERNET: _ethernet,
+    9: _ppp,
+    12: _raw,
+    14: _raw,
+    50: _ppp,
+    101: _raw,
+    108: _loopback,
+    LINUX_COOKED: _cooked,
+    228: _raw,
+    229: _raw,
+    LINUX_COOKED_2: _cooked_2,
+}
+"""How to find IP behind each link type."""
+
+
+def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
+    size = (data[offset] & 15) * 4
+    start = offset + size
+    if size < 20 or start > len(data):
+        return None
+    total, identification, part, protocol, addresses = _IPV4_HEADER.unpack_from(data, offset)
+    # A length of 0 is left to the network card to fill in, when the capturing machine itself is the sender.
+    total = total or len(data) - offset
+    if total < size:
+        return None
+    payload = data[start : offset + total]
+    fragment = None
+    if part & 0x3FFF:
+        key = addresses + identification + bytes((protocol,))
+        fragment = Fragment(key, (part & 0x1FFF) * 8, bool(part & 0x2000))
+    return IPPacket(protocol, addresses, payload, total - size - len(payload), fragment)
+
+
+def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
+    start = offset + 40
+    if start > len(data):
+        return None
+    # A length of 0 marks a jumbogram (RFC 2675), or is left to the network card as in IPv4.
+    length = int.from_bytes(data[offset + 4 : offset + 6]) or len(data) - start
+    stop = start + length
+    protocol, addresses = data[offset + 6], data[offset + 8 : start]
+    fragment = None
+    while protocol in _EXTENSIONS or protocol == _FRAGMENT:
+        if start + 8 > min(stop, len(data)):
+            return None
+        following, words = data[start], data[start + 1]
+        if protocol == _FRAGMENT:
+            place = int.from_bytes(data[start + 2 : start + 4])
+            if place & 0xFFF9:  # neither an offset nor "more": a whole packet after all (RFC 6946)
+                fragment = Fragment(addresses + data[start + 4 : start + 8], place & 0xFFF8, bool(place & 1))
+            start += 8
+        else:
+            start += (words + 2) * 4 if protocol == _AUTHENTICATION else (words + 1) * 8
+        protocol = following
+        if fragment is not None:
+            break
+    if start > stop or protocol == _NO_NEXT_HEADER:
+        return None
+    payload = data[start:stop]
+    return IPPacket(protocol, addresses, payload, stop - start - len(payload), fragment)

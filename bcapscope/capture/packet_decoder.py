@@ -1,0 +1,210 @@
+"""From captured packets to observations: who said what, and when."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterable, Iterator
+from sys import getsizeof
+
+from bcapscope.capture.capture_counts import CaptureCounts
+from bcapscope.capture.ip_reassembly import IpReassembly
+from bcapscope.capture.link_layer import ETHERNET, IP_OFFSET_FINDERS, NOT_IP, IPPacket, find_ip, read_ip
+from bcapscope.capture.packet import Interface, Packet
+from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.capture.tcp_conversations import TcpConversations
+from bcapscope.capture.tcp_reassembly import read_segment
+from bcapscope.capture.udp_conversations import UdpConversations
+from bcapscope.capture.undecided_conversation import TimedItem
+from bcapscope.errors import CaptureError
+from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, Problem
+from bcapscope.traffic.observation import Conversation, Flow, Observation
+
+CONVERSATIONS_LIMIT = 10_000
+"""Conversations that are listed; a flood of forged addresses would fill the memory with them."""
+
+COMMENTS_LIMIT = 4096
+"""Packets whose comments are kept, which is until those who look at their frames have had time to ask."""
+
+COMMENTS_BYTES = 4 * 1024 * 1024
+"""Bytes of all these comments. Beyond that the oldest are dropped, except those of the latest packet."""
+
+_TCP, _UDP = 6, 17
+_UDP_HEADER_SIZE = 8
+_NO_ITEM = Malformed(b"", ())
+
+_UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
+"""Type; version and header size, length, fragmentation, protocol of IPv4; addresses and ports; UDP length."""
+
+_SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
+_SOH_AND_LENGTH = struct.Struct("<BI")
+
+
+class PacketDecoder:
+    """Turns packets into observations.
+
+    Attributes:
+        counts: what became of the packets so far.
+        comments: of the packets that have any, by number; the latest `COMMENTS_LIMIT` packets.
+        end_time: when the latest packet was captured, whatever was in it, nanoseconds since 1970; 0 before that.
+            Known once there are no more.
+    """
+
+    def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
+        """Begin.
+
+        Args:
+            ports: on which servers listen; other conversations are told by what is said in them.
+            interface_prefix: only what was captured on interfaces whose names begin so is looked at.
+        """
+        self.counts = CaptureCounts()
+        self.comments: dict[int, tuple[str, ...]] = {}
+        self._comments_size = 0
+        self.end_time = 0
+        self._conversations: dict[Conversation, None] = {}
+        self._interface_prefix = interface_prefix
+        self._udp = UdpConversations(ports, self.counts)
+        self._tcp = TcpConversations(ports, self.counts)
+        self._fragments = IpReassembly()
+
+    @property
+    def conversations(self) -> tuple[Conversation, ...]:
+        """Those observed, in order; each says how its server was told. At most `CONVERSATIONS_LIMIT`."""
+        return tuple(self._conversations)
+
+    def decode(self, packets: Iterable[Packet]) -> Iterator[Observation]:
+        """Yield an observation for each frame, for bytes where a frame should be, and for each hole.
+
+        They come as they are completed; what is said before it is known which end is the server comes as
+        soon as it is. Called again, numbers go on.
+
+        Raises:
+            CaptureError: as `packets` does, after all that was seen until then.
+        """
+        counts, broken = self.counts, None
+        number, packet, time = counts.items, counts.packets, 0
+        interface, ethernet, wanted = None, False, True
+        flow_of, new = self._udp.flows.get, tuple.__new__
+        unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
+        try:
+            for time, data, original, source, comments in packets:
+                packet += 1
+                if comments:
+                    self._keep_comments(packet, comments)
+                if source is not interface:
+                    interface, ethernet = source, source.linktype == ETHERNET
+                    wanted = source.name.startswith(self._interface_prefix)
+                if not wanted:
+                    continue
+                if ethernet and len(data) >= _SMALLEST_IN_ETHERNET:  # nearly all packets of a session
+                    kind, version, total, part, protocol, key, size = unpack(data)
+                    flow = flow_of(key)
+                    if flow is not None and kind == 0x0800 and version == 0x45 and protocol == _UDP:
+                        soh, length = begin_of(data, 42)
+                        raw = data[42 : 42 + length]
+                        whole = total - 28 == size - 8 == length == len(raw) and not part & 0x3FFF
+                        if whole and length >= SMALLEST_FRAME and soh == SOH and raw[-1] == EOT:
+                            number += 1
+                            yield new(Observation, (number, time, time, flow, Frame(raw), packet))
+                            continue
+                counts.packets = packet
+                for flow, sighting in self._decode_any(time, data, original, source, packet):
+                    number += 1
+                    yield self._make_observation(number, flow, sighting)
+        except CaptureError as error:
+            broken = error
+        finally:
+            counts.packets = packet
+            counts.items = number
+            self.end_time = max(self.end_time, time)
+        for flow, sighting in self._flush(time, packet):
+            counts.items += 1
+            yield self._make_observation(counts.items, flow, sighting)
+        if broken is not None:
+            raise broken
+
+    def _keep_comments(self, packet: int, comments: tuple[str, ...]) -> None:
+        self.comments[packet] = comments
+        self._comments_size += sum(map(getsizeof, comments))
+        while len(self.comments) > COMMENTS_LIMIT or (
+            len(self.comments) > 1 and self._comments_size > COMMENTS_BYTES
+        ):
+            oldest = self.comments.pop(next(iter(self.comments)))
+            self._comments_size -= sum(map(getsizeof, oldest))
+
+    def _make_observation(self, number: int, flow: Flow, timed_item: TimedItem) -> Observation:
+        began, time, packet, item = timed_item
+        if isinstance(item, Malformed):
+            if item.missing:
+                self.counts.gaps += 1
+                self.counts.missing += item.missing
+            else:
+                self.counts.malformed += 1
+        if len(self._conversations) < CONVERSATIONS_LIMIT:
+            self._conversations[flow.conversation] = None
+        return Observation(number, time, began, flow, item, packet)
+
+    def _decode_any(
+        self, time: int, data: bytes, original: int, interface: Interface, packet: int
+    ) -> list[tuple[Flow, TimedItem]]:
+        """Follow any packet through all of its headers."""
+        cut = original > len(data)
+        self.counts.cut += cut
+        ip = self._find_ip_packet(data, interface.linktype)
+        if ip is None:
+            return []
+        began = time
+        if ip.fragment is not None:
+            whole = self._fragments.add(ip, time)
+            self.counts.fragments_lost = self._fragments.packets_lost
+            if whole is None:
+                return []
+            ip, began = whole
+        if ip.protocol == _TCP:
+            return self._decode_tcp(ip, time, packet)
+        if ip.protocol == _UDP:
+            return self._decode_udp(ip, cut, TimedItem(began, time, packet, _NO_ITEM))
+        self.counts.not_bcap += 1
+        return []
+
+    def _find_ip_packet(self, data: bytes, linktype: int) -> IPPacket | None:
+        if linktype not in IP_OFFSET_FINDERS:
+            self.counts.unknown_links[linktype] += 1
+            return None
+        offset = find_ip(linktype, data)
+        if offset == NOT_IP:
+            self.counts.not_ip += 1
+            return None
+        ip = read_ip(data, offset)
+        self.counts.broken += ip is None
+        return ip
+
+    def _decode_udp(self, ip: IPPacket, cut: bool, timed_item: TimedItem) -> list[tuple[Flow, TimedItem]]:
+        there = len(ip.payload) + ip.missing
+        size = int.from_bytes(ip.payload[4:6]) or there  # 0 where the network card is to fill it in
+        if len(ip.payload) < _UDP_HEADER_SIZE or size < _UDP_HEADER_SIZE:
+            self.counts.broken += 1
+            return []
+        segment = ip.payload[:size]
+        note = _truncation_problem(len(segment), size, cut) if len(segment) < size else None
+        return self._udp.receive(ip.addresses, segment, timed_item, note)
+
+    def _decode_tcp(self, ip: IPPacket, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
+        segment = read_segment(ip.payload, ip.missing)
+        if segment is None:
+            self.counts.broken += 1
+            return []
+        return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
+
+    def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
+        """Let go of all that was held back, since nothing more comes."""
+        found = self._udp.close() + self._tcp.close(time, packet)
+        self._fragments.close()
+        self.counts.fragments_lost = self._fragments.packets_lost
+        self.counts.contradictions = self._tcp.contradictions
+        return found
+
+
+def _truncation_problem(there: int, size: int, cut: bool) -> Problem:
+    there, size = there - _UDP_HEADER_SIZE, size - _UDP_HEADER_SIZE
+    who = "the capture kept" if cut else "the packet holds"
+    return Problem(there, "cut", f"{who} {there} of the datagram's {size} bytes")

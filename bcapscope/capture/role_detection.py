@@ -1,0 +1,75 @@
+"""Which end is the server: nothing in a frame says so, but ports and content mostly do."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from bcapscope.protocol.codec.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
+from bcapscope.protocol.codec.stream_splitter import MOST_RESYNC_ARGUMENTS
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.dissection.plausibility import SENT_TYPES
+from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+from bcapscope.protocol.tables.hresult import S_EXECUTING, S_FALSE, S_OK
+from bcapscope.traffic.observation import Direction
+
+BCAP_PORTS = frozenset({5007})
+"""Where controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
+
+
+def server_index_by_port(ports: Collection[int], first: int, second: int) -> int | None:
+    """Return which of two ports, 0 or 1, is the server's; None if both or neither may be."""
+    known = (first in ports, second in ports)
+    return known.index(True) if sum(known) == 1 else None
+
+
+def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
+    """Return what only a request, or only a reply, can hold, with a word for the user; None for neither.
+
+    A value of 0, 0x900 or with the top bit set at offset 9 can only be a result; 1 with one string is
+    Service_Start and not S_FALSE; any other function id must come with the arguments of its function.
+    """
+    if isinstance(item, Malformed) or item.problems:
+        return None
+    if item.code in (S_OK, S_EXECUTING) or item.code & 0x80000000:
+        return Direction.RESPONSE, f"a result, 0x{item.code:08X}, that no request can carry"
+    if item.code in FUNCTIONS and _arguments_fit(item):
+        return Direction.REQUEST, f"a call of {function_name(item.code)} with its arguments"
+    return None
+
+
+def _arguments_fit(frame: Frame) -> bool:
+    """Tell whether the arguments are those of the function, and more than a reply could have."""
+    params = FUNCTIONS[frame.code].params
+    arguments = frame.arguments
+    if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):
+        return False
+    return all(
+        _type_accepts(param.type, argument.variant) for param, argument in zip(params, arguments, strict=True)
+    )
+
+
+def _type_accepts(declared: str, variant: Variant) -> bool:
+    return declared == "VARIANT" or variant.vt in SENT_TYPES[declared]
+
+
+def may_begin_frame(data: bytes) -> bool:
+    """Tell whether `data` could be the beginning of a b-CAP stream, as far as it goes."""
+    if data[:1] != bytes((SOH,)):
+        return False
+    length = int.from_bytes(data[1:5], "little")
+    if len(data) >= 5 and not SMALLEST_FRAME <= length <= LARGEST_FRAME:
+        return False
+    if len(data) >= 15 and int.from_bytes(data[13:15], "little") > MOST_RESYNC_ARGUMENTS:
+        return False
+    return len(data) < length or len(data) < 5 or data[length - 1] == EOT
+
+
+def is_whole_frames(data: bytes) -> bool:
+    """Tell whether `data` is nothing but whole frames."""
+    start = 0
+    while start < len(data):
+        stop = start + int.from_bytes(data[start + 1 : start + 5], "little")
+        if data[start] != SOH or not start + SMALLEST_FRAME <= stop <= len(data) or data[stop - 1] != EOT:
+            return False
+        start = stop
+    return bool(data)

@@ -1,0 +1,201 @@
+"""Writing what passes a socket as a capture: raw IP packets in pcapng, which other tools read as well.
+
+A socket shows neither IP nor transport headers; they are made up around the bytes, with the real addresses
+and ports. TCP segments are those that the socket took or gave, without acknowledgements.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import struct
+from io import RawIOBase
+from typing import BinaryIO
+
+from bcapscope.capture.packet import Interface
+from bcapscope.capture.pcapng_writer import PacketPairEncoder, PcapngWriter, pair_encoder
+
+Address = tuple[str, int]
+"""IP address as text, and port."""
+
+Hop = tuple[Address, Address, Interface]
+"""From where to where a datagram goes, and the interface on which it does."""
+
+RAW_IP = 101
+"""Link type of packets that begin with their IP header."""
+
+_UNNAMED_INTERFACE = Interface(RAW_IP)
+_UDP, _TCP = 17, 6
+_FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
+_MAX_SEGMENT_BYTES = 60_000
+"""Of a TCP segment; longer ones become several packets."""
+
+_SEQUENCE_NS = 4000
+"""A new connection between the same ends begins with numbers that go on as fast (RFC 9293, 3.4.1)."""
+
+_MAX_HOST_PAIRS = 4096
+"""Pairs of hosts whose addresses are kept packed, and pairs of ends whose headers are."""
+
+_MAX_SIZES = 64
+"""Sizes of datagrams between the same ends for which the headers are kept."""
+
+_IPV4 = struct.Struct(">BBHHHBBH8s")
+_IPV6 = struct.Struct(">IHBB32s")
+_DATAGRAM = struct.Struct(">HHHH")
+_SEGMENT = struct.Struct(">HHIIHHHH")
+
+
+class SocketRecording:
+    """A capture that is being written, a packet at a time.
+
+    Times are ns since 1970; `where` is the interface, which has a name for people; `comment` is shown with
+    the packet.
+    """
+
+    def __init__(self, file: BinaryIO | RawIOBase) -> None:
+        """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
+        self._sequence: dict[tuple[Address, Address], int] = {}
+        self._ip_headers: dict[tuple[str, str], _IpHeaderTemplate] = {}
+        self._datagram_headers: dict[tuple[Address, Address], dict[int, bytes]] = {}
+        self._writer = PcapngWriter(file)
+
+    def continue_in(self, file: BinaryIO | RawIOBase) -> None:
+        """Write what follows to another file, which can be read without the first."""
+        self._writer = PcapngWriter(file)
+
+    def write_datagram(
+        self,
+        source: Address,
+        target: Address,
+        data: bytes,
+        time: int,
+        *,
+        interface: Interface = _UNNAMED_INTERFACE,
+        comment: str = "",
+    ) -> None:
+        """Write a UDP datagram."""
+        heads = self._datagram_headers.get((source, target))
+        head = heads.get(len(data)) if heads is not None else None
+        packet = (head or self._datagram_header(source, target, len(data))) + data
+        self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
+
+    def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
+        """Return what makes blocks for `write_blocks`, until `continue_in`: a datagram of so many bytes."""
+        first, second = (
+            self._writer.packet_template(where, self._datagram_header(source, target, size), size)
+            for source, target, where in (incoming, outgoing)
+        )
+        return pair_encoder(first, second)
+
+    def write_blocks(self, blocks: bytes) -> None:
+        """Write what `datagram_pair_encoder` made."""
+        self._writer.write_blocks(blocks)
+
+    def write_segment(
+        self,
+        source: Address,
+        target: Address,
+        data: bytes,
+        time: int,
+        *,
+        interface: Interface = _UNNAMED_INTERFACE,
+        comment: str = "",
+    ) -> None:
+        """Write bytes of a TCP connection."""
+        for start in range(0, len(data), _MAX_SEGMENT_BYTES):
+            piece = data[start : start + _MAX_SEGMENT_BYTES]
+            packet = self._make_segment(source, target, _PUSH | _ACK, piece)
+            self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
+
+    def skip_bytes(self, source: Address, target: Address, size: int) -> None:
+        """Go on behind so many bytes of a TCP connection that are not written: who reads it sees a gap."""
+        self._sequence[source, target] = self._sequence.get((source, target), 1) + size & 0xFFFFFFFF
+
+    def write_handshake(
+        self, client: Address, server: Address, time: int, *, interface: Interface = _UNNAMED_INTERFACE
+    ) -> None:
+        """Write that a TCP connection was made, as the three packets that this takes."""
+        first = time // _SEQUENCE_NS & 0xFFFFFFFF
+        self._sequence[client, server] = self._sequence[server, client] = first
+        self._write_empty_segment(client, server, _SYN, time, interface)
+        self._write_empty_segment(server, client, _SYN | _ACK, time, interface)
+        self._write_empty_segment(client, server, _ACK, time, interface)
+
+    def write_stream_end(
+        self,
+        source: Address,
+        target: Address,
+        time: int,
+        *,
+        interface: Interface = _UNNAMED_INTERFACE,
+        reset: bool = False,
+        comment: str = "",
+    ) -> None:
+        """Write that an end of a TCP connection sends nothing more, or has broken it off."""
+        self._write_empty_segment(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
+
+    def drop_connection(self, client: Address, server: Address) -> None:
+        """Forget a connection that is gone, or a client of UDP."""
+        for ends in ((client, server), (server, client)):
+            self._sequence.pop(ends, None)
+            self._datagram_headers.pop(ends, None)
+
+    def _write_empty_segment(  # noqa: PLR0917 - the inner one of those that write single packets
+        self, source: Address, target: Address, flags: int, time: int, interface: Interface, comment: str = ""
+    ) -> None:
+        """Write a segment without bytes; SYN and FIN count as one."""
+        packet = self._make_segment(source, target, flags, b"")
+        self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
+        if flags & (_SYN | _FIN):
+            self._sequence[source, target] = self._sequence.get((source, target), 1) + 1 & 0xFFFFFFFF
+
+    def _make_segment(self, source: Address, target: Address, flags: int, data: bytes) -> bytes:
+        sent = self._sequence.get((source, target), 1)
+        heard = self._sequence.get((target, source), 1) if flags & _ACK else 0
+        self._sequence[source, target] = (sent + len(data)) & 0xFFFFFFFF
+        head = _SEGMENT.pack(source[1], target[1], sent, heard, 5 << 12 | flags, 65535, 0, 0)
+        return b"".join((self._ip_header(source, target, _TCP, 20 + len(data)), head, data))
+
+    def _datagram_header(self, source: Address, target: Address, size: int) -> bytes:
+        """Make what stands before so many bytes of a datagram, and keep it for the next ones."""
+        if len(self._datagram_headers) >= _MAX_HOST_PAIRS:
+            self._datagram_headers.clear()
+        heads = self._datagram_headers.setdefault((source, target), {})
+        if len(heads) >= _MAX_SIZES:
+            heads.clear()
+        udp = _DATAGRAM.pack(source[1], target[1], 8 + size & 0xFFFF, 0)
+        head = heads[size] = self._ip_header(source, target, _UDP, 8 + size) + udp
+        return head
+
+    def _ip_header(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
+        """Make the IP header before so many bytes."""
+        way = self._ip_headers.get((source[0], target[0]))
+        if way is None:
+            if len(self._ip_headers) >= _MAX_HOST_PAIRS:
+                self._ip_headers.clear()
+            way = self._ip_headers[source[0], target[0]] = _IpHeaderTemplate(source[0], target[0])
+        return way.header(protocol, size)
+
+
+class _IpHeaderTemplate:
+    """From one host to another: what their IP headers have in common; IPv6 where one of them is."""
+
+    def __init__(self, source: str, target: str) -> None:
+        ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
+        wide = any(end.version == 6 for end in ends)
+        self._addresses = b"".join(_mapped(end) if wide else end.packed for end in ends)
+        self._sum = sum(struct.unpack(f">{len(self._addresses) // 2}H", self._addresses))
+
+    def header(self, protocol: int, size: int) -> bytes:
+        """Return the header before so many bytes."""
+        if len(self._addresses) > 8:
+            return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, self._addresses)
+        length = 20 + size & 0xFFFF
+        total = self._sum + 0x4500 + length + 0x4000 + (64 << 8 | protocol)  # the checksum of RFC 791
+        total = (total & 0xFFFF) + (total >> 16)
+        checksum = ~(total + (total >> 16)) & 0xFFFF
+        return _IPV4.pack(0x45, 0, length, 0, 0x4000, 64, protocol, checksum, self._addresses)
+
+
+def _mapped(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bytes:
+    """Return 16 bytes; an IPv4 address is mapped (RFC 4291, 2.5.5.2)."""
+    return address.packed if address.version == 6 else bytes(10) + b"\xff\xff" + address.packed

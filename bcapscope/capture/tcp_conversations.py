@@ -1,0 +1,193 @@
+"""TCP connections: whose they are, and what is said in them."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Collection
+
+from bcapscope.capture.capture_counts import CaptureCounts
+from bcapscope.capture.role_detection import may_begin_frame, server_index_by_port
+from bcapscope.capture.tcp_reassembly import FIN, RST, SYN, TcpConnection, TcpSegment
+from bcapscope.capture.undecided_conversation import (
+    TimedItem,
+    UndecidedConversation,
+    endpoints_of,
+    reverse_key,
+)
+from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame
+from bcapscope.traffic.observation import Flow, Transport
+
+CONNECTIONS_LIMIT = 1024
+"""Connections followed at a time; beyond that the one that was silent longest is taken to have ended."""
+
+
+class _TrackedConnection:
+    """A connection with what is known of its ends; the first key is that of the sender 0.
+
+    There is one key only where a forged packet has the same source and destination.
+    """
+
+    __slots__ = ("connection", "conversation", "ends", "keys", "unconfirmed_segments")
+
+    def __init__(self, key: bytes, budget: ByteBudget) -> None:
+        self.keys = (key, reverse_key(key)) if key != reverse_key(key) else (key,)
+        self.ends = endpoints_of(key)
+        self.connection = TcpConnection(budget)
+        self.conversation: UndecidedConversation | None = None
+        self.unconfirmed_segments = 0  # segments taken in before it was sure that they are b-CAP
+
+
+class TcpConversations:
+    """All TCP conversations of a capture."""
+
+    def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
+        """Take the ports on which servers listen, and where to count what is something else."""
+        self._ports = ports
+        self._counts = counts
+        self._budget = ByteBudget()
+        self._connections: OrderedDict[bytes, tuple[_TrackedConnection, int]] = OrderedDict()
+        self._contradictions = 0
+        self._most_recent: _TrackedConnection | None = None
+
+    @property
+    def contradictions(self) -> int:
+        """Segments sent again with other content."""
+        open_calls = (
+            call.connection.contradictions for call, sender in self._connections.values() if sender == 0
+        )
+        return self._contradictions + sum(open_calls)
+
+    def receive(
+        self, key: bytes, segment: TcpSegment, time: int, packet: int
+    ) -> list[tuple[Flow, TimedItem]]:
+        """Take a segment in and return what is known to have been said by now.
+
+        Args:
+            key: source and destination address, source and destination port.
+            segment: the rest of it.
+            time: when it was captured, in nanoseconds.
+            packet: its number.
+        """
+        known = self._connections.get(key)
+        if known is not None:
+            usual = self._receive_in_order(*known, segment, time, packet)
+            if usual is not None:
+                return usual
+        found: list[tuple[Flow, TimedItem]] = []
+        if known is not None and known[0].connection.is_reopened_by(known[1], segment):
+            found = self._end_connection(known[0], time, packet)
+            known = None
+        if known is None:
+            if not segment.data and not segment.flags & SYN:
+                return []
+            if len(self._connections) >= 2 * CONNECTIONS_LIMIT:
+                found += self._end_connection(next(iter(self._connections.values()))[0], time, packet)
+            known = self._open_connection(key)
+        self._touch(known[0])
+        return found + self._receive_any(*known, segment, time, packet)
+
+    def close(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
+        """End the capture: give out what was held back and what was begun."""
+        found: list[tuple[Flow, TimedItem]] = []
+        while self._connections:
+            found += self._end_connection(next(iter(self._connections.values()))[0], time, packet)
+        return found
+
+    def _receive_in_order(
+        self, call: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
+    ) -> list[tuple[Flow, TimedItem]] | None:
+        """Take in what nearly all segments of a known conversation are; None for any other."""
+        flows = (
+            None if call.conversation is None or call.conversation.is_tentative else call.conversation.flows
+        )
+        if flows is None:
+            return None
+        said = call.connection.receive_in_order(sender, segment, time, packet)
+        if said is None:
+            return None
+        self._touch(call)
+        return [(flows[sender], sighting) for sighting in said]
+
+    def _touch(self, call: _TrackedConnection) -> None:
+        """Note that this is the call heard last."""
+        if call is not self._most_recent:
+            self._most_recent = call
+            for each in call.keys:
+                self._connections.move_to_end(each)
+
+    def _open_connection(self, key: bytes) -> tuple[_TrackedConnection, int]:
+        call = _TrackedConnection(key, self._budget)
+        source, destination = call.ends
+        server = server_index_by_port(self._ports, source.port, destination.port)
+        if server is not None:
+            call.conversation = UndecidedConversation(call.ends, Transport.TCP)
+            call.conversation.set_server(server, f"port {call.ends[server].port}")
+        elif source.port in self._ports:
+            call.conversation = UndecidedConversation(call.ends, Transport.TCP)
+        for sender, each in enumerate(call.keys):
+            self._connections[each] = call, sender
+        return call, 0
+
+    def _receive_any(
+        self, call: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
+    ) -> list[tuple[Flow, TimedItem]]:
+        if call.conversation is None and segment.data:
+            call.conversation = _recognise_bcap(call, sender, segment)
+            if call.conversation is None:
+                call.connection.close(time, packet)
+                call.connection = TcpConnection(self._budget)
+                self._counts.not_bcap += 1
+                return []
+        said = call.connection.receive(sender, segment, time, packet)
+        if call.conversation is None:
+            return []
+        call.unconfirmed_segments += call.conversation.is_tentative and bool(segment.data)
+        if segment.flags & (FIN | RST):
+            call.conversation.record_close(sender, bool(segment.flags & RST), time)
+        if call.conversation.flows is None and call.connection.server is not None:
+            call.conversation.set_server(
+                call.connection.server, "the TCP handshake: this end accepted the connection"
+            )
+        if not all(call.conversation.add_item(each, sighting) for each, sighting in said):
+            self._reset_as_not_bcap(call)
+            return []
+        return call.conversation.release_items()
+
+    def _reset_as_not_bcap(self, call: _TrackedConnection) -> None:
+        """Go back to not knowing what this is."""
+        self._counts.not_bcap += call.unconfirmed_segments
+        call.connection.close(0, 0)
+        call.conversation, call.connection, call.unconfirmed_segments = None, TcpConnection(self._budget), 0
+
+    def _end_connection(
+        self, call: _TrackedConnection, time: int, packet: int
+    ) -> list[tuple[Flow, TimedItem]]:
+        for key in set(call.keys):  # one and the same in a forged packet from an end to itself
+            del self._connections[key]
+        self._contradictions += call.connection.contradictions
+        if call.conversation is None:
+            return []
+        said = call.connection.close(time, packet)
+        if not all(call.conversation.add_item(sender, sighting) for sender, sighting in said):
+            self._reset_as_not_bcap(call)
+            return []
+        call.conversation.guess_server()
+        return call.conversation.release_items()
+
+
+def _recognise_bcap(
+    call: _TrackedConnection, sender: int, segment: TcpSegment
+) -> UndecidedConversation | None:
+    """Tell by a segment with data whether a connection between unknown ports is b-CAP.
+
+    At the beginning of a stream a frame may begin and be finished later; anywhere else a whole frame has
+    to stand at the beginning of a segment.
+    """
+    if not may_begin_frame(segment.data):
+        return None
+    if call.connection.streams[sender].starts_at(segment.seq):
+        return UndecidedConversation(call.ends, Transport.TCP, is_tentative=True)
+    length = int.from_bytes(segment.data[1:5], "little")
+    whole = SMALLEST_FRAME <= length <= len(segment.data) and not Frame(segment.data[:length]).problems
+    return UndecidedConversation(call.ends, Transport.TCP) if whole else None

@@ -1,0 +1,403 @@
+"""TCP connections put together from segments in any order (RFC 9293).
+
+What the capture lacks becomes an explicit hole, never zeros; every piece keeps the times of the packets
+that brought it.
+"""
+
+from __future__ import annotations
+
+import struct
+from bisect import bisect_right
+from collections import deque
+from operator import itemgetter
+from typing import NamedTuple
+
+from bcapscope.capture.undecided_conversation import TimedItem
+from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter
+
+REORDER_LIMIT = 1024 * 1024
+"""Bytes of one direction held back for a missing segment. Windows of controllers and their clients stay
+below 64 KiB; Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
+
+ACK_LIMIT = 1 << 30
+"""Bytes that an acknowledgement can be ahead by: the largest window there is (RFC 7323, 2.3)."""
+
+MARKS_LIMIT = 128
+"""Segments of one unfinished frame whose times are kept apart. All streams together keep 25 MB of them at
+most."""
+
+_SEGMENT_COST = 128  # bytes that a segment held back costs beside its content
+_RECENT = 16  # segments given out that are compared with what is sent again
+_LONGEST_RECENT = 2048  # bytes of such a segment: more than an Ethernet frame carries
+_HEADER = struct.Struct(">4xIIBB")
+
+FIN, SYN, RST, ACK = 1, 2, 4, 16
+
+
+class TcpSegment(NamedTuple):
+    """What is in a TCP packet.
+
+    Attributes:
+        flags: `FIN`, `SYN`, `RST`, `ACK`.
+        seq: sequence number of the first byte, or of the SYN.
+        ack: the next byte that the sender waits for, where `ACK` is set.
+        data: what was captured of its content.
+        missing: bytes behind `data` that the capture does not have.
+    """
+
+    flags: int
+    seq: int
+    ack: int
+    data: bytes
+    missing: int
+
+
+def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
+    """Read a segment from the payload of an IP packet; None where no sound header is."""
+    if len(payload) < 20:
+        return None
+    seq, ack, offset, flags = _HEADER.unpack_from(payload)
+    size = (offset >> 4) * 4
+    if size < 20 or size > len(payload) + missing:
+        return None
+    lost = min(missing, len(payload) + missing - size)
+    return TcpSegment(flags, seq, ack, payload[size:], lost)
+
+
+class _StreamPart(NamedTuple):
+    """Consecutive bytes of a stream, their place, and when they came."""
+
+    start: int
+    data: bytes
+    time: int
+    packet: int
+
+
+class _ArrivalMark(NamedTuple):
+    """When the bytes up to `stop` came."""
+
+    start: int
+    stop: int
+    time: int
+    packet: int
+
+
+class TcpStream:
+    """One direction of a connection; offsets count its bytes from the first one seen.
+
+    Attributes:
+        begun: whether its sequence numbers are known.
+        closed: whether it has ended; what comes later is sent again or is another connection's.
+        contradictions: segments sent again with other content; the first one counts.
+    """
+
+    __slots__ = (
+        "_acknowledged",
+        "_ahead",
+        "_ahead_cost",
+        "_budget",
+        "_end_offset",
+        "_first_seq",
+        "_marks",
+        "_next_offset",
+        "_recent",
+        "_splitter",
+        "begun",
+        "closed",
+        "contradictions",
+    )
+
+    def __init__(self, budget: ByteBudget) -> None:
+        self.begun = self.closed = False
+        self.contradictions = 0
+        self._budget = budget
+        self._splitter = StreamSplitter(budget=budget)
+        self._first_seq = self._next_offset = self._acknowledged = self._ahead_cost = 0
+        self._end_offset: int | None = None
+        self._ahead: list[_StreamPart] = []
+        self._marks: deque[_ArrivalMark] = deque()
+        self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
+
+    def begin(self, seq: int, from_start: bool) -> None:
+        """Count from `seq`, which is the first byte sent or, without a SYN, the first one seen."""
+        self.begun = True
+        self._first_seq = seq
+        self._splitter = StreamSplitter(synchronized=from_start, budget=self._budget)
+
+    def starts_at(self, seq: int) -> bool:
+        """Tell whether `seq` is the first byte of this stream."""
+        return self.begun and seq == self._first_seq
+
+    def is_ahead(self, seq: int) -> bool:
+        """Tell whether `seq` is behind all that was given out."""
+        return self._offset_of(seq) >= self._next_offset
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether bytes are missed, or it is known where the stream ends."""
+        return bool(self._ahead) or self._end_offset is not None
+
+    def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
+        """Take a segment in if it is the next one and one whole frame, while the stream is not `is_waiting`.
+
+        Returns:
+            None for anything else, of which nothing is taken: it is for `receive`.
+        """
+        _, seq, _, data, _ = segment
+        if (
+            (seq - self._first_seq - self._next_offset) & 0xFFFFFFFF
+            or self._marks
+            or self.closed
+            or not self.begun
+        ):
+            return None
+        frame = self._splitter.feed_whole_frame(data)
+        if frame is None:
+            return None
+        self._keep_recent(_StreamPart(self._next_offset, data, time, packet))
+        self._next_offset += len(data)
+        return TimedItem(time, time, packet, frame)
+
+    def receive(self, segment: TcpSegment, time: int, packet: int) -> list[TimedItem]:
+        """Take a segment in and return the frames that it completes."""
+        if self.closed:
+            return []
+        start, data = self._offset_of(segment.seq), segment.data
+        if segment.flags & FIN:
+            self._end_offset = start + len(data) + segment.missing
+        if start == self._next_offset and not self._ahead and self._end_offset is None:
+            return self._deliver(_StreamPart(start, data, time, packet)) if data else []
+        if start < self._next_offset:
+            known = data[: self._next_offset - start]
+            if (
+                len(data) > 1 or start + 1 != self._next_offset
+            ):  # else a keep-alive probe: its byte means nothing
+                self._count_contradiction(_StreamPart(start, known, time, packet), self._recent)
+            start, data = start + len(known), data[len(known) :]
+        if data:
+            self._hold_ahead(_StreamPart(start, data, time, packet))
+        return self._drain_and_skip(time, packet)
+
+    def acknowledge(self, ack: int, time: int, packet: int) -> list[TimedItem]:
+        """Note that the other end has all bytes before `ack`: those not seen will not be sent again."""
+        offset = self._offset_of(ack)
+        if self._acknowledged < offset <= self._next_offset + ACK_LIMIT:
+            self._acknowledged = offset
+            if self._ahead or self._end_offset is not None:
+                return self._drain_and_skip(time, packet)
+        return []
+
+    def close(self, time: int, packet: int) -> list[TimedItem]:
+        """End the stream: give out what was held back, holes included, and what was begun."""
+        if self.closed:
+            return []
+        found: list[TimedItem] = []
+        while self._ahead:
+            found += self._skip_lost(self._ahead[0].start, time, packet)
+            found += self._drain_ready()
+        # A FIN is acknowledged like a byte: without having seen it, one byte more proves nothing.
+        expected = (
+            self._acknowledged - 1 if self._end_offset is None else min(self._acknowledged, self._end_offset)
+        )
+        if expected > self._next_offset:
+            found += self._skip_lost(expected, time, packet)
+        found += self._with_times(self._splitter.close(), time, packet)
+        self.closed = True
+        self._marks.clear()
+        self._recent.clear()
+        return found
+
+    def _offset_of(self, seq: int) -> int:
+        """Place a sequence number, which wraps at 32 bits, near the bytes expected next."""
+        ahead = (seq - self._first_seq - self._next_offset) & 0xFFFFFFFF
+        return self._next_offset + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
+
+    def _deliver(self, part: _StreamPart) -> list[TimedItem]:
+        """Pass on the part that continues the stream."""
+        start, data, time, packet = part
+        self._next_offset = stop = start + len(data)
+        self._keep_recent(part)
+        self._marks.append(_ArrivalMark(start, stop, time, packet))
+        if len(self._marks) > MARKS_LIMIT:
+            self._thin_marks()
+        return self._with_times(self._splitter.feed(data), time, packet)
+
+    def _keep_recent(self, part: _StreamPart) -> None:
+        """Keep the part, or the end of a long one, to compare it with retransmissions."""
+        surplus = len(part.data) - _LONGEST_RECENT
+        if surplus > 0:
+            part = part._replace(start=part.start + surplus, data=part.data[surplus:])
+        self._recent.append(part)
+
+    def _thin_marks(self) -> None:
+        """Give every second segment the times of the one behind it, but for the first."""
+        marks = list(self._marks)
+        kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
+        self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
+
+    def _drain_and_skip(self, time: int, packet: int) -> list[TimedItem]:
+        """Give out what has come into order, and give up holes that will not be filled."""
+        found = self._drain_ready()
+        while self._ahead and (self._acknowledged >= self._ahead[0].start or self._is_over_limit):
+            found += self._skip_lost(self._ahead[0].start, time, packet)
+            found += self._drain_ready()
+        if self._end_offset is not None and max(self._next_offset, self._acknowledged) >= self._end_offset:
+            found += self.close(time, packet)
+        return found
+
+    @property
+    def _is_over_limit(self) -> bool:
+        cost = self._ahead_cost
+        return cost > REORDER_LIMIT or (cost > GUARANTEED_BUFFER and self._budget.is_exceeded)
+
+    def _drain_ready(self) -> list[TimedItem]:
+        found: list[TimedItem] = []
+        count = 0
+        for part in self._ahead:
+            if part.start != self._next_offset:
+                break
+            count += 1
+            self._charge(-len(part.data) - _SEGMENT_COST)
+            found += self._deliver(part)
+        del self._ahead[:count]
+        return found
+
+    def _skip_lost(self, offset: int, time: int, packet: int) -> list[TimedItem]:
+        """Declare the bytes up to `offset` lost."""
+        missing = offset - self._next_offset
+        self._next_offset = offset
+        return self._with_times(self._splitter.add_gap(missing), time, packet)
+
+    def _hold_ahead(self, part: _StreamPart) -> None:
+        """Keep what is not there yet of a part that is ahead of the stream."""
+        start, data, time, packet = part
+        stop = start + len(data)
+        ahead = self._ahead
+        place = max(bisect_right(ahead, start, key=itemgetter(0)) - 1, 0)
+        self._count_contradiction(part, ahead[place:])
+        while start < stop:
+            if place == len(ahead) or start < ahead[place].start:
+                until = stop if place == len(ahead) else min(stop, ahead[place].start)
+                content = data[start - part.start : until - part.start]
+                ahead.insert(place, _StreamPart(start, content, time, packet))
+                self._charge(len(content) + _SEGMENT_COST)
+                start = until
+            else:
+                start = max(start, ahead[place].start + len(ahead[place].data))
+            place += 1
+
+    def _charge(self, cost: int) -> None:
+        self._ahead_cost += cost
+        self._budget.held += cost
+
+    def _count_contradiction(self, part: _StreamPart, known: deque[_StreamPart] | list[_StreamPart]) -> None:
+        """Count a part that contradicts what came first."""
+        for other in known:
+            if other.start >= part.start + len(part.data):
+                return
+            start = max(part.start, other.start)
+            stop = min(part.start + len(part.data), other.start + len(other.data))
+            again = part.data[start - part.start : max(stop - part.start, 0)]
+            if start < stop and again != other.data[start - other.start : stop - other.start]:
+                self.contradictions += 1
+                return
+
+    def _with_times(self, pieces: list[StreamPiece], time: int, packet: int) -> list[TimedItem]:
+        """Give each piece the times of its own segments; a hole that of the packet which showed it."""
+        found = []
+        marks = self._marks
+        for start, stop, item in pieces:
+            while marks and marks[0].stop <= start:
+                marks.popleft()
+            if not marks or marks[0].start >= stop:
+                found.append(TimedItem(time, time, packet, item))
+                continue
+            first = last = marks[0]
+            for mark in marks if stop > first.stop else ():
+                if mark.start >= stop:
+                    break
+                last = max(last, mark, key=itemgetter(2))
+            found.append(TimedItem(first.time, last.time, last.packet, item))
+        while pieces and marks and marks[0].stop <= pieces[-1].stop:
+            marks.popleft()
+        return found
+
+
+class TcpConnection:
+    """Both directions of a TCP connection.
+
+    Attributes:
+        streams: by sender, 0 or 1.
+        server: which end accepted the connection, as far as its handshake was seen.
+    """
+
+    __slots__ = ("server", "streams")
+
+    def __init__(self, budget: ByteBudget) -> None:
+        self.streams = (TcpStream(budget), TcpStream(budget))
+        self.server: int | None = None
+
+    @property
+    def contradictions(self) -> int:
+        """Segments sent again with other content."""
+        return self.streams[0].contradictions + self.streams[1].contradictions
+
+    def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
+        """Tell whether a segment begins another connection between the same ports."""
+        own, other = self.streams[sender], self.streams[1 - sender]
+        if segment.flags & SYN:
+            first = (segment.seq + 1) & 0xFFFFFFFF
+            return not own.starts_at(first) and (own.begun or (other.begun and not segment.flags & ACK))
+        return bool(segment.data) and own.closed and own.is_ahead(segment.seq)
+
+    def receive_in_order(
+        self, sender: int, segment: TcpSegment, time: int, packet: int
+    ) -> list[TimedItem] | None:
+        """Take in what nearly all segments are: one whole frame, or none, and all before it was seen.
+
+        Returns:
+            What `sender` said; None for any other segment, of which nothing is taken: it is for `receive`.
+        """
+        own, other = self.streams[sender], self.streams[1 - sender]
+        if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:
+            return None
+        found = []
+        if segment.data:
+            sighting = own.receive_frame(segment, time, packet)
+            if sighting is None:
+                return None
+            found.append(sighting)
+        if segment.flags & ACK and other.begun:
+            other.acknowledge(segment.ack, time, packet)
+        return found
+
+    def receive(
+        self, sender: int, segment: TcpSegment, time: int, packet: int
+    ) -> list[tuple[int, TimedItem]]:
+        """Take a segment in and return what it completes, with the sender of each."""
+        own, other = self.streams[sender], self.streams[1 - sender]
+        found = []
+        if segment.flags & ACK and other.begun:
+            lost = other.acknowledge(segment.ack, time, packet)
+            found = [(1 - sender, sighting) for sighting in lost] if lost else []
+        if segment.flags & RST:
+            return found + self.close(time, packet)
+        if segment.flags & SYN:
+            self.server = sender if segment.flags & ACK else 1 - sender
+            segment = segment._replace(seq=(segment.seq + 1) & 0xFFFFFFFF)
+            if not own.begun:
+                own.begin(segment.seq, from_start=True)
+        if segment.data and not own.begun:
+            own.begin(segment.seq, from_start=False)
+        if own.begun:
+            found += [(sender, sighting) for sighting in own.receive(segment, time, packet)]
+        return found
+
+    def close(self, time: int, packet: int) -> list[tuple[int, TimedItem]]:
+        """End both directions."""
+        return [
+            (sender, sighting)
+            for sender, stream in enumerate(self.streams)
+            for sighting in stream.close(time, packet)
+        ]

@@ -1,0 +1,51 @@
+"""The lines of a text of any length, one after the other, in bounded memory."""
+
+from __future__ import annotations
+
+import codecs
+import io
+from collections.abc import Iterator
+
+from bcapscope.capture.byte_source import CHUNK_SIZE, ChunkReader
+from bcapscope.errors import CaptureError
+
+LONGEST_LINE = 256 * 1024
+"""Characters of a line. A frame of 10 KiB, the longest of real sessions, takes 60 KiB as `0x01, 0x02, …`."""
+
+
+def text_lines(read: ChunkReader) -> Iterator[str]:
+    """Yield the lines of a text without their ends: UTF-16 if it begins so, else UTF-8.
+
+    Bytes that cannot be decoded become U+FFFD.
+
+    Args:
+        read: gives the bytes of the text.
+
+    Raises:
+        CaptureError: a line is longer than `LONGEST_LINE`; all before it were yielded.
+    """
+    head = read(CHUNK_SIZE)
+    while len(head) < len(codecs.BOM_UTF8) and (more := read(CHUNK_SIZE)):
+        head += more
+    is_wide = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    decoder = codecs.getincrementaldecoder("utf-16" if is_wide else "utf-8-sig")("replace")
+    newlines = io.IncrementalNewlineDecoder(decoder, translate=True)
+    number, begun, chunk, offset = 1, "", head, 0
+    while chunk:
+        *lines, begun = (begun + newlines.decode(chunk)).split("\n")
+        for line in lines:
+            _check_length(line, number, offset)
+            yield line
+            number += 1
+        _check_length(begun, number, offset)
+        offset += len(chunk)
+        chunk = read(CHUNK_SIZE)
+    *lines, begun = (begun + newlines.decode(b"", final=True)).split("\n")
+    yield from lines
+    yield begun
+
+
+def _check_length(line: str, number: int, offset: int) -> None:
+    if len(line) > LONGEST_LINE:
+        reason = f"line {number} has more than {LONGEST_LINE} characters, as no text with hex has"
+        raise CaptureError(reason, offset)

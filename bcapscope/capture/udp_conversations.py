@@ -1,0 +1,121 @@
+"""UDP datagrams: each is one frame, or several."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from bcapscope.capture.capture_counts import CaptureCounts
+from bcapscope.capture.role_detection import is_whole_frames, server_index_by_port
+from bcapscope.capture.undecided_conversation import (
+    TimedItem,
+    UndecidedConversation,
+    endpoints_of,
+    reverse_key,
+)
+from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_datagram
+from bcapscope.traffic.observation import Flow, Transport
+
+FLOWS_LIMIT = 65536
+"""Flows remembered. Clients of one controller are twenty at most (orin_bcap C/src/bcap_server.c); one that
+is forgotten and comes again counts as another conversation."""
+
+UNDECIDED_LIMIT = 1024
+"""Pairs of ends whose server is not known yet; the oldest is guessed beyond that."""
+
+
+class UdpConversations:
+    """All UDP conversations of a capture.
+
+    Attributes:
+        flows: by addresses and ports as they stand in a packet: source and destination address, source
+            and destination port. Only what is b-CAP, and of which the server is known.
+    """
+
+    def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
+        """Take the ports on which servers listen, and where to count what is something else."""
+        self.flows: dict[bytes, Flow] = {}
+        self._ports = ports
+        self._counts = counts
+        self._undecided: dict[bytes, tuple[UndecidedConversation, int]] = {}
+
+    def receive(
+        self, addresses: bytes, segment: bytes, timed_item: TimedItem, note: Problem | None
+    ) -> list[tuple[Flow, TimedItem]]:
+        """Take a datagram in and return what is known to have been said by now.
+
+        Args:
+            addresses: source and destination.
+            segment: the datagram with its header of 8 bytes.
+            timed_item: when it was seen; its item is not looked at.
+            note: why the datagram is not whole, if it is not.
+        """
+        key = addresses + segment[:4]
+        payload = segment[8:]
+        items = [timed_item._replace(item=item) for item in _parse_items(payload, note)]
+        flow = self.flows.get(key)
+        if flow is not None:
+            return [(flow, item) for item in items]
+        found: list[tuple[Flow, TimedItem]] = []
+        known = self._undecided.get(key)
+        if known is None:
+            talk = self._begin_conversation(key, payload)
+            if talk is None:
+                self._counts.not_bcap += 1
+                return []
+            known = talk, 0
+            found = self._limit_undecided()
+            self._undecided[key] = known
+            self._undecided[reverse_key(key)] = talk, 1
+        talk, sender = known
+        for item in items:
+            talk.add_item(sender, item)
+        return found + self._release_items(key, talk, sender)
+
+    def close(self) -> list[tuple[Flow, TimedItem]]:
+        """End the capture: give out what was held back."""
+        found: list[tuple[Flow, TimedItem]] = []
+        while self._undecided:
+            found += self._guess_oldest()
+        return found
+
+    def _begin_conversation(self, key: bytes, payload: bytes) -> UndecidedConversation | None:
+        source, destination = endpoints_of(key)
+        server = server_index_by_port(self._ports, source.port, destination.port)
+        talk = UndecidedConversation((source, destination), Transport.UDP)
+        if server is not None:
+            talk.set_server(server, f"port {(source, destination)[server].port}")
+        elif source.port not in self._ports and not is_whole_frames(payload):
+            return None
+        return talk
+
+    def _release_items(
+        self, key: bytes, conversation: UndecidedConversation, sender: int
+    ) -> list[tuple[Flow, TimedItem]]:
+        if conversation.flows is not None:
+            other = reverse_key(key)
+            for each in {key, other}:  # the same where a forged packet goes to its own sender
+                del self._undecided[each]
+            self.flows[key], self.flows[other] = conversation.flows[sender], conversation.flows[1 - sender]
+            while len(self.flows) > FLOWS_LIMIT:
+                del self.flows[next(iter(self.flows))]
+        return conversation.release_items()
+
+    def _limit_undecided(self) -> list[tuple[Flow, TimedItem]]:
+        return self._guess_oldest() if len(self._undecided) >= 2 * UNDECIDED_LIMIT else []
+
+    def _guess_oldest(self) -> list[tuple[Flow, TimedItem]]:
+        key, (talk, sender) = next(iter(self._undecided.items()))
+        talk.guess_server()
+        return self._release_items(key, talk, sender)
+
+
+def _parse_items(payload: bytes, note: Problem | None) -> tuple[Frame | Malformed, ...]:
+    if note is None:
+        return parse_datagram(payload)
+    if not payload:
+        return (Malformed(payload, (note,)),)
+    *sound, last = parse_datagram(payload)
+    note = note._replace(offset=len(last.raw))
+    if isinstance(last, Malformed):
+        return (*sound, Malformed(last.raw, (*last.problems, note)))
+    return (*sound, Frame(last.raw, note))

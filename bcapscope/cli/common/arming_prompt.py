@@ -1,0 +1,58 @@
+"""Asking whether a robot may be energised and moved, and logging the calls that follow."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.client.action_log import ActionLog, LoggedConnection, default_folder
+from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.controller_target import os_error_text
+from bcapscope.render.escape import printable
+
+
+@contextmanager
+def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[ArmedCallLogger]:
+    """Log the armed calls of a connection; a log that cannot be written is reported and ends nothing."""
+    log = ActionLog(default_folder(), program, _warn_log_unwritable)
+    calls = ArmedCallLogger(log, connection)
+    try:
+        yield calls
+    finally:
+        calls.end_set_points()
+        log.close()
+
+
+def _warn_log_unwritable(path: Path, error: OSError) -> None:
+    reason = os_error_text(error)
+    print_stderr(
+        printable(f"bcapscope: cannot write the action log {path}: {reason}. Calls are sent without it.")
+    )
+
+
+def can_prompt() -> bool:
+    """Tell whether there is somebody to ask: both ends are a terminal."""
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def unarmed_reason(host: str) -> str:
+    """Return why a call that needs arming was not sent to `host`, and what to do."""
+    return (
+        f"It may move a robot or energise it, and {host} is not bcapscope's simulator. "
+        "Add --arm if the robot may move."
+    )
+
+
+def confirm_robot_may_move(host: str) -> bool:
+    """Let the user type the controller's address, which nobody does by accident.
+
+    Raises:
+        click.Abort: by Ctrl-C, or the end of what is typed.
+    """
+    typed: str = click.prompt(f"Type {printable(host)} if it may", default="", show_default=False, err=True)
+    return typed.strip() == host

@@ -1,0 +1,126 @@
+"""Where output goes: data to stdout in large pieces, narration to stderr, colours where they are wanted."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable
+from typing import TextIO, TypeGuard, cast
+
+import click
+
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.render.color_palette import ANSI, PLAIN, Palette
+
+_BATCH_CHARACTERS = 256 * 1024  # characters after which lines are written, however few
+
+
+class StdoutWriteError(click.ClickException):
+    """Standard output takes no more, for another reason than that its reader has seen enough."""
+
+    exit_code = ExitCode.UNWRITABLE
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(f"standard output: {(error.strerror or str(error)).lower()}")
+
+
+class DataOutput:
+    """Writes lines of data to stdout."""
+
+    def __init__(self, lines_at_once: int = 512) -> None:
+        """Write so many lines at once: many for speed, one where they are to be seen as they come."""
+        self._lines_at_once = lines_at_once
+        self._stdout = sys.stdout.buffer
+
+    def write_lines(self, lines: Iterable[str] | Iterable[bytes], after_batch: Callable[[], None]) -> None:
+        """Write each line; call `after_batch` whenever some were written.
+
+        Raises:
+            BrokenPipeError: the reader has gone.
+            OutputRefused: there is no room, or the like.
+        """
+        batch: list[str | bytes] = []
+        size = 0
+        for line in cast("Iterable[str | bytes]", lines):
+            batch.append(line)
+            size += len(line)
+            if size >= _BATCH_CHARACTERS or len(batch) >= self._lines_at_once:
+                self._write(_joined_lines(batch))
+                batch.clear()
+                size = 0
+                after_batch()
+        if batch:
+            self._write(_joined_lines(batch))
+            after_batch()
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self._stdout.write(data)
+            self._stdout.flush()
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            discard_stdout()
+            raise StdoutWriteError(error) from None
+
+
+def echo(text: str | bytes, end: bool = True) -> None:
+    """Write a line, or less than one, to stdout at once.
+
+    Raises:
+        BrokenPipeError: the reader has gone.
+        OutputRefused: there is no room, or the like.
+    """
+    try:
+        click.echo(text, nl=end)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        discard_stdout()
+        raise StdoutWriteError(error) from None
+
+
+def require_terminal() -> None:
+    """Make sure that there is a terminal for a screen; a browser needs none.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if "TEXTUAL_DRIVER" in os.environ:
+        return
+    if not all(stream is not None and stream.isatty() for stream in (sys.__stdin__, sys.__stderr__)):
+        raise click.UsageError("the screen needs a terminal; decode, calls and diagnose need none")
+
+
+def discard_stdout() -> None:
+    """Give up what standard output did not take, which would else be tried again at exit."""
+    _redirect_to_null(sys.stdout)
+
+
+def _redirect_to_null(stream: TextIO) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _joined_lines(lines: list[str | bytes]) -> bytes:
+    if _are_bytes(lines):
+        return b"\n".join(lines) + b"\n"
+    return ("\n".join(cast(list[str], lines)) + "\n").encode("utf-8")
+
+
+def _are_bytes(lines: list[str | bytes]) -> TypeGuard[list[bytes]]:
+    return isinstance(lines[0], bytes)
+
+
+def print_stderr(text: str) -> None:
+    """Tell the user something that is not data; nobody hears it where the terminal was closed."""
+    try:
+        click.echo(text, err=True)
+    except OSError:
+        _redirect_to_null(sys.stderr)
+
+
+def choose_palette(color: str) -> Palette:
+    """Choose colours: `always`, `never`, or `auto` for a terminal without NO_COLOR (no-color.org)."""
+    if color == "auto":
+        return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
+    return ANSI if color == "always" else PLAIN

@@ -1,0 +1,165 @@
+"""A call as words on a command line: the name of a function and its arguments."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import click
+
+from bcapscope.cli.common.target_options import ControllerTarget
+from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.variant_notation import parse_variant_as
+from bcapscope.protocol.tables.command_catalogue import find_command
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, Param, function_by_name
+from bcapscope.protocol.tables.variables import find_variable
+
+LONGEST_LINE = 65536
+"""Characters of a line of a script."""
+
+_OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
+_NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCall:
+    """A call that is to be made.
+
+    Attributes:
+        function: to call.
+        values: its arguments; without the handle if that is the last opened one's.
+        opens_object: whether the handle is to be put before `values`.
+    """
+
+    function: Function
+    values: tuple[Variant, ...]
+    opens_object: bool
+
+    async def arguments(self, reach: ObjectOpener) -> tuple[Variant, ...]:
+        """Return all arguments, opening what is missing."""
+        if self.opens_object:
+            return (Variant(VT.I4, await reach.handle_for(self.function.owner)), *self.values)
+        if self.function.name == "Controller_Connect":
+            await reach.start_service()
+        return self.values
+
+
+class PlannedCallParser:
+    """Reads the calls of one session, in their order."""
+
+    def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
+        """Read calls to `target`; a variable that has to be opened has the name `variable_name`."""
+        self._target = target
+        self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
+
+    def parse(self, words: Sequence[str]) -> PlannedCall:
+        """Read one call.
+
+        Raises:
+            click.UsageError: there is no such function, or the arguments do not fit it.
+        """
+        name, *texts = words
+        function = function_by_name(name)
+        if function is None:
+            near = get_close_matches(name, [each.name for each in FUNCTIONS.values()], 1)
+            raise click.UsageError(f"there is no function {name!r}" + (f"; {near[0]}?" if near else ""))
+        params = function.params
+        takes_handle = function.takes_handle and len(texts) < len(params)
+        if takes_handle:
+            params = params[1:]
+        if len(texts) > len(params):
+            raise click.UsageError(
+                f"{function.name} takes {_parameter_names(function)}; that are {len(texts)} values"
+            )
+        target = self._target
+        defaults = {"Controller_Connect": target.connect, "Service_Start": (target.service,)}.get(
+            function.name, ()
+        )
+        texts = [*texts, *defaults[len(texts) :]]
+        types = self._types if takes_handle and function.name == "Variable_PutValue" else ()
+        values = tuple(
+            _parse_argument(function, index, param, texts, types) for index, param in enumerate(params)
+        )
+        if function.creates is ObjectClass.VARIABLE:
+            opened = str(values[0 if takes_handle else 1].value)
+            self._types = _variable_types(opened, (function.owner,))
+        return PlannedCall(function, values, takes_handle)
+
+    def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
+        """Read calls, one a line, words as in a shell; empty lines and what follows # do not count.
+
+        Raises:
+            click.UsageError: a line makes no sense, or is no text.
+        """
+        requests = []
+        number = 1
+        try:
+            for line in lines:
+                if len(line) > LONGEST_LINE:
+                    raise ValueError("it is too long")
+                words = shlex.split(line, comments=True)
+                if words:
+                    requests.append(self.parse(words))
+                number += 1
+        except UnicodeError:
+            raise click.UsageError(f"line {number} on: this is no UTF-8") from None
+        except (ValueError, click.UsageError) as error:
+            reason = error.message if isinstance(error, click.UsageError) else str(error).lower()
+            raise click.UsageError(f"line {number}: {reason}") from None
+        return requests
+
+
+def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
+    """Make sure, before anything is sent, that for each call there is an object to make it of.
+
+    Args:
+        requests: in the order in which they are to be made.
+        named: classes of objects whose names are known.
+
+    Raises:
+        click.UsageError: there is none.
+    """
+    always = {*_NAMELESS_OWNERS, *named}
+    known = set(always)
+    for request in requests:
+        owner = request.function.owner
+        if request.opens_object and owner not in known:
+            word = owner.lower()
+            raise click.UsageError(
+                f"{request.function.name}: of which {word}? Give --{word} NAME, or open it before"
+            )
+        if request.function.creates is not None:
+            known.add(request.function.creates)
+        if request.function.releases is not None and request.opens_object and owner not in always:
+            known.discard(owner)
+
+
+def _parameter_names(function: Function) -> str:
+    return " ".join(param.name for param in function.params) or "no arguments"
+
+
+def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
+    """Return the types that a variable of one of these classes may have; () where nobody says."""
+    known = (find_variable(owner, variable_name) for owner in owners)
+    return next((kind.types for kind in known if kind), ())
+
+
+def _parse_argument(
+    function: Function, index: int, param: Param, texts: Sequence[str], types: Sequence[str]
+) -> Variant:
+    """Read an argument; `types` are those that its value may have where the function leaves that open."""
+    if index >= len(texts):
+        if param.type == "VT_BSTR":
+            return Variant(VT.BSTR, "")
+        if param.type == "VARIANT":
+            return EMPTY
+        raise click.UsageError(f"{function.name} takes {_parameter_names(function)}; {param.name} is missing")
+    if param.name == "vntParam" and (known := find_command(function.id, texts[index - 1])):
+        types = known.parameter_types
+    try:
+        return parse_variant_as(texts[index], types or [param.type])
+    except ValueError as error:
+        raise click.UsageError(f"{function.name}, {param.name}: {error}") from None

@@ -1,0 +1,263 @@
+"""A player at work, as `play` shows it: what is told, what is asked, keys, signals."""
+
+from __future__ import annotations
+
+import select
+import signal
+import sys
+from types import FrameType
+
+import click
+
+from bcapscope.cli.common.arming_prompt import can_prompt, confirm_robot_may_move, log_armed_calls
+from bcapscope.cli.common.data_output import echo, print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.client.action_log import LoggedConnection
+from bcapscope.live.terminal_keys import TerminalKeys
+from bcapscope.player.arm_limits import limits_for_arm, with_limits
+from bcapscope.player.armed_message_logger import ArmedMessageLogger
+from bcapscope.player.player_messages import (
+    ControllerInfo,
+    PlayEnded,
+    PlayerMessage,
+    PlayerProblem,
+    PlayerQuestion,
+    PlayOutcome,
+    PlayPlan,
+    PlayProgress,
+    PlayState,
+    QuestionTopic,
+    RealtimeReport,
+)
+from bcapscope.player.player_process import PlayerProcess
+from bcapscope.player.preflight import PreflightResult, run_preflight
+from bcapscope.player.trajectory import Trajectory
+from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
+from bcapscope.render.color_palette import Palette
+from bcapscope.render.escape import printable
+from bcapscope.render.play_text import (
+    controller_line,
+    play_summary_lines,
+    play_summary_record,
+    progress_line,
+    trouble_lines,
+)
+from bcapscope.render.preflight_text import PreflightRenderer, preflight_record, source_lines
+
+_EXIT_CODES = {
+    PlayOutcome.DONE: ExitCode.OK,
+    PlayOutcome.LOOKED: ExitCode.OK,
+    PlayOutcome.STOPPED: ExitCode.INTERRUPTED,
+    PlayOutcome.HALTED: ExitCode.INTERRUPTED,
+    PlayOutcome.UNARMED: ExitCode.UNARMED,
+    PlayOutcome.DECLINED: ExitCode.UNARMED,
+    PlayOutcome.UNFIT: ExitCode.UNFIT,
+    PlayOutcome.REFUSED: ExitCode.REFUSED,
+    PlayOutcome.UNANSWERED: ExitCode.UNANSWERED,
+    PlayOutcome.UNWRITABLE: ExitCode.UNWRITABLE,
+    PlayOutcome.FAILED: ExitCode.UNANSWERED,
+}
+_STOP_KEYS = "s "
+_HALT_KEYS = ("h", "\x1b\x1b")
+_KEY_HINT = "s or Ctrl-C: come to rest, h or Escape twice: halt"
+_POLL_INTERVAL = 1.0
+_TERMINAL_CLOSED = getattr(signal, "SIGHUP", None)
+
+
+class PlayOutput:
+    """Writes what there is to see: data to stdout, everything else to stderr."""
+
+    def __init__(self, as_json: bool, palette: Palette, width: int) -> None:
+        self._json = as_json
+        self._palette = palette
+        self._width = width
+        self._draws_progress = sys.stderr.isatty() and not as_json
+        self._is_drawn = False
+        self._is_closed = False
+
+    def close(self) -> None:
+        """Show nothing any more: the terminal was closed."""
+        self._is_closed = True
+
+    def show_source(self, trajectory: Trajectory) -> None:
+        """Show how the file was read."""
+        if not self._json:
+            for line in source_lines(trajectory):
+                echo(line)
+
+    def show_preflight(self, preflight: PreflightResult) -> None:
+        """Show the pre-flight."""
+        if self._json:
+            self._print_data(preflight_record(preflight))
+            return
+        for line in PreflightRenderer(self._palette, self._width).lines(preflight):
+            self._print_data(line)
+
+    def show_end(self, ended: PlayEnded) -> None:
+        """Show the summary."""
+        self._erase_progress()
+        if self._json:
+            self._print_data(play_summary_record(ended))
+            return
+        for line in play_summary_lines(ended):
+            self._print_data(line)
+
+    def print_line(self, text: str) -> None:
+        """Show a line on stderr."""
+        self._erase_progress()
+        if not self._is_closed:
+            print_stderr(text)
+
+    def draw_progress(self, progress: PlayProgress) -> None:
+        """Draw the one line that changes."""
+        if self._draws_progress and not self._is_closed:
+            sys.stderr.write(f"\r{progress_line(progress, self._width - 1)}\x1b[K")
+            sys.stderr.flush()
+            self._is_drawn = True
+
+    def _erase_progress(self) -> None:
+        if self._is_drawn and not self._is_closed:
+            sys.stderr.write("\r\x1b[K")
+            self._is_drawn = False
+
+    def _print_data(self, line: str | bytes) -> None:
+        if not self._is_closed:
+            echo(line)
+
+
+class PlayRunner:
+    """Runs a player to its end."""
+
+    def __init__(self, plan: PlayPlan, trajectory: Trajectory, output: PlayOutput) -> None:
+        """Get ready; nothing is started yet."""
+        self._plan = plan
+        self._trajectory = trajectory
+        self._output = output
+        self._keys = TerminalKeys()
+        self._is_prompting = False
+        self._stop_requested = False
+        self._is_fit = True
+        self._can_prompt = can_prompt()
+
+    def run(self) -> ExitCode:
+        """Play; return the exit code."""
+        connection = LoggedConnection.of_target(self._plan.target)
+        with log_armed_calls("play", connection) as calls, PlayerProcess(self._plan) as player:
+            self._player, self._log = player, ArmedMessageLogger(calls)
+            before = {number: signal.signal(number, self._on_signal) for number in _handled_signals()}
+            try:
+                while player.ended is None:
+                    for message in self._wait_for_messages():
+                        self._on_message(message)
+                self._keys.stop()
+                return self._finish(player.close())
+            finally:
+                self._keys.stop()
+                for number, handler in before.items():
+                    signal.signal(number, handler)
+
+    def _finish(self, ended: PlayEnded) -> ExitCode:
+        """Show the summary; return the exit code."""
+        if self._plan.look_only and ended.outcome is PlayOutcome.LOOKED:
+            return ExitCode.OK if self._is_fit else ExitCode.UNFIT
+        self._output.show_end(ended)
+        if not self._is_fit:
+            return ExitCode.UNFIT
+        if ended.outcome is PlayOutcome.STOPPED and ended.index and not self._plan.rounds:
+            return ExitCode.OK  # there is no other end
+        return _EXIT_CODES[ended.outcome]
+
+    def _wait_for_messages(self) -> list[PlayerMessage]:
+        """Wait for messages or keys."""
+        watched = [self._player.fileno(), *([0] if self._keys.is_on else [])]
+        ready, _, _ = select.select(watched, (), (), _POLL_INTERVAL)
+        if 0 in ready:
+            typed = self._keys.read_keys()
+            if any(key in typed for key in _HALT_KEYS):
+                self._player.halt()
+            elif any(key in typed for key in _STOP_KEYS):
+                self._player.stop()
+        return self._player.read_messages()
+
+    def _on_message(self, message: PlayerMessage) -> None:
+        self._log.on_message(message)
+        if isinstance(message, PlayProgress):
+            if message.state is PlayState.PLAYING and not self._keys.is_on:
+                self._keys.start()
+            self._output.draw_progress(message)
+        elif isinstance(message, PlayerQuestion):
+            self._player.answer(self._answer_prompt(message))
+        elif isinstance(message, ControllerInfo):
+            self._check_trajectory(message)
+        elif isinstance(message, RealtimeReport) and not self._plan.look_only:
+            self._output.print_line(message.text)
+        elif isinstance(message, PlayerProblem):
+            for line in trouble_lines(message):
+                self._output.print_line(line)
+
+    def _check_trajectory(self, peer: ControllerInfo) -> None:
+        """Check the trajectory against what is there."""
+        plan = self._plan
+        self._output.print_line(controller_line(peer))
+        limits = with_limits(limits_for_arm(peer.type_name), plan.limits)
+        found = run_preflight(
+            self._trajectory,
+            plan.period / 1e9,
+            limits,
+            current_pose=peer.pose,
+            mode=slave_mode_by_number(peer.mode, Generation(peer.generation)),
+            loop=plan.rounds != 1,
+        )
+        self._output.show_preflight(found)
+        self._is_fit = found.is_playable
+
+    def _answer_prompt(self, call_kind: PlayerQuestion) -> str:
+        """Answer a question, or let the user."""
+        if call_kind.topic is QuestionTopic.BEGIN:
+            if self._is_fit:
+                self._output.print_line(
+                    _KEY_HINT if self._can_prompt else "Ctrl-C: come to rest, twice: halt"
+                )
+            return "yes" if self._is_fit else "no"
+        self._output.print_line(printable(call_kind.text))
+        if not self._can_prompt:
+            return call_kind.choices[0]
+        self._keys.stop()
+        self._is_prompting = True
+        try:
+            return self._prompt_user(call_kind)
+        except (KeyboardInterrupt, click.Abort, EOFError):
+            self._output.print_line("")  # what was typed has the line to itself
+            self._player.stop()
+            return call_kind.choices[0]
+        finally:
+            self._is_prompting = False
+
+    def _prompt_user(self, call_kind: PlayerQuestion) -> str:
+        if call_kind.topic is QuestionTopic.ARM:
+            return "yes" if confirm_robot_may_move(self._plan.target.host) else "no"
+        choice: str = click.prompt(
+            "Answer", type=click.Choice(call_kind.choices), default=call_kind.choices[0], err=True
+        )
+        return choice
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Stop at the first signal, halt at the second."""
+        if number == _TERMINAL_CLOSED:
+            self._output.close()
+        again, self._stop_requested = self._stop_requested, True
+        if self._is_prompting:
+            self._is_prompting = False  # the next one need not end the wait for an answer
+            raise KeyboardInterrupt
+        if again:
+            self._player.halt()
+        else:
+            self._player.stop()
+
+
+def _handled_signals() -> list[signal.Signals]:
+    # With Ctrl-Z a robot would move on, and nobody would hear a key, nor with Ctrl-\ be told how it ended.
+    numbers = [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGTSTP]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
+        numbers.append(signal.SIGHUP)
+    return numbers

@@ -1,0 +1,420 @@
+"""The options of ``bcapscope proxy`` that make rules, and the rules that they make."""
+
+from __future__ import annotations
+
+import functools
+import random
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import click
+from click.core import ParameterSource
+
+from bcapscope.cli.common import options
+from bcapscope.cli.common.data_output import echo, print_stderr
+
+if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
+    from bcapscope.faults.fault import AnyFault
+    from bcapscope.faults.quantities import Duration, FrameCondition
+    from bcapscope.proxy.control_socket import ControlServer
+    from bcapscope.proxy.relay import Relay
+    from bcapscope.proxy.request_guard import GuardTarget, RequestGuard
+    from bcapscope.proxy.rule_policy import RulePolicy
+    from bcapscope.proxy.script_process import ScriptProcess
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True, slots=True)
+class RuleOptions:
+    """What the options say.
+
+    Attributes:
+        faults: those of the command line before those of the files.
+        seed: of all chance.
+        guard: None for none.
+        intercept: what is to be held; None for nothing.
+        hold_ns: ns that a held message waits; None for the usual, `intercept.PATIENCE`.
+        scripts: paths.
+        script_limit_ns: ns that they have for a message; None for the usual, `scriptqueue.LIMIT`.
+        script_memory_mb: megabytes that they may allocate; None for the usual, `scriptprocess.MEMORY`.
+        control: address of the control socket; "" for none.
+        command_line: the options as they were typed, for another process; without that of the control socket.
+    """
+
+    faults: tuple[AnyFault, ...]
+    seed: int
+    guard: RequestGuard | None
+    intercept: FrameCondition | None
+    hold_ns: int | None
+    scripts: tuple[str, ...]
+    control: str
+    command_line: tuple[str, ...]
+    script_limit_ns: int | None = None
+    script_memory_mb: int | None = None
+
+    def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
+        """Start the process that loads and runs the scripts; None without scripts.
+
+        Args:
+            exit_stack: ends the process.
+
+        Raises:
+            ScriptError: it cannot be started.
+        """
+        if not self.scripts:
+            return None
+        from bcapscope.proxy.script_process import DEFAULT_MEMORY_MB, ScriptProcess
+
+        return exit_stack.enter_context(
+            closing(ScriptProcess(self.scripts, self.script_memory_mb or DEFAULT_MEMORY_MB))
+        )
+
+    def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
+        """Make the rules, with the monotonic clock's current time; None if no option needs rules.
+
+        Args:
+            scripts: the process of the scripts; `RulePolicy.scripts` waits for it to load them.
+        """
+        if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
+            return None
+        from bcapscope.faults.fault_injector import FaultInjector
+        from bcapscope.proxy.direction_state import UndecidedMessage
+        from bcapscope.proxy.intercept import Intercept
+        from bcapscope.proxy.rule_policy import RulePolicy
+        from bcapscope.proxy.script_queue import TIME_LIMIT_NS, ScriptQueue
+
+        now, since_1970 = time.monotonic_ns(), time.time_ns()
+        queue: ScriptQueue[UndecidedMessage] | None = None
+        if scripts is not None:
+            queue = ScriptQueue(scripts.names, scripts, self.script_limit_ns or TIME_LIMIT_NS)
+        epoch = since_1970 - now
+        return RulePolicy(
+            FaultInjector(self.faults, seed=self.seed, now=now, epoch=epoch),
+            self.guard,
+            Intercept(self.intercept, self._effective_hold_ns()),
+            queue,
+            epoch=epoch,
+        )
+
+    def attach_rules(
+        self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
+    ) -> ControlServer | None:
+        """Let the rules speak through the relay, and give the control socket that listens beside it, if any.
+
+        Args:
+            rules: that were made.
+            relay: which asks them.
+            state: what else is told on the control socket, as it then is.
+
+        Raises:
+            ControlError: there can be no such socket.
+        """
+        from bcapscope.proxy.control_api import ControlApi
+        from bcapscope.proxy.control_socket import ControlServer
+        from bcapscope.proxy.ring_buffer import DelayFigure, RelayCounter
+
+        rules.notify = relay.notify
+        if rules.scripts is not None:
+            rules.scripts.notify = relay.notify
+        if not self.control:
+            return None
+
+        def figures() -> dict[str, object]:
+            counts = {count.name.lower(): relay.counts[count] for count in RelayCounter}
+            held = {figure.name.lower(): relay.ring.figures[figure] for figure in DelayFigure}
+            return {"clients_now": len(relay.sessions), **counts, "held_up_ns": held, **state}
+
+        def upstream(number: int) -> str:
+            session = relay.sessions.get(number)
+            return "" if session is None else session.upstream_state
+
+        server = ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
+        print_stderr(f"control: bcapscope proxy ctl {server.address}")
+        return server
+
+    def summary_lines(self) -> list[str]:
+        """Tell what is set up, a line each."""
+        from bcapscope.protocol.text_format import counted
+
+        lines = []
+        if self.faults:
+            lines.append(f"{counted(len(self.faults), 'fault')}, --seed {self.seed}")
+        if self.guard is not None:
+            lines.append("guard: what is not allowed is answered with E_ACCESSDENIED")
+        if self.intercept is not None:
+            lines.append(f"intercept: held until sent on, {self._effective_hold_ns() / 1e9:g} s at most")
+        return lines
+
+    def _effective_hold_ns(self) -> int:
+        from bcapscope.proxy.intercept import HOLD_TIME_NS
+
+        return HOLD_TIME_NS if self.hold_ns is None else self.hold_ns
+
+
+def rule_options(function: F) -> F:
+    """Give a command the options; it gets one argument `rules`, a `RuleOptions`."""
+
+    @functools.wraps(function)
+    def command(**arguments: Any) -> Any:
+        own = {name: arguments.pop(name) for name in _OPTION_NAMES}
+        typed = click.get_current_context().meta.get(_TYPED, ())
+        return function(rules=_build_options(typed=tuple(typed), **own), **arguments)
+
+    decorated: Any = command
+    for option in reversed(_OPTIONS):
+        decorated = option(decorated)
+    return cast(F, decorated)
+
+
+def _build_options(
+    *,
+    faults: tuple[AnyFault, ...],
+    rule_files: tuple[tuple[AnyFault, ...], ...],
+    seed: int | None,
+    read_only: bool,
+    block: tuple[GuardTarget, ...],
+    allow_command: tuple[GuardTarget, ...],
+    intercept: FrameCondition | None,
+    hold: Duration | None,
+    scripts: tuple[str, ...],
+    script_limit: int | None,
+    script_memory: int | None,
+    control: str | None,
+    typed: tuple[str, ...],
+) -> RuleOptions:
+    every = (*faults, *(fault for each in rule_files for fault in each))
+    names = [fault.name for fault in every if fault.name]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise click.UsageError(f"two faults have the name {twice}")
+    guard = None
+    if read_only or block or allow_command:
+        from bcapscope.proxy.request_guard import RequestGuard
+
+        guard = RequestGuard(read_only or bool(allow_command), block, allow_command)
+    typed += ("--read-only",) if read_only else ()
+    typed += ("--seed", f"{seed}") if seed is not None else ()
+    typed += tuple(word for path in scripts for word in ("--script", path))
+    return RuleOptions(
+        faults=every,
+        seed=random.randrange(1_000_000) if seed is None else seed,
+        guard=guard,
+        intercept=intercept,
+        hold_ns=hold,
+        scripts=scripts,
+        control=control or "",
+        command_line=typed,
+        script_limit_ns=script_limit,
+        script_memory_mb=script_memory,
+    )
+
+
+_TYPED = f"{__name__}.typed"
+"""Where click keeps what was typed, until a command begins."""
+
+
+def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
+    """Make a callback of click that reads what was typed, each of them where there are several."""
+
+    def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+        if context.get_parameter_source(parameter.name or "") is not ParameterSource.DEFAULT:
+            typed = context.meta.setdefault(_TYPED, [])
+            typed += [
+                word
+                for each in (value if isinstance(value, tuple) else (value,))
+                for word in (parameter.opts[0], each)
+            ]
+        try:
+            if isinstance(value, tuple):
+                return tuple(read(each) for each in value)
+            return None if value is None else read(value)
+        except ValueError as error:
+            separator = "\n" if "\n" in str(error) else ""
+            raise click.BadParameter(f"{separator}{error}", context, parameter) from None
+
+    return convert
+
+
+def _fault(text: str) -> AnyFault:
+    from bcapscope.faults.fault_notation import read_fault
+
+    return read_fault(text)
+
+
+def _condition(text: str) -> FrameCondition:
+    from bcapscope.faults.quantities import FrameCondition
+
+    return FrameCondition.read(text)
+
+
+def _duration(text: str) -> Duration:
+    from bcapscope.faults.quantities import Duration
+
+    return Duration.read(text)
+
+
+def _target(text: str) -> GuardTarget:
+    from bcapscope.proxy.request_guard import read_target
+
+    return read_target(text)
+
+
+def _script_limit(text: str) -> int:
+    from bcapscope.proxy.script_queue import LONGEST_LIMIT, SHORTEST_LIMIT
+
+    limit = _duration(text)
+    if not SHORTEST_LIMIT <= limit <= LONGEST_LIMIT:
+        raise ValueError(f"{text} is not between 1ms and 10s")
+    return limit
+
+
+def _script_memory(text: str) -> int:
+    from bcapscope.proxy.script_process import LEAST_MEMORY, MOST_MEMORY
+
+    megabytes = int(text) if text.isdecimal() and len(text) <= len(str(MOST_MEMORY)) else 0
+    if not LEAST_MEMORY <= megabytes <= MOST_MEMORY:
+        raise ValueError(f"{text!r} is not a number of megabytes between {LEAST_MEMORY} and {MOST_MEMORY}")
+    return megabytes
+
+
+def _rule_file(path: str) -> tuple[AnyFault, ...]:
+    from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, RuleFile, read_document
+
+    try:
+        with Path(path).open(encoding="utf-8") as file:
+            text = file.read(LONGEST_DOCUMENT + 1)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    try:
+        return read_document(text, RuleFile).faults
+    except DocumentError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _print_fault_notation(context: click.Context, _: click.Parameter, value: bool) -> None:
+    if value:
+        from bcapscope.faults import fault_notation
+
+        echo((fault_notation.__doc__ or "").strip())
+        context.exit()
+
+
+_OPTIONS = (
+    click.option(
+        "--fault",
+        "faults",
+        metavar="FAULT",
+        multiple=True,
+        callback=_parsing_callback(_fault),
+        help="Make trouble: 'loss=5%', 'delay=3ms±1ms if command == slvMove', 'drop reply try 1'; may be "
+        "repeated. See --help-faults.",
+    ),
+    click.option(
+        "--rules",
+        "rule_files",
+        metavar="FILE.yaml",
+        multiple=True,
+        callback=_parsing_callback(_rule_file),
+        help="Faults from a file: a list `faults`, each with `action` and the words of --help-faults.",
+    ),
+    click.option(
+        "--seed",
+        type=options.IntegerRange(0, options.LARGEST_SEED),
+        help="Random seed. The same seed and traffic give the same faults.",
+    ),
+    click.option(
+        "--read-only",
+        is_flag=True,
+        help="Refuse requests that energise or move the robot or change its state, and unknown ones, with "
+        "E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
+        "TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. Controller_Connect "
+        "also passes: nothing can be read without its handles.",
+    ),
+    click.option(
+        "--block",
+        metavar="NAME",
+        multiple=True,
+        callback=_parsing_callback(_target),
+        help="Refuse this function or command, or FUNCTION:COMMAND; may be repeated.",
+    ),
+    click.option(
+        "--allow-command",
+        metavar="NAME",
+        multiple=True,
+        callback=_parsing_callback(_target),
+        help="Read-only, but for this function or command; may be repeated.",
+    ),
+    click.option(
+        "--intercept",
+        metavar="EXPRESSION",
+        callback=_parsing_callback(_condition),
+        help="Hold what this is true for, until `proxy ctl` sends it on, edits or drops it; see "
+        "`bcapscope fields`.",
+    ),
+    click.option(
+        "--hold",
+        metavar="TIME",
+        callback=_parsing_callback(_duration),
+        help="How long it is held, 60s unless given; then it goes on unchanged, or is dropped if it is a "
+        "request that its client has given up: by ending its connection, by asking for something else, or on "
+        "UDP by not asking again for 5 s.",
+    ),
+    click.option(
+        "--script",
+        "scripts",
+        metavar="FILE.py",
+        multiple=True,
+        type=click.Path(exists=True, dir_okay=False),
+        help="Python file whose classes have methods request(message), reply(message), settled(call), "
+        "connected(client), gone(client), done(); may be repeated. Scripts run in a process of their own, "
+        "with your rights.",
+    ),
+    click.option(
+        "--script-timeout",
+        "script_limit",
+        metavar="TIME",
+        callback=_parsing_callback(_script_limit),
+        help="Time that the scripts have for one message, 1ms to 10s; 100ms unless given. Scripts that take "
+        "longer are switched off: stops pass, motion is refused with E_ACCESSDENIED, everything else passes "
+        "unchanged.",
+    ),
+    click.option(
+        "--script-memory",
+        metavar="MEGABYTES",
+        callback=_parsing_callback(_script_memory),
+        help="Memory that the scripts may allocate, 64 to 65536; 512 unless given.",
+    ),
+    click.option(
+        "--control",
+        metavar="PATH|127.0.0.1:PORT",
+        help="Listen for `bcapscope proxy ctl` there. Who can open it can do what you can do with the robot.",
+    ),
+    click.option(
+        "--help-faults",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_print_fault_notation,
+        help="Tell how faults are written, and exit.",
+    ),
+)
+
+_OPTION_NAMES = (
+    "faults",
+    "rule_files",
+    "seed",
+    "read_only",
+    "block",
+    "allow_command",
+    "intercept",
+    "hold",
+    "scripts",
+    "script_limit",
+    "script_memory",
+    "control",
+)

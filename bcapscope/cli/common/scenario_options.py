@@ -1,0 +1,63 @@
+"""Choosing a scenario for the simulator, and listing those that there are."""
+
+from __future__ import annotations
+
+import textwrap
+
+import click
+
+from bcapscope.cli.common.data_output import DataOutput
+from bcapscope.faults.document import DocumentError
+from bcapscope.render.columns import align_columns
+from bcapscope.render.escape import printable
+from bcapscope.simulator.scenario import (
+    ClientProgram,
+    Scenario,
+    bundled_scenarios,
+    load_scenario,
+    read_scenario,
+)
+
+_WIDTH = 98
+_SESSION_TEXTS = {
+    ClientProgram.CALLS: "makes a few calls",
+    ClientProgram.MOTION: "moves the robot",
+    ClientProgram.SLAVE: "enters slave mode 0x{:03X}",
+    ClientProgram.PASSING: "enters slave mode 0x{:03X} after a motion with @P",
+    ClientProgram.GRIPPER: "is in slave mode 0x{:03X} while a second one writes an output",
+}
+
+
+def choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
+    """Read the scenario of a name, or of a YAML file."""
+    if named is None:
+        return None
+    try:
+        return load_scenario(named)
+    except DocumentError as error:
+        raise click.BadParameter(f"{named}: {error}") from None
+    except LookupError as error:
+        raise click.BadParameter(f"{error.args[0]} --scenarios lists all, and a file ends in .yaml") from None
+    except OSError as error:
+        raise click.BadParameter(f"{named} cannot be read: {error.strerror or error}") from None
+
+
+def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool) -> None:
+    """Write each scenario with what it shows and end, if that is wanted."""
+    if not wanted or context.resilient_parsing:
+        return
+    read = {name: read_scenario(text) for name, text in bundled_scenarios().items()}
+    rows = [(name, scenario.shows or "", scenario.title) for name, scenario in read.items()]
+    DataOutput().write_lines(
+        align_columns([("NAME", "DIAGNOSE NAMES FIRST", "WHAT IT SHOWS"), *rows], "<<<"), lambda: None
+    )
+    context.exit()
+
+
+def scenario_introduction(scenario: Scenario) -> str:
+    """Tell what a scenario is about, in lines for a person."""
+    client = scenario.client
+    lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
+    met = f"It shows with a client that {_SESSION_TEXTS[client.session].format(client.mode)} over {client.over.upper()}"
+    then = f"; diagnose then names {scenario.shows} first" if scenario.shows else ""
+    return "\n  ".join(map(printable, [*lines, f"{met}{then}."]))

@@ -1,0 +1,138 @@
+"""`bcapscope tui --serve`: the screen in a browser, on this machine only."""
+
+from __future__ import annotations
+
+import functools
+import ipaddress
+import os
+import socket
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+import click
+from click.core import ParameterSource
+
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.options import IntegerRange
+from bcapscope.traffic.observation import Endpoint
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+DEFAULT_ADDRESS = "127.0.0.1:8000"
+_MAX_VIEWERS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class ServeOptions:
+    """How the screen is shown.
+
+    Attributes:
+        is_wanted: in a browser rather than in this terminal.
+        address: where it is served; loopback.
+        viewers: how many may watch at a time.
+    """
+
+    is_wanted: bool
+    address: Endpoint
+    viewers: int
+
+
+def serve_screen(options: ServeOptions) -> None:
+    """Serve the running command in a browser until Ctrl-C, then exit.
+
+    Each viewer starts the same command in a process of their own. Returns at once in such a process.
+    """
+    if "TEXTUAL_DRIVER" in os.environ:
+        return
+    try:
+        from bcapscope.tui.web.web_server import WebServer
+    except ImportError:
+        print_stderr("textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'")
+        sys.exit(ExitCode.NOT_INSTALLED)
+    import asyncio
+
+    try:
+        family = socket.AF_INET6 if ":" in options.address.host else socket.AF_INET
+        listening = socket.create_server(options.address, family=family)
+    except OSError as error:
+        reason = (os.strerror(error.errno) if error.errno else str(error)).lower()
+        print_stderr(f"cannot listen on {options.address}: {reason}. Choose another port with --serve-at.")
+        sys.exit(ExitCode.UNREADABLE)
+    server = WebServer([sys.executable, "-m", "bcapscope", *sys.argv[1:]], listening, options.viewers)
+
+    def greet() -> None:
+        print_stderr(f"Open {server.gate.entry_url}")
+        print_stderr(
+            "Anyone with this address can do what you can do here. Keep it secret. Press Ctrl-C to end."
+        )
+
+    with suppress(KeyboardInterrupt):  # where the event loop takes no signals
+        asyncio.run(server.run(greet))
+    sys.exit(ExitCode.OK)
+
+
+def _loopback_address(context: click.Context, parameter: click.Parameter, value: str) -> Endpoint:
+    host, _, port = value.rpartition(":")
+    host = "127.0.0.1" if host == "localhost" else host.removeprefix("[").removesuffix("]")
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        raise click.BadParameter(
+            f"give an IP address and a port, such as {DEFAULT_ADDRESS}", context, parameter
+        ) from None
+    if not (port.isascii() and port.isdecimal() and len(port) <= 5 and int(port) <= 0xFFFF):
+        raise click.BadParameter(f"give a port up to 65535, such as {DEFAULT_ADDRESS}", context, parameter)
+    if not address.is_loopback:
+        raise click.BadParameter(
+            f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can "
+            f"move the robot. From another machine use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@HOST",
+            context,
+            parameter,
+        )
+    return Endpoint(str(address), int(port))
+
+
+_OPTIONS = (
+    click.option(
+        "--serve",
+        is_flag=True,
+        help="Show the screen in a browser on this machine. bcapscope prints the address to open.",
+    ),
+    click.option(
+        "--serve-at",
+        metavar="HOST:PORT",
+        default=DEFAULT_ADDRESS,
+        show_default=True,
+        callback=_loopback_address,
+        help="Serve at this address, on loopback only.",
+    ),
+    click.option(
+        "--viewers",
+        type=IntegerRange(1, _MAX_VIEWERS),
+        default=1,
+        show_default=True,
+        help="Let this many browser pages watch at a time, each with a screen of its own.",
+    ),
+)
+
+
+def serve_options(function: F) -> F:
+    """Give a command the options; it gets one argument `serve`, a `ServeOptions`."""
+
+    @functools.wraps(function)
+    def command(*, serve: bool, serve_at: Endpoint, viewers: int, **arguments: Any) -> Any:
+        context = click.get_current_context()
+        for name in ("serve_at", "viewers"):
+            typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+            if typed and not serve:
+                raise click.UsageError("--serve-at and --viewers have no effect without --serve: add --serve")
+        return function(serve=ServeOptions(serve, serve_at, viewers), **arguments)
+
+    decorated: Any = command
+    for option in reversed(_OPTIONS):
+        decorated = option(decorated)
+    return cast(F, decorated)

@@ -1,0 +1,206 @@
+"""What ``bcapscope tui`` shows of commands that it starts, or finds: a proxy, a simulator."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bcapscope.cli.common.data_output import print_stderr, require_terminal
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.output_files import check_output_path
+from bcapscope.cli.common.proxy_rule_options import RuleOptions
+from bcapscope.render.escape import printable
+
+if TYPE_CHECKING:
+    from bcapscope.live.child_process import ChildProcess
+    from bcapscope.proxy.control_answers import ProxyStats
+    from bcapscope.tui.screens.proxy_screen import ProxyScreen
+    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+
+_CLIENT_SIDE = "clients of "
+"""How the interfaces begin that a proxy's recording has for the clients' side."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProxyScreenOptions:
+    """The proxy that is to be shown.
+
+    Attributes:
+        address: of the control socket of one that runs; "" for one of our own.
+        listen: where ours listens.
+        to: and where that leads.
+        record: where ours keeps what passes; None for nowhere.
+        rules: of ours.
+    """
+
+    address: str
+    listen: tuple[str, ...]
+    to: tuple[str, ...]
+    record: Path | None
+    rules: RuleOptions
+
+
+def show_proxy(options: ProxyScreenOptions) -> None:
+    """Show a proxy, one that runs or one of our own."""
+    own = (
+        options.listen or options.to or options.record or options.rules.command_line or options.rules.control
+    )
+    if not options.address:
+        _show_own_proxy(options)
+    elif own:
+        raise click.UsageError(f"the proxy on {options.address} has its own --listen, --to and rules")
+    else:
+        _show_running_proxy(options.address)
+
+
+def _show_running_proxy(address: str) -> None:
+    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+    from bcapscope.tui.words import say
+
+    figures = _read_figures(address)
+    if figures.recording is None:
+        _show_screens(None, _proxy_screen(address, figures, None, note=say("proxy.unrecorded")))
+        return
+    feed = TrafficFeed(path=figures.recording, follow=True, ports=figures.ports, leg=_CLIENT_SIDE)
+    try:
+        _show_screens(feed, _proxy_screen(address, figures, feed))
+    finally:
+        feed.close()
+
+
+def _show_own_proxy(options: ProxyScreenOptions) -> None:
+    from bcapscope.proxy.listener_spec import ListenerSpecError, parse_listener_specs
+
+    try:
+        parse_listener_specs(options.listen, options.to, "both", ())
+    except ListenerSpecError as error:
+        raise click.UsageError(str(error)) from None
+    if options.record is not None:
+        check_output_path(options.record)
+    from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
+    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+
+    with TemporaryFolder() as folder:
+        record = options.record or folder.path / "proxy.pcapng"
+        control = options.rules.control or _control_address(folder.path)
+        words = [word for each in options.listen for word in ("--listen", each)]
+        words += [word for each in options.to for word in ("--to", each)]
+        words += ["--record", str(record), "--control", control, "--quiet", *options.rules.command_line]
+        with _running_command("proxy", *words) as child:
+            figures = _read_figures(child.control_address)
+            feed = TrafficFeed(path=str(record), follow=True, ports=figures.ports, leg=_CLIENT_SIDE)
+            try:
+                _show_screens(feed, _proxy_screen(child.control_address, figures, feed, child))
+            finally:
+                feed.close()
+
+
+def show_simulator(port: int, words: Sequence[str]) -> None:
+    """Show what a simulator and its clients say to each other.
+
+    Args:
+        port: where it listens, on loopback.
+        words: further options of ``bcapscope sim``.
+    """
+    from bcapscope.tui.app import BcapApp, ScreenEntry
+    from bcapscope.tui.screens.simulator_screen import SimulatorScreen
+    from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
+    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+
+    with TemporaryFolder() as folder:
+        record = folder.path / "simulator.pcapng"
+        with _running_command(
+            "sim", "--port", f"{port}", "--record", str(record), "--quiet", *words
+        ) as child:
+            (address,) = child.listen_addresses
+            feed = TrafficFeed(path=str(record), follow=True, ports=(int(address.rpartition(":")[2]),))
+            try:
+                require_terminal()
+                BcapApp(
+                    [ScreenEntry("traffic", "f3", "traffic", lambda: SimulatorScreen(feed, address, child))]
+                ).run_until_closed()
+            finally:
+                feed.close()
+
+
+def _proxy_screen(
+    address: str,
+    figures: ProxyStats,
+    feed: TrafficFeed | None,
+    child: ChildProcess | None = None,
+    note: str = "",
+) -> ProxyScreen:
+    from bcapscope.tui.screens.proxy_screen import ProxyScreen
+
+    return ProxyScreen(address, ", ".join(figures.listening), feed, child, note)
+
+
+def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
+    from bcapscope.tui.app import BcapApp, ScreenEntry
+    from bcapscope.tui.screens.traffic_screen import TrafficScreen
+
+    spots = [ScreenEntry("proxy", "f2", "proxy", lambda: screen)]
+    if feed is not None:
+        spots.append(ScreenEntry("traffic", "f3", "traffic", lambda: TrafficScreen(feed, screen.route)))
+    require_terminal()
+    BcapApp(spots).run_until_closed()
+
+
+def _read_figures(address: str) -> ProxyStats:
+    """Ask a proxy how it stands; end the program if there is none."""
+    import msgspec
+
+    from bcapscope.errors import BcapError
+    from bcapscope.proxy.control_answers import parse_stats
+    from bcapscope.proxy.control_client import ControlClient
+
+    client = ControlClient(address)
+    try:
+        return parse_stats(client.request({"do": "stats"}))
+    except BcapError as error:
+        print_stderr(printable(str(error)))
+    except msgspec.ValidationError:
+        print_stderr(f"the program on {printable(address)} is not a bcapscope proxy of this version")
+    finally:
+        client.close()
+    sys.exit(ExitCode.UNREADABLE)
+
+
+@contextmanager
+def _running_command(*words: str) -> Iterator[ChildProcess]:
+    """Run a command for the length of a block; what it says at its end is for the user."""
+    from bcapscope.live.child_process import ChildProcess, ChildStartError
+
+    try:
+        child = ChildProcess(*words)
+    except ChildStartError as error:
+        print_stderr(printable(str(error)))
+        sys.exit(error.code)
+    try:
+        yield child
+    finally:
+        said = child.terminate()
+        with suppress(OSError):  # the terminal may be closed
+            for line in said:
+                print_stderr(printable(line))
+
+
+def _control_address(folder: Path) -> str:
+    """Choose where the proxy is told what to do: where nobody else may, if the system has that."""
+    import socket
+
+    path = str(folder / "control")
+    longest = 100  # bytes, of the path of a socket: 103 on macOS, 107 on Linux
+    if not hasattr(socket, "AF_UNIX"):
+        return "127.0.0.1:0"
+    if len(os.fsencode(path)) <= longest:
+        return path
+    return os.path.join(tempfile.gettempdir(), f"bcapscope-{os.getpid()}-{folder.name[-8:]}")

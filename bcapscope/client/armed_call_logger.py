@@ -1,0 +1,68 @@
+"""The armed calls of a connection, for the action log: what needs arming, with its replies."""
+
+from __future__ import annotations
+
+import time
+
+from bcapscope.client.action_log import ActionLog, LoggedConnection
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame
+from bcapscope.protocol.guard import needs_arming
+from bcapscope.traffic.call_kind import call_kind_of
+from bcapscope.traffic.observation import Direction, Observation
+
+_WHO = "user"
+_FUNCTION_ID = 9
+
+
+class ArmedCallLogger:
+    """Picks the calls that need arming out of all frames of a connection.
+
+    Of set points that follow one another the first is logged as any other call, then their number. A set
+    point that is repeated before any reply is a retry.
+    """
+
+    def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
+        """Log into `log`."""
+        self._log = log
+        self._connection = connection
+        self._set_points = 0
+        self._unanswered = b""
+
+    def on_observation(self, observation: Observation) -> None:
+        """Take a frame, as the observer of a session."""
+        self.add_frame(
+            observation.flow.direction is Direction.REQUEST, observation.item.raw, observation.time
+        )
+
+    def add_frame(self, sent: bool, raw: bytes, timestamp: int) -> None:
+        """Take a frame that was sent or received; `timestamp` is ns since 1970-01-01 UTC."""
+        if len(raw) < SMALLEST_FRAME:
+            return
+        frame = Frame(raw)
+        if not sent:
+            self._unanswered = b""
+            self._log.log_reply(self._connection, frame, timestamp)
+            return
+        if (call_kind_of(frame).command or "").casefold() == "slvmove":
+            is_retry, self._unanswered = raw[_FUNCTION_ID:] == self._unanswered, raw[_FUNCTION_ID:]
+            self._set_points += not is_retry
+            self._log.log_request(
+                self._connection, frame, timestamp, _WHO, is_logged=self._set_points == 1 and not is_retry
+            )
+            return
+        wanted = needs_arming(frame.code, frame.variants)
+        if wanted:
+            self.end_set_points(timestamp)
+        self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
+
+    def add_set_points(self, count: int) -> None:
+        """Count set points whose frames were not seen."""
+        self._set_points += count
+
+    def end_set_points(self, timestamp: int | None = None) -> None:
+        """Log how many set points were sent, if there were any."""
+        count, self._set_points = self._set_points, 0
+        if count:
+            self._log.log_set_points(
+                self._connection, count, time.time_ns() if timestamp is None else timestamp, _WHO
+            )

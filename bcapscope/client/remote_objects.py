@@ -1,0 +1,466 @@
+"""The objects of a controller, each function of b-CAP a method.
+
+A method is its vendor's name in small letters; the class it belongs to completes the name of the function, so
+that `Robot.get_attribute` calls Robot_GetAttribute. Types and order of the arguments are those of
+`protocol.tables.function_table`. Every method raises what `Session.call` raises, and RemoteProtocolError where the answer
+is of a type that the function does not have.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+from types import TracebackType
+from typing import ClassVar, Self, TypeVar
+
+from bcapscope.client.session import Session
+from bcapscope.client.variant_values import date_of, plain_value
+from bcapscope.errors import RemoteProtocolError
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import VT, Value, Variant, vt_name
+from bcapscope.protocol.tables.function_table import ObjectClass
+
+R = TypeVar("R")
+
+
+def handle_of(reply: Frame) -> int:
+    """Read the handle out of the reply to a call that opened something.
+
+    Raises:
+        RemoteProtocolError: there is none.
+    """
+    return _expect_value(reply, int, "a handle")
+
+
+def _first_variant(reply: Frame) -> Variant | None:
+    arguments = reply.arguments
+    return arguments[0].variant if arguments else None
+
+
+def _expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
+    variant = _first_variant(reply)
+    if variant is not None and isinstance(variant.value, kind):
+        return variant.value
+    found = "nothing" if variant is None else vt_name(variant.vt)
+    raise RemoteProtocolError(f"the answer holds {found} instead of {wanted}", reply.raw)
+
+
+class RemoteObject:
+    """Something in the controller that a handle stands for; `async with` releases it at the end."""
+
+    owner: ClassVar[ObjectClass]
+
+    def __init__(self, session: Session, handle: int) -> None:
+        self.session = session
+        self.handle = handle
+
+    async def release(self) -> None:
+        """Let go of it; done by itself at the end of the session's block."""
+        await self._invoke("Release")
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.release()
+
+    async def _invoke(self, verb: str, *values: object) -> Frame:
+        return await self.session.invoke(f"{self.owner}_{verb}", self.handle, *values)
+
+    async def _invoke_int(self, verb: str) -> int:
+        return _expect_value(await self._invoke(verb), int, "a number")
+
+    async def _invoke_text(self, verb: str, *values: object) -> str:
+        return _expect_value(await self._invoke(verb, *values), str, "a string")
+
+    async def _invoke_value(self, verb: str, *values: object) -> Value:
+        variant = _first_variant(await self._invoke(verb, *values))
+        return None if variant is None else plain_value(variant)
+
+    async def _invoke_names(self, verb: str, option: str) -> tuple[str, ...]:
+        reply = await self._invoke(verb, option)
+        variant = _first_variant(reply)
+        names = None if variant is None else plain_value(variant)
+        if names is None:
+            return ()
+        if isinstance(names, tuple):
+            texts = tuple(name for name in names if isinstance(name, str))
+            if len(texts) == len(names):
+                return texts
+        raise RemoteProtocolError("the answer holds no list of names", reply.raw)
+
+    async def _invoke_date(self, verb: str) -> datetime:
+        reply = await self._invoke(verb)
+        days = _expect_value(reply, float, "a date")
+        date = date_of(days)
+        if date is None:
+            raise RemoteProtocolError(f"the answer holds a date that no calendar has, {days} days", reply.raw)
+        return date
+
+    async def _invoke_handle(self, verb: str, *values: object) -> int:
+        return handle_of(await self._invoke(verb, *values))
+
+
+class _DescribedObject(RemoteObject):
+    """What all classes but Message have."""
+
+    async def get_attribute(self) -> int:
+        """Return the attribute bits."""
+        return await self._invoke_int("GetAttribute")
+
+    async def get_help(self) -> str:
+        """Return the help text."""
+        return await self._invoke_text("GetHelp")
+
+    async def get_name(self) -> str:
+        """Return the name."""
+        return await self._invoke_text("GetName")
+
+    async def get_tag(self) -> Value:
+        """Return what a client has put there for itself."""
+        return await self._invoke_value("GetTag")
+
+    async def put_tag(self, value: object) -> None:
+        """Put something there for oneself."""
+        await self._invoke("PutTag", value)
+
+    async def get_id(self) -> Value:
+        """Return the ID."""
+        return await self._invoke_value("GetID")
+
+    async def put_id(self, value: object) -> None:
+        """Set the ID."""
+        await self._invoke("PutID", value)
+
+
+class _ObjectWithVariables(RemoteObject):
+    """What has variables of its own."""
+
+    async def get_variable(self, name: str, option: str = "") -> Variable:
+        """Open a variable, such as ``@CURRENT_ANGLE`` of a robot or ``I1`` of a controller."""
+        return Variable(self.session, await self._invoke_handle("GetVariable", name, option))
+
+    async def get_variable_names(self, option: str = "") -> tuple[str, ...]:
+        """List the variables."""
+        return await self._invoke_names("GetVariableNames", option)
+
+
+class _ExecutingObject(RemoteObject):
+    """What takes commands."""
+
+    async def execute(self, command: str, param: object = None) -> Value:
+        """Execute a command; a Variant as `param` chooses the type, other values get one (`variant_of`)."""
+        return await self._invoke_value("Execute", command, param)
+
+
+class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
+    """A controller."""
+
+    owner = ObjectClass.CONTROLLER
+
+    async def release(self) -> None:
+        """Controller_Disconnect; done by itself at the end of the session's block."""
+        await self._invoke("Disconnect")
+
+    async def get_extension(self, name: str, option: str = "") -> Extension:
+        """Open an extension, such as ``Hand0``."""
+        return Extension(self.session, await self._invoke_handle("GetExtension", name, option))
+
+    async def get_file(self, name: str, option: str = "") -> File:
+        """Open a file; option ``@Create=1`` creates it."""
+        return File(self.session, await self._invoke_handle("GetFile", name, option))
+
+    async def get_robot(self, name: str, option: str = "") -> Robot:
+        """Open a robot, usually ``Arm``."""
+        return Robot(self.session, await self._invoke_handle("GetRobot", name, option))
+
+    async def get_task(self, name: str, option: str = "") -> Task:
+        """Open a task, such as ``RobSlave``."""
+        return Task(self.session, await self._invoke_handle("GetTask", name, option))
+
+    async def get_command(self, name: str, option: str = "") -> Command:
+        """Open a command."""
+        return Command(self.session, await self._invoke_handle("GetCommand", name, option))
+
+    async def get_message(self) -> Message:
+        """Open the next message."""
+        return Message(self.session, await self._invoke_handle("GetMessage"))
+
+    async def get_extension_names(self, option: str = "") -> tuple[str, ...]:
+        """List the extensions."""
+        return await self._invoke_names("GetExtensionNames", option)
+
+    async def get_file_names(self, option: str = "") -> tuple[str, ...]:
+        """List the files."""
+        return await self._invoke_names("GetFileNames", option)
+
+    async def get_robot_names(self, option: str = "") -> tuple[str, ...]:
+        """List the robots."""
+        return await self._invoke_names("GetRobotNames", option)
+
+    async def get_task_names(self, option: str = "") -> tuple[str, ...]:
+        """List the tasks."""
+        return await self._invoke_names("GetTaskNames", option)
+
+    async def get_command_names(self, option: str = "") -> tuple[str, ...]:
+        """List the commands."""
+        return await self._invoke_names("GetCommandNames", option)
+
+
+class Extension(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
+    """An extension: a hand, a line, a pallet."""
+
+    owner = ObjectClass.EXTENSION
+
+
+class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
+    """A file or folder."""
+
+    owner = ObjectClass.FILE
+
+    async def get_file(self, name: str, option: str = "") -> File:
+        """Open a file in this folder."""
+        return File(self.session, await self._invoke_handle("GetFile", name, option))
+
+    async def get_file_names(self, option: str = "") -> tuple[str, ...]:
+        """List the files in this folder."""
+        return await self._invoke_names("GetFileNames", option)
+
+    async def copy(self, name: str, option: str = "") -> None:
+        """Copy it to `name`."""
+        await self._invoke("Copy", name, option)
+
+    async def delete(self, option: str = "") -> None:
+        """Delete it."""
+        await self._invoke("Delete", option)
+
+    async def move(self, name: str, option: str = "") -> None:
+        """Move it to `name`."""
+        await self._invoke("Move", name, option)
+
+    async def run(self, option: str = "") -> str:
+        """Run it; return the name of what runs."""
+        return await self._invoke_text("Run", option)
+
+    async def get_date_created(self) -> datetime:
+        """Return when it was created, in the controller's time."""
+        return await self._invoke_date("GetDateCreated")
+
+    async def get_date_last_accessed(self) -> datetime:
+        """Return when it was read last, in the controller's time."""
+        return await self._invoke_date("GetDateLastAccessed")
+
+    async def get_date_last_modified(self) -> datetime:
+        """Return when it was written last, in the controller's time."""
+        return await self._invoke_date("GetDateLastModified")
+
+    async def get_path(self) -> str:
+        """Return its path."""
+        return await self._invoke_text("GetPath")
+
+    async def get_size(self) -> int:
+        """Return its size in bytes."""
+        return await self._invoke_int("GetSize")
+
+    async def get_type(self) -> str:
+        """Return its type."""
+        return await self._invoke_text("GetType")
+
+    async def get_value(self) -> Value:
+        """Return its contents."""
+        return await self._invoke_value("GetValue")
+
+    async def put_value(self, value: object) -> None:
+        """Write its contents."""
+        await self._invoke("PutValue", value)
+
+
+class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
+    """A robot arm. Much of this moves it."""
+
+    owner = ObjectClass.ROBOT
+
+    async def accelerate(self, axis: int, accel: float, decel: float) -> None:
+        """Set internal acceleration and deceleration in per cent; axis -1 is the tool tip."""
+        await self._invoke("Accelerate", axis, accel, decel)
+
+    async def change(self, name: str) -> None:
+        """Change tool or work, such as ``Tool1``."""
+        await self._invoke("Change", name)
+
+    async def chuck(self, option: str = "") -> None:
+        """Close the hand."""
+        await self._invoke("Chuck", option)
+
+    async def drive(self, axis: int, distance: float, option: str = "") -> None:
+        """Move one axis by a distance, degrees or mm."""
+        await self._invoke("Drive", axis, distance, option)
+
+    async def go_home(self) -> None:
+        """Move to the home position."""
+        await self._invoke("GoHome")
+
+    async def halt(self, option: str = "") -> None:
+        """Stop the motion and forget it."""
+        await self._invoke("Halt", option)
+
+    async def hold(self, option: str = "") -> None:
+        """Stop the motion; `unhold` goes on."""
+        await self._invoke("Hold", option)
+
+    async def move(self, interpolation: int, pose: object, option: str = "") -> None:
+        """Move to a pose such as ``@E J(0,0,90)``; interpolation 1 is PTP, 2 line, 3 arc, 4 free curve."""
+        await self._invoke("Move", interpolation, pose, option)
+
+    async def rotate(self, plane: object, angle: float, pivot: object, option: str = "") -> None:
+        """Rotate around an axis by degrees."""
+        await self._invoke("Rotate", plane, angle, pivot, option)
+
+    async def speed(self, axis: int, speed: float) -> None:
+        """Set the internal speed in per cent; axis -1 is the tool tip."""
+        await self._invoke("Speed", axis, speed)
+
+    async def unchuck(self, option: str = "") -> None:
+        """Open the hand."""
+        await self._invoke("Unchuck", option)
+
+    async def unhold(self, option: str = "") -> None:
+        """Go on with a motion that was held."""
+        await self._invoke("Unhold", option)
+
+    async def slv_change_mode(self, mode: int) -> None:
+        """Enter a slave mode, or leave it with 0. The session leaves it by itself at the end of its block."""
+        await self.execute("slvChangeMode", Variant(VT.I4, mode))
+
+    async def slv_get_mode(self) -> int:
+        """Return the slave mode."""
+        return _expect_value(await self._invoke("Execute", "slvGetMode", None), int, "a mode")
+
+    async def slv_move(self, point: object) -> Value:
+        """Send one set point; return where the robot is. A Variant chooses the type, a list becomes R8."""
+        return await self._invoke_value("Execute", "slvMove", point)
+
+
+class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
+    """A program that runs or may run."""
+
+    owner = ObjectClass.TASK
+
+    async def start(self, mode: int, option: str = "") -> None:
+        """Start it: 1 one cycle, 2 again and again, 3 one step."""
+        await self._invoke("Start", mode, option)
+
+    async def stop(self, mode: int, option: str = "") -> None:
+        """Stop it: 0 as is usual, 1 at once, 2 after the step, 3 after the cycle, 4 and begin anew."""
+        await self._invoke("Stop", mode, option)
+
+    async def delete(self, option: str = "") -> None:
+        """Delete it."""
+        await self._invoke("Delete", option)
+
+    async def get_file_name(self) -> str:
+        """Return the name of its file."""
+        return await self._invoke_text("GetFileName")
+
+
+class Variable(_DescribedObject):
+    """A variable."""
+
+    owner = ObjectClass.VARIABLE
+
+    async def get_value(self) -> Value:
+        """Read it."""
+        return await self._invoke_value("GetValue")
+
+    async def put_value(self, value: object) -> None:
+        """Write it; a Variant chooses the type, other values get one."""
+        await self._invoke("PutValue", value)
+
+    async def get_date_time(self) -> datetime:
+        """Return when its value was taken, in the controller's time."""
+        return await self._invoke_date("GetDateTime")
+
+    async def get_microsecond(self) -> int:
+        """Return the microseconds of that time."""
+        return await self._invoke_int("GetMicrosecond")
+
+
+class Command(_DescribedObject):
+    """A stored command."""
+
+    owner = ObjectClass.COMMAND
+
+    async def execute(self, mode: int) -> Value:
+        """Execute it; some servers answer with a value."""
+        return await self._invoke_value("Execute", mode)
+
+    async def cancel(self) -> None:
+        """Give it up."""
+        await self._invoke("Cancel")
+
+    async def get_timeout(self) -> int:
+        """Return its time-out in ms."""
+        return await self._invoke_int("GetTimeout")
+
+    async def put_timeout(self, value: int) -> None:
+        """Set its time-out in ms."""
+        await self._invoke("PutTimeout", value)
+
+    async def get_state(self) -> int:
+        """Return its state."""
+        return await self._invoke_int("GetState")
+
+    async def get_parameters(self) -> Value:
+        """Return its parameters."""
+        return await self._invoke_value("GetParameters")
+
+    async def put_parameters(self, value: object) -> None:
+        """Set its parameters."""
+        await self._invoke("PutParameters", value)
+
+    async def get_result(self) -> Value:
+        """Return its result."""
+        return await self._invoke_value("GetResult")
+
+
+class Message(RemoteObject):
+    """A message from the controller."""
+
+    owner = ObjectClass.MESSAGE
+
+    async def reply(self, data: object) -> None:
+        """Answer it."""
+        await self._invoke("Reply", data)
+
+    async def clear(self) -> None:
+        """Clear it."""
+        await self._invoke("Clear")
+
+    async def get_date_time(self) -> datetime:
+        """Return when it was made, in the controller's time."""
+        return await self._invoke_date("GetDateTime")
+
+    async def get_description(self) -> str:
+        """Return what it says."""
+        return await self._invoke_text("GetDescription")
+
+    async def get_destination(self) -> str:
+        """Return whom it is for."""
+        return await self._invoke_text("GetDestination")
+
+    async def get_number(self) -> int:
+        """Return its number."""
+        return await self._invoke_int("GetNumber")
+
+    async def get_serial_number(self) -> int:
+        """Return its serial number."""
+        return await self._invoke_int("GetSerialNumber")
+
+    async def get_source(self) -> str:
+        """Return who sent it."""
+        return await self._invoke_text("GetSource")
+
+    async def get_value(self) -> Value:
+        """Return what it carries."""
+        return await self._invoke_value("GetValue")

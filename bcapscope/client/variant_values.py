@@ -1,0 +1,107 @@
+"""Python values as VARIANTs and back."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+
+from bcapscope.errors import LocalProtocolError
+from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant, encode_variant
+from bcapscope.protocol.tables.function_table import Function, Param
+
+_DATE_ZERO = datetime(1899, 12, 30)
+_TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
+
+
+def variant_of(value: object) -> Variant:
+    """Choose a type for a value.
+
+    None is EMPTY, bool is BOOL, int is I4 (I8 where it does not fit), float R8, str BSTR, bytes an array of
+    UI1; lists of one of these are arrays, of int and float an array of R8, others arrays of VARIANT. A
+    Variant stays what it is.
+
+    Raises:
+        LocalProtocolError: there is no type for it.
+    """
+    if isinstance(value, Variant):
+        return value
+    if value is None:
+        return EMPTY
+    if isinstance(value, bytes):
+        return Variant.array(VT.UI1, value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return _array_variant(value)
+    scalar = _scalar_variant(value)
+    if scalar is None:
+        raise LocalProtocolError(f"b-CAP has no type for a {type(value).__name__}")
+    return scalar
+
+
+def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
+    """Make the arguments of a request, the handle first, with the types that the function has.
+
+    Raises:
+        LocalProtocolError: there is no type for one of them.
+    """
+    return tuple(
+        variant_of(value)
+        if isinstance(value, Variant) or param.type == "VARIANT"
+        else _typed_variant(function, param, value)
+        for param, value in zip(function.params, values, strict=True)
+    )
+
+
+def plain_value(variant: Variant) -> Value:
+    """Return the value of a VARIANT without its type; elements of VARIANT arrays likewise."""
+    if isinstance(variant.value, tuple):
+        return tuple(plain_value(item) if isinstance(item, Variant) else item for item in variant.value)
+    return variant.value
+
+
+def date_of(days: float) -> datetime | None:
+    """Return a DATE, days since 1899-12-30, as a time without zone, which the peer alone knows.
+
+    None where the number is out of Python's calendar.
+    """
+    try:
+        return _DATE_ZERO + timedelta(days=days)
+    except (OverflowError, ValueError):
+        return None
+
+
+def _typed_variant(function: Function, param: Param, value: object) -> Variant:
+    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # tried below
+    try:
+        encode_variant(variant)
+    except LocalProtocolError:
+        wrong = f"{function.name}, {param.name}: {reprlib.repr(value)} is no {param.type}"
+        raise LocalProtocolError(wrong) from None
+    return variant
+
+
+def _scalar_variant(value: object) -> Variant | None:
+    match value:
+        case bool():
+            return Variant(VT.BOOL, value)
+        case int():
+            return Variant(VT.I4 if -(2**31) <= value < 2**31 else VT.I8, value)
+        case float():
+            return Variant(VT.R8, value)
+        case str():
+            return Variant(VT.BSTR, value)
+    return None
+
+
+def _array_variant(values: Sequence[object]) -> Variant:
+    scalars = [scalar for scalar in map(_scalar_variant, values) if scalar is not None]
+    types = {scalar.vt for scalar in scalars}
+    if len(scalars) == len(values):
+        numbers = tuple(scalar.value for scalar in scalars if isinstance(scalar.value, int | float))
+        if VT.R8 in types and types <= {VT.I4, VT.I8, VT.R8}:
+            return Variant.array(VT.R8, tuple(map(float, numbers)))
+        if types == {VT.I4, VT.I8}:
+            return Variant.array(VT.I8, numbers)
+        if len(types) == 1:
+            return Variant.array(types.pop(), tuple(scalar.value for scalar in scalars))
+    return Variant.array(VT.VARIANT, tuple(map(variant_of, values)))

@@ -1,0 +1,129 @@
+"""Which try of its call a request is, and which try a response answers."""
+
+from __future__ import annotations
+
+from hashlib import blake2b
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+
+MOST_ATTEMPTS = 16
+"""Twice of what any client sends for one call, the one that tries without end left out."""
+
+
+_LONGEST_KEPT = 512  # bytes of a request's content; all requests of real sessions but a few are shorter
+
+
+class AttemptedCall:
+    """A call, compared by identity.
+
+    Attributes:
+        content: of each of its requests, from the function id on; of a long one its digest.
+        attempts: packets that have asked for it.
+    """
+
+    __slots__ = ("attempts", "content")
+
+    def __init__(self, content: bytes, attempts: int) -> None:
+        self.content = content
+        self.attempts = attempts
+
+
+class CallAttempt(NamedTuple):
+    """One packet of a call.
+
+    Attributes:
+        call: that it asks for, or answers.
+        number: of the try; 1 is the first.
+    """
+
+    call: AttemptedCall
+    number: int
+
+
+def _content_key(request: Frame) -> bytes:
+    """Return what the tries of a call have in common, in 512 bytes at most."""
+    content = request.raw[9:]
+    return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
+
+
+class AttemptCounter:
+    """Counts tries by the serials that retries name, in every convention of the reserved field.
+
+    Nothing is sent twice on TCP: all that comes there is a first try.
+    """
+
+    def __init__(self) -> None:
+        self._conversations: dict[Conversation, _AttemptsBySerial] = {}
+
+    def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
+        """Tell which try of its call a frame is, or answers; 1 is the first.
+
+        None for a response to what was not asked lately.
+        """
+        if flow.conversation.transport is Transport.TCP:
+            return 1
+        found = self.add_frame(flow, frame)
+        return None if found is None else found.number
+
+    def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
+        """Take in the next frame of a conversation over UDP; tell what it asks for or answers.
+
+        None for a response to what was not asked lately.
+        """
+        serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
+        while len(self._conversations) >= MAX_CONVERSATIONS:
+            del self._conversations[next(iter(self._conversations))]
+        self._conversations[flow.conversation] = serials
+        return (
+            serials.find(frame.serial) if flow.direction is Direction.RESPONSE else serials.add_request(frame)
+        )
+
+    def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
+        """Return the call that was asked for by the same request, to the byte; nothing is taken in."""
+        serials = self._conversations.get(flow.conversation)
+        known = serials.find(request.serial) if serials else None
+        return known.call if known and known.call.content == _content_key(request) else None
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over."""
+        self._conversations.pop(conversation, None)
+
+
+class _AttemptsBySerial:
+    """Serials of one conversation with their calls and numbers of tries, in two generations."""
+
+    __slots__ = ("earlier", "latest")
+
+    def __init__(self) -> None:
+        self.latest: dict[int, CallAttempt] = {}
+        self.earlier: dict[int, CallAttempt] = {}
+
+    def find(self, serial: int) -> CallAttempt | None:
+        return self.latest.get(serial) or self.earlier.get(serial)
+
+    def add_request(self, frame: Frame) -> CallAttempt:
+        serial, reserved, content = frame.serial, frame.reserved, _content_key(frame)
+        known = self.find(serial)
+        if known and known.call.content == content and reserved not in (0, serial):
+            return known  # the network has made a copy of it
+        found = self._new_attempt(serial, reserved, content)
+        found.call.attempts = max(found.call.attempts, found.number)
+        self.latest[serial] = found
+        if len(self.latest) >= MAX_SERIALS:
+            self.earlier, self.latest = self.latest, {}
+        return found
+
+    def _new_attempt(self, serial: int, reserved: int, content: bytes) -> CallAttempt:
+        if reserved in (0, serial):
+            return CallAttempt(AttemptedCall(content, 1), 1)
+        origin = self.find(reserved)
+        if origin and origin.call.content == content:
+            return CallAttempt(origin.call, origin.call.attempts + 1)
+        # The first try was lost before it came here; serials count on from it.
+        behind = (serial - reserved) & 0xFFFF
+        found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MOST_ATTEMPTS else 2)
+        self.latest[reserved] = CallAttempt(found.call, 1)
+        return found

@@ -1,0 +1,362 @@
+"""What each fault does to a message that it strikes.
+
+An effect has two parts. `draw` takes what is left to chance from the fault's own random numbers, for every
+message that the fault might strike, so that what other faults do to the same messages changes nothing in it.
+`apply` does it.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+from typing import Any, Generic, TypeVar
+
+from bcapscope.faults.fault import (
+    AnswerFault,
+    BandwidthFault,
+    BurstFault,
+    CloseFault,
+    CloseMode,
+    CorruptFault,
+    DelayFault,
+    DropFault,
+    DuplicateFault,
+    ExecutingFault,
+    Fault,
+    GarbageFault,
+    HalfOpenFault,
+    JitterDistribution,
+    PartitionFault,
+    PassFault,
+    ReorderFault,
+    RewriteFault,
+    SerialFault,
+    TruncateFault,
+)
+from bcapscope.faults.reply_factory import ReplyFactory, encode_reply
+from bcapscope.faults.rewriter import Rewriter, with_header
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name
+from bcapscope.traffic.observation import Conversation, Direction
+
+F = TypeVar("F", bound=Fault)
+
+PARETO_SHAPE = 3.0
+"""As tc-netem's pareto table has it; the mean of the draws is taken off, so that the delay stays the mean."""
+
+_PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
+
+
+class FaultedMessage:
+    """A message while faults are at it.
+
+    Attributes:
+        original: as it came.
+        data: the bytes as they are now.
+        delay: ns that it is late by now.
+        is_lost: it does not go on.
+        is_final: no further fault gets at it.
+        copy_delays: ns behind it, for each copy.
+        held_behind: how many messages go before it, and ns that it waits for them.
+        replies: what the client is told by us: ns from now, and the bytes.
+        close_mode: of the connection.
+        half_open: the conversation is dead from now on.
+    """
+
+    __slots__ = (
+        "close_mode",
+        "copy_delays",
+        "data",
+        "delay",
+        "half_open",
+        "held_behind",
+        "is_final",
+        "is_lost",
+        "original",
+        "replies",
+        "reply_factory",
+    )
+
+    def __init__(self, original: WireMessage, reply_factory: ReplyFactory) -> None:
+        self.original = original
+        self.reply_factory = reply_factory
+        self.data = original.data
+        self.delay = 0
+        self.is_lost = False
+        self.is_final = False
+        self.copy_delays: list[int] = []
+        self.held_behind: tuple[int, int] | None = None
+        self.replies: list[tuple[int, bytes]] = []
+        self.close_mode: CloseMode | None = None
+        self.half_open = False
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """The frames as they are now; there are none if anything else is among the bytes."""
+        if self.data is self.original.data:
+            return self.original.frames
+        items = parse_datagram(self.data)
+        frames = tuple(item for item in items if isinstance(item, Frame))
+        return frames if len(frames) == len(items) else ()
+
+    def drop(self) -> None:
+        """Let the message end here."""
+        self.is_lost = self.is_final = True
+
+
+class FaultEffect(Generic[F]):
+    """What a fault does. This one does nothing."""
+
+    def __init__(self, fault: F) -> None:
+        self.fault = fault
+
+    def draw(self, rng: random.Random, message: WireMessage) -> Any:
+        """Take what is left to chance; None if the message gets off."""
+        return True
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        """Do it.
+
+        Args:
+            faulted: to do it to.
+            drawn: what `draw` gave.
+            ends_at: when the fault ends, ns; None for never.
+
+        Returns:
+            What was done, for people; "" if nothing was.
+        """
+        faulted.is_final = True
+        return "passed"
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over."""
+
+
+class _DropEffect(FaultEffect[DropFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        faulted.drop()
+        return "dropped"
+
+
+class _BurstEffect(FaultEffect[BurstFault]):
+    def __init__(self, fault: BurstFault) -> None:
+        super().__init__(fault)
+        self._bad = {direction: False for direction in Direction}
+
+    def draw(self, rng: random.Random, message: WireMessage) -> Any:
+        direction, fault = message.flow.direction, self.fault
+        turn, loss = rng.random(), rng.random()
+        if turn < (fault.leave if self._bad[direction] else fault.enter):
+            self._bad[direction] = not self._bad[direction]
+        return loss < (fault.bad if self._bad[direction] else fault.good) or None
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        faulted.drop()
+        return "dropped in a burst"
+
+
+class _DelayEffect(FaultEffect[DelayFault]):
+    def draw(self, rng: random.Random, message: WireMessage) -> Any:
+        return max(0, round(self.fault.time + self.fault.jitter * self._draw_deviation(rng)))
+
+    def _draw_deviation(self, rng: random.Random) -> float:
+        if not self.fault.jitter:
+            return 0
+        match self.fault.distribution:
+            case JitterDistribution.NORMAL:
+                return rng.normalvariate(0, 1)
+            case JitterDistribution.PARETO:
+                return rng.paretovariate(PARETO_SHAPE) - _PARETO_MEAN
+        return 2 * rng.random() - 1
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        faulted.delay += drawn
+        return f"delayed by {milliseconds(drawn)}"
+
+
+class _DuplicateEffect(FaultEffect[DuplicateFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        fault = self.fault
+        faulted.copy_delays += [fault.time * number for number in range(1, fault.copies + 1)]
+        return "duplicated" if fault.copies == 1 else f"duplicated {fault.copies} times"
+
+
+class _ReorderEffect(FaultEffect[ReorderFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        faulted.held_behind = (self.fault.by, self.fault.time)
+        return f"held back behind {self.fault.by} more"
+
+
+class _CorruptEffect(FaultEffect[CorruptFault]):
+    def draw(self, rng: random.Random, message: WireMessage) -> Any:
+        return [rng.random() for _ in range(self.fault.bits)]
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        data = bytearray(faulted.data)
+        first, count = 0, len(data)
+        if self.fault.offset is not None:
+            first, count = self.fault.offset, min(1, max(0, len(data) - self.fault.offset))
+        if not count:
+            return ""
+        hit = set()
+        for lot in drawn:
+            bit = first * 8 + int(lot * count * 8)
+            data[bit // 8] ^= 1 << bit % 8
+            hit.add(bit // 8)
+        faulted.data = bytes(data)
+        places = sorted(hit)
+        some = f"{', '.join(map(str, places[:4]))}{', …' if len(places) > 4 else ''}"
+        return f"corrupted at byte {some}"
+
+
+class _TruncateEffect(FaultEffect[TruncateFault]):
+    def draw(self, rng: random.Random, message: WireMessage) -> Any:
+        return rng.random() if self.fault.keep is None else 0.0
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        size = len(faulted.data)
+        keep = int(drawn * size) if self.fault.keep is None else self.fault.keep
+        if keep >= size:
+            return ""
+        faulted.data = faulted.data[:keep]
+        return f"cut to {keep} of {size} bytes"
+
+
+class _GarbageEffect(FaultEffect[GarbageFault]):
+    def draw(self, rng: random.Random, message: WireMessage) -> Any:
+        return (rng.getrandbits(64),)
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        size = self.fault.size or len(faulted.data)
+        faulted.data = random.Random(drawn[0]).randbytes(size)
+        return f"replaced by {size} random bytes"
+
+
+class _RewriteEffect(FaultEffect[RewriteFault]):
+    def __init__(self, fault: RewriteFault) -> None:
+        super().__init__(fault)
+        self._rewriter = Rewriter(fault)
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        changed = [self._rewriter.rewrite(frame, faulted.original.flow) for frame in faulted.frames]
+        raw = b"".join(changed)
+        if not changed or raw == faulted.data:
+            return ""
+        faulted.data = raw
+        return "rewritten"
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        self._rewriter.close_conversation(conversation)
+
+
+class _SerialEffect(FaultEffect[SerialFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        frames = faulted.frames
+        if not frames:
+            return ""
+        faulted.data = b"".join(
+            with_header(frame, serial=(frame.serial + self.fault.by) & 0xFFFF) for frame in frames
+        )
+        return f"serial changed by {self.fault.by:+d}"
+
+
+class _AnswerEffect(FaultEffect[AnswerFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        frames, flow, code = faulted.frames, faulted.original.flow, self.fault.hresult
+        if not frames:
+            return ""
+        if flow.direction is Direction.RESPONSE:
+            faulted.data = b"".join(encode_reply(frame, frame.reserved, code) for frame in frames)
+            return f"answer replaced by {hresult_name(code)}"
+        answers = [faulted.reply_factory.make_reply(flow.conversation, frame, code) for frame in frames]
+        faulted.replies += [(faulted.delay, raw) for raw in answers]
+        faulted.drop()
+        return f"answered with {hresult_name(code)}"
+
+
+class _ExecutingEffect(FaultEffect[ExecutingFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        frames, flow, fault = faulted.frames, faulted.original.flow, self.fault
+        if not frames:
+            return ""
+        for frame in frames:
+            if flow.direction is Direction.REQUEST:
+                raw = faulted.reply_factory.make_reply(flow.conversation, frame, S_EXECUTING)
+            else:
+                raw = encode_reply(frame, frame.reserved, S_EXECUTING)
+            faulted.replies += [(faulted.delay + late, raw) for late in range(0, fault.time, fault.every)]
+        faulted.delay += fault.time
+        return f"S_EXECUTING for {milliseconds(fault.time)}"
+
+
+class _CloseEffect(FaultEffect[CloseFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        if faulted.original.is_datagram:
+            return ""
+        faulted.close_mode = self.fault.how
+        faulted.drop()
+        return "connection reset" if self.fault.how is CloseMode.RESET else "connection closed"
+
+
+class _BandwidthEffect(FaultEffect[BandwidthFault]):
+    def __init__(self, fault: BandwidthFault) -> None:
+        super().__init__(fault)
+        self._free_at = dict.fromkeys(Direction, 0)
+
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        message, fault = faulted.original, self.fault
+        direction = message.flow.direction
+        arrives = message.now + faulted.delay
+        starts = max(arrives, self._free_at[direction])
+        waiting = (starts - arrives) / 1e9 * fault.rate
+        if message.is_datagram and waiting + len(faulted.data) > fault.queue:
+            faulted.drop()
+            return "dropped, the line's queue is full"
+        done = starts + round(len(faulted.data) / fault.rate * 1e9)
+        self._free_at[direction] = done
+        faulted.delay = done - message.now
+        return f"delayed by {milliseconds(done - arrives)}"
+
+
+class _PartitionEffect(FaultEffect[PartitionFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        if faulted.original.is_datagram or ends_at is None:
+            faulted.drop()
+            return "dropped"
+        faulted.delay = max(faulted.delay, ends_at - faulted.original.now)
+        return "held until the partition ends"
+
+
+class _HalfOpenEffect(FaultEffect[HalfOpenFault]):
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+        faulted.half_open = True
+        faulted.drop()
+        return "dropped, the conversation is dead"
+
+
+EFFECTS: Mapping[type[Fault], type[FaultEffect[Any]]] = {
+    PassFault: FaultEffect,
+    DropFault: _DropEffect,
+    BurstFault: _BurstEffect,
+    DelayFault: _DelayEffect,
+    DuplicateFault: _DuplicateEffect,
+    ReorderFault: _ReorderEffect,
+    CorruptFault: _CorruptEffect,
+    TruncateFault: _TruncateEffect,
+    GarbageFault: _GarbageEffect,
+    RewriteFault: _RewriteEffect,
+    SerialFault: _SerialEffect,
+    AnswerFault: _AnswerEffect,
+    ExecutingFault: _ExecutingEffect,
+    CloseFault: _CloseEffect,
+    BandwidthFault: _BandwidthEffect,
+    PartitionFault: _PartitionEffect,
+    HalfOpenFault: _HalfOpenEffect,
+}
+"""What each fault does."""
+
+
+def milliseconds(duration: int) -> str:
+    """Write a duration of ns for people."""
+    return f"{duration / 1e6:.3f}".rstrip("0").rstrip(".") + " ms"

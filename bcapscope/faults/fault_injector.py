@@ -1,0 +1,413 @@
+"""The machine that decides what becomes of each message: seeded, without sockets or clocks.
+
+    shaper = Shaper(faults, seed=7, now=now)
+    taken = shaper.take(flow, data, now)         # one message; do all of taken.outputs
+    shaper.due()                                 # when to call advance at the latest, or None
+    shaper.advance(now)                          # what is due by now
+
+The same seed and the same messages at the same times give the same decisions. Each fault draws from random
+numbers that hang on the seed and its own name alone, and draws for each message that it might strike whatever
+other faults do to it: adding a fault does not change what the others do.
+
+Faults are applied in their order, each to what the one before has left of the message. A message that is lost
+or answered is out of reach of those behind, and so is one that a `pass` has let through.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable
+from typing import Any, TypeAlias
+
+from bcapscope.faults.attempt_counter import AttemptCounter
+from bcapscope.faults.fault import AnyFault, CloseMode, Fault
+from bcapscope.faults.fault_effects import EFFECTS, FaultedMessage, FaultEffect
+from bcapscope.faults.fault_matcher import FaultMatcher
+from bcapscope.faults.reply_factory import ReplyFactory
+from bcapscope.faults.wire_message import CloseConnection, FaultOutput, FaultResult, SendBytes, WireMessage
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+
+MAX_WAITING = 16 << 20
+"""Bytes that faults hold, each message counted with `_OUTPUT_COST` more: a second of the traffic that fills a
+100 Mbit/s line. Datagrams that would be held beyond it are lost, as in a queue of tc-netem(8)."""
+
+_OUTPUT_COST = 300
+_RESPONSE = Direction.RESPONSE
+
+_FlowKey: TypeAlias = tuple[Conversation, Direction]
+
+
+class ActiveFault:
+    """A fault at work.
+
+    Attributes:
+        matcher: decides which messages it strikes; has its name, its switch and its count.
+        effect: does it.
+    """
+
+    __slots__ = ("effect", "matcher")
+
+    def __init__(self, matcher: FaultMatcher) -> None:
+        self.matcher = matcher
+        self.effect: FaultEffect[Any] = EFFECTS[type(matcher.fault)](matcher.fault)
+
+
+class _QueuedOutput:
+    """Something that waits for its time.
+
+    Attributes:
+        output: None once it has gone with another.
+        behind: how many messages of its flow it still waits for; 0 if it waits for its time only.
+        size: bytes that it takes.
+    """
+
+    __slots__ = ("behind", "output", "size")
+
+    def __init__(self, output: FaultOutput | None, behind: int = 0) -> None:
+        self.output = output
+        self.behind = behind
+        self.size = _OUTPUT_COST + (len(output.data) if isinstance(output, SendBytes) else 0)
+
+
+class FaultInjector:
+    """Applies faults to messages. Datagrams go in as they come, streams cut into frames.
+
+    Attributes:
+        active_faults: the faults at work, in their order.
+    """
+
+    def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
+        """Set up faults.
+
+        Args:
+            faults: in the order in which they are applied.
+            seed: of all random numbers.
+            now: ns of the clock that all methods are given; `after` of the faults counts from here.
+            epoch: what to add to it for ns since 1970-01-01 UTC, for filters that ask for the time.
+
+        Raises:
+            ValueError: two faults have the same name.
+        """
+        self.active_faults: list[ActiveFault] = []
+        self._seed = seed
+        self._epoch = epoch
+        self._message_count = 0
+        self._needs_pairing = False
+        self._recent_requests, self._attempt_counter, self._reply_factory = (
+            RecentRequests(),
+            AttemptCounter(),
+            ReplyFactory(),
+        )
+        self._queue: list[tuple[int, int, _QueuedOutput]] = []
+        self._sequence = 0
+        self._queued_bytes = 0
+        self._stream_busy_until: dict[_FlowKey, int] = {}
+        self._held_behind: dict[_FlowKey, list[_QueuedOutput]] = {}
+        self._half_open: dict[Conversation, str] = {}
+        for fault in faults:
+            self.add(fault, now)
+
+    # faults
+
+    def add(self, fault: AnyFault, now: int) -> str:
+        """Set up one more fault, behind all others, and return its name.
+
+        Raises:
+            ValueError: another one has its name.
+        """
+        names = {rule.matcher.name for rule in self.active_faults}
+        if fault.name in names:
+            raise ValueError(f"there is a fault {fault.name} already")
+        name = fault.name or _generated_name(fault, names)
+        self.active_faults.append(ActiveFault(FaultMatcher(fault, name, self._seed, now)))
+        self._update_needs_pairing()
+        return name
+
+    def remove(self, name: str) -> None:
+        """Take a fault away; what it holds goes on at its time.
+
+        Raises:
+            KeyError: there is none of this name.
+        """
+        self.active_faults.remove(self.find(name))
+        self._update_needs_pairing()
+
+    def set_enabled(self, name: str, enabled: bool) -> None:
+        """Switch a fault on or off.
+
+        Raises:
+            KeyError: there is none of this name.
+        """
+        self.find(name).matcher.enabled = enabled
+        self._update_needs_pairing()
+
+    def find(self, name: str) -> ActiveFault:
+        """Find a fault.
+
+        Raises:
+            KeyError: there is none of this name.
+        """
+        for rule in self.active_faults:
+            if rule.matcher.name == name:
+                return rule
+        raise KeyError(name)
+
+    @property
+    def hit_counts(self) -> dict[str, int]:
+        """How often each fault has struck, by name."""
+        return {rule.matcher.name: rule.matcher.hit_count for rule in self.active_faults}
+
+    def is_idle(self, now: int) -> bool:
+        """Tell whether nothing is held and no fault can strike any more, so that nothing need pass here."""
+        return (
+            not self._queue
+            and not self._half_open
+            and all(not rule.matcher.enabled or rule.matcher.is_over(now) for rule in self.active_faults)
+        )
+
+    def needs_frames(self, now: int) -> bool:
+        """Tell whether a stream must be cut into frames; else its bytes may come as they are."""
+        return any(
+            rule.matcher.fault.needs_frames
+            for rule in self.active_faults
+            if rule.matcher.enabled and not rule.matcher.is_over(now)
+        )
+
+    def _update_needs_pairing(self) -> None:
+        self._needs_pairing = any(
+            rule.matcher.enabled and rule.matcher.needs_pairing for rule in self.active_faults
+        )
+
+    # messages
+
+    def process_message(self, flow: Flow, data: bytes, now: int) -> FaultResult:
+        """Decide about a message that came now.
+
+        Args:
+            flow: who spoke to whom; the same object for all of one direction of a conversation.
+            data: a datagram, or one piece of a stream: a frame, or bytes that are none.
+            now: ns; never less than before.
+        """
+        outputs = self.advance(now) if self._queue else []
+        if flow.conversation in self._half_open:
+            return self._drop_half_open(flow.conversation, outputs)
+        if not self.active_faults:
+            return self._pass_unchanged(flow, data, now, outputs)
+        self._message_count += 1
+        message = WireMessage(self._message_count, flow, data, now, now + self._epoch)
+        if self._needs_pairing:
+            message.annotate_with_attempts(self._recent_requests, self._attempt_counter)
+        self._reply_factory.on_message(flow, data)
+        struck = self._draw_hits(message)
+        if not struck:
+            return self._pass_unchanged(flow, data, now, outputs)
+        work = FaultedMessage(message, self._reply_factory)
+        touched = tuple(self._apply_hits(work, struck))
+        if work.half_open:
+            self._half_open[flow.conversation] = touched[-1].partition(":")[0]
+        if self.is_full and message.is_datagram and not work.is_lost:
+            touched = (*touched, *_drop_beyond_limit(work))
+        self._schedule(work, touched)
+        return FaultResult(outputs + self.advance(now), touched, not work.is_lost)
+
+    def due(self) -> int | None:
+        """Tell when something held is to go on, ns; None if nothing is held."""
+        return self._queue[0][0] if self._queue else None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether so much is held that no stream should be read before `advance` has let some go."""
+        return self._queued_bytes > MAX_WAITING
+
+    def advance(self, now: int) -> list[FaultOutput]:
+        """Give out all that is due by now, in order."""
+        outputs: list[FaultOutput] = []
+        while self._queue and self._queue[0][0] <= now:
+            parcel = heapq.heappop(self._queue)[2]
+            self._queued_bytes -= parcel.size
+            if parcel.output is not None:
+                outputs.append(parcel.output)
+                if parcel.behind:
+                    self._remove_held_behind(parcel)
+        return outputs
+
+    def holds(self, flow: Flow) -> bool:
+        """Tell whether something of this flow is still to be sent, before its end is passed on, or never."""
+        return not self.passes_close(flow.conversation) or any(
+            _is_of(parcel.output, _flow_key(flow)) for _, _, parcel in self._queue
+        )
+
+    def passes_close(self, conversation: Conversation) -> bool:
+        """Tell whether the end of one side of a connection is to be heard of: not of a half-open one."""
+        return conversation not in self._half_open
+
+    def pop_held(self, flow: Flow) -> list[bytes]:
+        """Let go of all that is held of one direction, and return it in the order in which it was to go.
+
+        Of a half-open conversation nothing is returned.
+        """
+        way = _flow_key(flow)
+        found = [entry for entry in self._queue if _is_of(entry[2].output, way)]
+        self._queue = [entry for entry in self._queue if not _is_of(entry[2].output, way)]
+        self._rebuild_queue()
+        self._stream_busy_until.pop(way, None)
+        self._held_behind.pop(way, None)
+        if flow.conversation in self._half_open:
+            return []
+        outputs = [parcel.output for _, _, parcel in sorted(found, key=_queue_order)]
+        return [output.data for output in outputs if isinstance(output, SendBytes)]
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over; what is held of it is lost."""
+        self._half_open.pop(conversation, None)
+        self._reply_factory.close_conversation(conversation)
+        self._recent_requests.close_conversation(conversation)
+        self._attempt_counter.close_conversation(conversation)
+        for rule in self.active_faults:
+            rule.effect.close_conversation(conversation)
+        for direction in Direction:
+            self._stream_busy_until.pop((conversation, direction), None)
+            self._held_behind.pop((conversation, direction), None)
+        self._queue = [
+            entry for entry in self._queue if not _is_of_conversation(entry[2].output, conversation)
+        ]
+        self._rebuild_queue()
+
+    def _rebuild_queue(self) -> None:
+        heapq.heapify(self._queue)
+        self._queued_bytes = sum(parcel.size for _, _, parcel in self._queue)
+
+    def _draw_hits(self, message: WireMessage) -> list[tuple[ActiveFault, Any]]:
+        struck = []
+        for rule in self.active_faults:
+            striker = rule.matcher
+            if striker.matches(message) and striker.draw():
+                drawn = rule.effect.draw(striker.rng, message)
+                if drawn is not None:
+                    struck.append((rule, drawn))
+        return struck
+
+    def _apply_hits(self, faulted: FaultedMessage, hits: list[tuple[ActiveFault, Any]]) -> Iterable[str]:
+        for rule, drawn in hits:
+            if faulted.is_final:
+                return
+            what = rule.effect.apply(faulted, drawn, rule.matcher.ends_at)
+            if what:
+                rule.matcher.count_hit()
+                yield f"{rule.matcher.name}: {what}"
+
+    def _drop_half_open(self, conversation: Conversation, outputs: list[FaultOutput]) -> FaultResult:
+        return FaultResult(
+            outputs, (f"{self._half_open[conversation]}: dropped, the conversation is dead",), False
+        )
+
+    def _pass_unchanged(self, flow: Flow, data: bytes, now: int, outputs: list[FaultOutput]) -> FaultResult:
+        if not self._queue and not self._held_behind:
+            outputs.append(SendBytes(flow, data))
+            return FaultResult(outputs)
+        self._enqueue_send(flow, SendBytes(flow, data), now)
+        return FaultResult(outputs + self.advance(now))
+
+    def _schedule(self, faulted: FaultedMessage, notes: tuple[str, ...]) -> None:
+        message = faulted.original
+        flow, now = message.flow, message.now
+        back = _to_client(flow) if faulted.replies else flow
+        for late, raw in faulted.replies:
+            self._enqueue_send(back, SendBytes(back, raw, notes), now + late)
+        if faulted.close_mode is not None:
+            closing = CloseConnection(flow.conversation, faulted.close_mode, notes)
+            self._enqueue(self._close_time(closing, now + faulted.delay), _QueuedOutput(closing))
+        if faulted.is_lost:
+            return
+        send = SendBytes(flow, faulted.data, notes)
+        if faulted.held_behind is None:
+            self._enqueue_send(flow, send, now + faulted.delay)
+        else:
+            behind, patience = faulted.held_behind
+            parcel = _QueuedOutput(send, behind)
+            self._held_behind.setdefault(_flow_key(flow), []).append(parcel)
+            self._enqueue(now + faulted.delay + patience, parcel)
+        for late in faulted.copy_delays:
+            self._enqueue_send(flow, send, now + faulted.delay + late)
+
+    def _close_time(self, closing: CloseConnection, when: int) -> int:
+        """Tell when a connection ends that was to end at a time: in order only after what is held of it."""
+        if closing.how is CloseMode.RESET:
+            return when
+        conversation = closing.conversation
+        held = (
+            due
+            for due, _, each in self._queue
+            if each.output and _is_of_conversation(each.output, conversation)
+        )
+        return max((when, *held))
+
+    def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
+        """Let something go at a time; bytes of a stream never before those ahead of them."""
+        way = _flow_key(flow)
+        if flow.conversation.transport is Transport.TCP:
+            self._stream_busy_until[way] = due = max(due, self._stream_busy_until.get(way, due))
+        self._enqueue(due, _QueuedOutput(send))
+        for parcel in list(self._held_behind.get(way, ())):
+            parcel.behind -= 1
+            if not parcel.behind:
+                self._remove_held_behind(parcel)
+                self._enqueue(due, _QueuedOutput(parcel.output))
+                parcel.output = None
+
+    def _enqueue(self, due: int, queued: _QueuedOutput) -> None:
+        self._sequence += 1
+        self._queued_bytes += queued.size
+        heapq.heappush(self._queue, (due, self._sequence, queued))
+
+    def _remove_held_behind(self, queued: _QueuedOutput) -> None:
+        """Take a parcel from those that wait to be overtaken."""
+        assert isinstance(queued.output, SendBytes)
+        way = _flow_key(queued.output.flow)
+        waiting = self._held_behind[way]
+        waiting.remove(queued)
+        if not waiting:
+            del self._held_behind[way]
+
+
+def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[str]:
+    """Lose what would be held of a datagram."""
+    if faulted.delay or faulted.held_behind:
+        faulted.drop()
+        yield "dropped, too much is held already"
+    elif any(faulted.copy_delays):
+        faulted.copy_delays = [late for late in faulted.copy_delays if not late]
+        yield "copies dropped, too much is held already"
+
+
+def _generated_name(fault: Fault, names: set[str]) -> str:
+    number = 1
+    while (name := fault.action if number == 1 else f"{fault.action}-{number}") in names:
+        number += 1
+    return name
+
+
+def _flow_key(flow: Flow) -> _FlowKey:
+    return flow.conversation, flow.direction
+
+
+def _to_client(flow: Flow) -> Flow:
+    return flow if flow.direction is _RESPONSE else Flow(flow.conversation, _RESPONSE)
+
+
+def _queue_order(entry: tuple[int, int, _QueuedOutput]) -> tuple[int, int]:
+    return entry[:2]
+
+
+def _is_of(output: FaultOutput | None, key: _FlowKey) -> bool:
+    return isinstance(output, SendBytes) and _flow_key(output.flow) == key
+
+
+def _is_of_conversation(output: FaultOutput | None, conversation: Conversation) -> bool:
+    match output:
+        case SendBytes(flow=flow):
+            return flow.conversation is conversation
+        case CloseConnection(conversation=closing):
+            return closing is conversation
+    return True

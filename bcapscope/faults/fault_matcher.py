@@ -1,0 +1,80 @@
+"""Whether a fault strikes a message: its time, direction, condition, try and lot."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+from bcapscope.faults.fault import Fault
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
+
+
+class FaultMatcher:
+    """Decides for one fault; nothing but the messages, the clock and its own random numbers has a say.
+
+    Attributes:
+        fault: for which it decides.
+        name: of the fault.
+        rng: the random numbers of this fault alone.
+        enabled: whether it strikes at all; may be switched.
+        hit_count: how often it has struck.
+        ends_at: when it stops striking, ns; None for never.
+    """
+
+    def __init__(self, fault: Fault, name: str, seed: int, now: int) -> None:
+        self.fault = fault
+        self.name = name
+        self.rng = random.Random(f"{seed} {name}")
+        self.enabled = True
+        self.hit_count = 0
+        self._begins_at = now + fault.after
+        self.ends_at = None if fault.lasts is None else self._begins_at + fault.lasts
+        self._test: Callable[[AnnotatedFrame], bool] | None = None
+        if fault.when is not None:
+            self._test = fault.when.filter.bind(FRAME_GETTERS)
+        self._hits_left = fault.times
+
+    @property
+    def needs_pairing(self) -> bool:
+        """Whether it must know what was asked before, or which try a frame is."""
+        when = self.fault.when
+        asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
+        return asks or self.fault.attempt is not None
+
+    def is_over(self, now: int) -> bool:
+        """Tell whether it has struck for the last time."""
+        return self._hits_left == 0 or (self.ends_at is not None and now >= self.ends_at)
+
+    def matches(self, message: WireMessage) -> bool:
+        """Tell whether all but the lot is for striking."""
+        if not self.enabled or self._hits_left == 0 or not self._begins_at <= message.now:
+            return False
+        fault = self.fault
+        if self.ends_at is not None and message.now >= self.ends_at:
+            return False
+        if fault.direction is not None and message.flow.direction is not fault.direction:
+            return False
+        if self._test is None and fault.attempt is None:
+            return True
+        return any(self._fits_frame(message, index) for index in range(len(message.annotated_frames)))
+
+    def draw(self) -> bool:
+        """Draw the lot."""
+        share = self.fault.probability
+        return share >= 1 or self.rng.random() < share
+
+    def count_hit(self) -> None:
+        """Take notice that it has struck."""
+        self.hit_count += 1
+        if self._hits_left:
+            self._hits_left -= 1
+
+    def _fits_frame(self, message: WireMessage, index: int) -> bool:
+        attempt = self.fault.attempt
+        if attempt is not None and (not message.attempt_numbers or message.attempt_numbers[index] != attempt):
+            return False
+        return self._test is None or self._test(message.annotated_frames[index])
+
+
+_NEEDS_REQUEST = ("function_id", "function", "command")

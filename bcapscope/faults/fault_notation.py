@@ -1,0 +1,252 @@
+"""A fault in one line, as it is typed: ``delay=3ms±1ms request times 5 if command == slvMove``.
+
+First the action, with its main value behind ``=``:
+
+    loss=5%                 that share is lost; drop loses all
+    drop  pass  partition  half-open
+    delay=3ms±1ms           later by so much, more or less (also written +-)
+    duplicate=2  reorder=1  more copies; how many overtake it
+    corrupt=1  truncate=20  bits turned over; bytes that are left
+    garbage=64              so many random bytes instead
+    burst=1%/25%            lost in bursts: probability that one begins, and that it ends
+    bandwidth=64kbit/s      also kB/s
+    answer=E_FAIL           that HRESULT instead of passing it on
+    serial=1                what is added to the serial of a response
+    executing=2s            S_EXECUTING for a while, then the response
+    close=reset             the TCP connection; also fin
+    rewrite                 with serial, reserved, code, set, limit or step
+
+then, in any order, what it strikes and other fields of the action by name:
+
+    request  response       only these; reply is the same as response
+    5%                      with that probability
+    try 1                   only the first try of a call, or the response to it
+    times 3                 that often
+    after 2s  for 10s       not before, and for how long
+    name lossy              for reports
+    distribution normal     of a jitter: uniform, normal, pareto
+    set arg[2][0]=10        limit arg[2]=-90..90   step arg[2]=0.5
+
+and last ``if`` with a filter.
+
+In a file all fields have their names, those behind ``=`` as well:
+
+    faults:
+      - {action: drop, probability: 5%, direction: response, try: 1}
+      - {action: delay, time: 3ms, jitter: 1ms, times: 5, if: command == slvMove}
+
+and of the other actions, with the names of their main values:
+
+    duplicate copies   reorder by       corrupt bits     truncate keep   garbage size
+    burst enter leave  bandwidth rate   answer hresult   serial by       executing time
+    close how
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any, NamedTuple, NoReturn
+
+from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
+from bcapscope.faults.fault import ACTIONS, ALIASES, AnyFault, Fault
+from bcapscope.protocol.number_parsing import LONGEST_NUMBER
+from bcapscope.traffic.filter.tokens import FilterError, nearest
+
+_WORD = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^\s"])+')
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_NUMBER = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?")
+_PLUS_MINUS = re.compile(r"±|\+-")
+
+_MAIN_FIELDS: dict[str, tuple[str, ...]] = {
+    "loss": ("probability",),
+    "delay": ("time", "jitter"),
+    "duplicate": ("copies",),
+    "reorder": ("by",),
+    "corrupt": ("bits",),
+    "truncate": ("keep",),
+    "garbage": ("size",),
+    "serial": ("by",),
+    "answer": ("hresult",),
+    "executing": ("time",),
+    "close": ("how",),
+    "burst": ("enter", "leave"),
+    "bandwidth": ("rate",),
+}
+"""The fields that the value behind the action stands for."""
+
+_SEPARATORS = {"delay": "±", "burst": "/"}
+_DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}
+_MAPPINGS = ("set", "limit", "step")
+
+
+class NotationError(FilterError):
+    """A fault that makes no sense; its text is the reason, the line and a caret."""
+
+
+class _Word(NamedTuple):
+    """A word of the line and the index of its first character."""
+
+    text: str
+    start: int
+
+
+def read_fault(text: str) -> AnyFault:
+    """Read a fault.
+
+    Raises:
+        NotationError: it makes no sense.
+    """
+    return _FaultParser(text).read()
+
+
+def write_fault(fault: Fault) -> str:
+    """Write a fault; `read_fault` makes an equal one of it."""
+    fields = to_plain_data(fault)
+    action = fields.pop("action")
+    main = [fields.pop(name) for name in _MAIN_FIELDS.get(action, ()) if name in fields]
+    words = [action + ("=" + _SEPARATORS.get(action, "").join(map(_format_value, main)) if main else "")]
+    condition = fields.pop("if", None)
+    for name, value in fields.items():
+        if value and name in ("direction", "probability"):
+            words.append(value)
+        elif name in _MAPPINGS:
+            words += [f"{name} {path}={_format_value(each)}" for path, each in value.items()]
+        else:
+            words.append(f"{name} {_format_value(value)}")
+    if condition is not None:
+        words.append(f"if {condition}")
+    return " ".join(words)
+
+
+def _format_value(value: object) -> str:
+    if isinstance(value, str):
+        plainly = _WORD.fullmatch(value) and '"' not in value and not _NUMBER.fullmatch(value)
+        return value if plainly and value not in ("true", "false", "any", "if") else json.dumps(value)
+    return "any" if value is None else str(value).lower()
+
+
+class _FaultParser:
+    """Collects the fields of one fault, and where each of them stands."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.fields: dict[str, Any] = {}
+        self.starts: dict[str, int] = {}
+        words = [_Word(match[0], match.start()) for match in _WORD.finditer(text)]
+        stop = next((index for index, word in enumerate(words) if word.text == "if"), len(words))
+        self.words = words[:stop]
+        self.condition = words[stop] if stop < len(words) else None
+
+    def read(self) -> AnyFault:
+        if not self.words:
+            self.fail_at(0, f"expected an action: {', '.join(sorted([*ACTIONS, *ALIASES]))}")
+        self.words.reverse()
+        self.read_action(self.words.pop())
+        while self.words:
+            self.read_word(self.words.pop())
+        if self.condition is not None:
+            start = self.condition.start + len("if")
+            self.set_field("if", self.text[start:].strip(), self.condition)
+        try:
+            return fault_from(self.fields)
+        except DocumentError as error:
+            raise self.locate_error(error) from error
+
+    def read_action(self, word: _Word) -> None:
+        written, equals, value = word.text.partition("=")
+        action = ALIASES.get(written, written)
+        if action not in ACTIONS:
+            hint = nearest(written, [*ACTIONS, *ALIASES])
+            self.fail_at(word.start, f"there is no action {written!r}{hint}")
+        self.set_field("action", action, word)
+        names = _MAIN_FIELDS.get(written, ())
+        start = word.start + len(written) + 1
+        if equals and not names:
+            self.fail_at(start - 1, f"{written} has no value")
+        if not equals and written in ALIASES:
+            self.fail_at(word.start + len(written), f"expected = and a value after {written}")
+        if equals:
+            self.read_main(written, _Word(value, start), names)
+
+    def read_main(self, written: str, word: _Word, names: tuple[str, ...]) -> None:
+        if written == "delay":
+            word = word._replace(text=_PLUS_MINUS.sub("±", word.text, count=1))
+        separator = _SEPARATORS.get(written)
+        values = word.text.split(separator) if separator else [word.text]
+        if len(values) > len(names):
+            self.fail_at(word.start, f"expected {(separator or '').join(names)}")
+        start = word.start
+        for name, value in zip(names, values, strict=False):
+            self.set_field(name, self.parse_value(value, start), _Word(value, start))
+            start += len(value) + 1
+
+    def read_word(self, word: _Word) -> None:
+        fields = ACTIONS[self.fields["action"]].__struct_encode_fields__
+        if word.text in _DIRECTIONS:
+            self.set_field("direction", _DIRECTIONS[word.text], word)
+        elif word.text.endswith("%"):
+            self.set_field("probability", word.text, word)
+        elif word.text in fields and word.text != "if":
+            self.read_field(word)
+        else:
+            known = [*fields, *_DIRECTIONS]
+            self.fail_at(word.start, f"{word.text!r} means nothing here{nearest(word.text, known)}")
+
+    def read_field(self, name: _Word) -> None:
+        if not self.words:
+            self.fail_at(len(self.text), f"a value for {name.text} is missing")
+        word = self.words.pop()
+        if name.text not in _MAPPINGS:
+            self.set_field(
+                name.text, self.parse_value(word.text, word.start, is_text=name.text == "name"), word
+            )
+            return
+        path, equals, value = word.text.partition("=")
+        if not equals:
+            self.fail_at(word.start, f"expected an argument, = and a value, such as {name.text} arg[2][0]=10")
+        mapping = self.fields.setdefault(name.text, {})
+        self.starts.setdefault(name.text, word.start)
+        if path in mapping:
+            self.fail_at(word.start, f"{name.text} {path} stands here twice")
+        mapping[path] = self.parse_value(value, word.start + len(path) + 1)
+
+    def parse_value(self, text: str, start: int, is_text: bool = False) -> object:
+        """Make a word what it stands for: a number, a truth, nothing, or itself."""
+        if text.startswith('"'):
+            try:
+                return json.loads(text)
+            except ValueError:
+                self.fail_at(start, "this text makes no sense in its quotes")
+        if is_text:
+            return text
+        if _NUMBER.fullmatch(text):
+            if len(text) > LONGEST_NUMBER:
+                self.fail_at(start, f"a number of more than {LONGEST_NUMBER} characters")
+            return int(text) if _INTEGER.fullmatch(text) else float(text)
+        return {"true": True, "false": False, "any": None}.get(text, text)
+
+    def set_field(self, name: str, value: object, word: _Word) -> None:
+        if name in self.fields:
+            self.fail_at(word.start, f"{name} stands here twice")
+        self.fields[name] = value
+        self.starts[name] = word.start
+
+    def fail_at(self, start: int, reason: str) -> NoReturn:
+        raise NotationError(self.text, start, reason)
+
+    def locate_error(self, error: DocumentError) -> NotationError:
+        """Make an error of the fields one that points into the line."""
+        cause = error.__cause__.__cause__ if error.__cause__ else None
+        if isinstance(cause, FilterError):
+            shift = self.text.index(cause.expression, self.starts["if"] + len("if"))
+            return NotationError(self.text, shift + cause.position, cause.message)
+        start = self.starts.get(str(error.path[0]), 0) if error.path else 0
+        if not error.path and error.reason.endswith("is missing"):
+            return NotationError(self.text, len(self.text_before_condition()), error.reason)
+        return NotationError(self.text, start, error.reason)
+
+    def text_before_condition(self) -> str:
+        """Give the line up to the condition."""
+        stop = self.condition.start if self.condition else len(self.text)
+        return self.text[:stop].rstrip()

@@ -1,0 +1,65 @@
+"""Answers in the server's place, under the numbers that the client waits for."""
+
+from __future__ import annotations
+
+import struct
+from typing import TypeVar
+
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame, Framing, encode_frame
+from bcapscope.protocol.retry.reserved_convention import ReplyReserved
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.observation import Conversation, Direction, Flow
+
+Known = TypeVar("Known")
+
+_SERIAL_RESERVED = struct.Struct("<5xHH").unpack_from
+_COMPRESSED = {Framing.VERSION_1_ZLIB: Framing.VERSION_1}
+
+
+def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
+    """Make a reply with a result and no value, under the serial of `frame` and framed as it is."""
+    framing = _COMPRESSED.get(frame.framing, frame.framing)
+    return encode_frame(frame.serial, 1 if framing is Framing.VERSION_1 else reserved, code, framing=framing)
+
+
+class ReplyFactory:
+    """Learns what a server puts into the reserved field of its replies, and answers likewise.
+
+    Until a server has answered a request with a reserved of its own it is held to send 0, as orin_bcap
+    C/src/bCAPServer/bcap_server.c does.
+    """
+
+    def __init__(self) -> None:
+        self._last_requests: dict[Conversation, tuple[int, int]] = {}
+        self._reply_reserved: dict[Conversation, ReplyReserved] = {}
+
+    def on_message(self, flow: Flow, data: bytes) -> None:
+        """Learn from a message that passes."""
+        if len(data) < SMALLEST_FRAME or data[0] != 1:
+            return
+        numbers: tuple[int, int] = _SERIAL_RESERVED(data)
+        conversation = flow.conversation
+        if flow.direction is Direction.REQUEST:
+            if numbers[1]:
+                self._remember(self._last_requests, conversation, numbers)
+            return
+        asked = self._last_requests.get(conversation)
+        if asked and asked[0] == numbers[0] and numbers[1] in (0, asked[1]):
+            found = ReplyReserved.ECHOED if numbers[1] else ReplyReserved.ZERO
+            self._remember(self._reply_reserved, conversation, found)
+
+    def make_reply(self, conversation: Conversation, request: Frame, code: int) -> bytes:
+        """Make the answer to a request: a result without a value."""
+        echoes = self._reply_reserved.get(conversation) is ReplyReserved.ECHOED
+        return encode_reply(request, request.reserved if echoes else 0, code)
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over."""
+        self._last_requests.pop(conversation, None)
+        self._reply_reserved.pop(conversation, None)
+
+    @staticmethod
+    def _remember(known: dict[Conversation, Known], conversation: Conversation, value: Known) -> None:
+        known[conversation] = value
+        if len(known) > MAX_CONVERSATIONS:
+            del known[next(iter(known))]

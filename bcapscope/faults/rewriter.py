@@ -1,0 +1,262 @@
+"""Changing numbers in a frame; what does not change stays as it came, to the byte."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple, Protocol, TypeAlias, cast
+
+from bcapscope.errors import LocalProtocolError
+from bcapscope.faults.fault import RewriteFault, RewriteValue
+from bcapscope.faults.quantities import Span, read_path
+from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
+from bcapscope.protocol.codec.variant_notation import parse_variant_as
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+
+MAX_REMEMBERED = 4096
+"""Messages that steps are counted from; a session has some dozens. When there are more, the oldest is
+forgotten."""
+
+MAX_BYTES = 1 << 20
+"""Bytes of these messages, unpacked; their values may take a hundred times as many."""
+
+_Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
+
+ValueChange: TypeAlias = Callable[[Variant], Variant]
+"""Makes a value into another one; the same object where nothing changes."""
+
+
+class _Adjust(Protocol):
+    """Makes a number into another one, by its index in the array."""
+
+    def __call__(self, number: float, index: int) -> float: ...
+
+
+class _LastMessage(NamedTuple):
+    """The last message of a series.
+
+    Attributes:
+        raw: as it came.
+        values: of its arguments as it went on.
+        step_base: by the number of the step, what the next one is counted from.
+        size: bytes of the frame, unpacked.
+    """
+
+    raw: bytes
+    values: list[Variant]
+    step_base: dict[int, Variant]
+    size: int
+
+
+_SERIAL_RESERVED_CODE = struct.Struct("<HHI")
+_INTEGERS = frozenset((VT.I2, VT.I4, VT.UI1, VT.UI2, VT.UI4, VT.I8, VT.UI8))
+_NUMBERS = _INTEGERS | {VT.R4, VT.R8}
+
+
+def with_header(
+    frame: Frame, *, serial: int | None = None, reserved: int | None = None, code: int | None = None
+) -> bytes:
+    """Give a frame's bytes with other numbers in its header; None leaves one as it is.
+
+    The rest stays, damaged or not; a frame with a checksum or compressed contents that is sound is made anew.
+    """
+    numbers = (
+        frame.serial if serial is None else serial,
+        frame.reserved if reserved is None else reserved,
+        frame.code if code is None else code,
+    )
+    if numbers == (frame.serial, frame.reserved, frame.code):
+        return frame.raw
+    if frame.framing is not Framing.PLAIN and not frame.problems:
+        return _encode_or_keep(frame, numbers, frame.variants)
+    return frame.raw[:5] + _SERIAL_RESERVED_CODE.pack(*numbers) + frame.raw[13:]
+
+
+def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequence[Variant]) -> bytes:
+    try:
+        return encode_frame(*numbers, values, frame.framing)
+    except LocalProtocolError:  # reserved is fixed in version 1, and a value may not fit its type
+        return frame.raw
+
+
+class Rewriter:
+    """Does what a `RewriteFault` says, and remembers for its `step` what went before.
+
+    Args:
+        fault: what to do.
+    """
+
+    def __init__(self, fault: RewriteFault) -> None:
+        self._fault = fault
+        self._set = [(read_path(path), setting) for path, setting in fault.set.items()]
+        self._limit = [(read_path(path), span) for path, span in fault.limit.items()]
+        self._step = [(read_path(path), step) for path, step in fault.step.items()]
+        self._last_messages: dict[_Key, _LastMessage] = {}
+        self._size = 0
+
+    def rewrite(self, frame: Frame, flow: Flow) -> bytes:
+        """Give the bytes of `frame` after the change; arguments are changed only in a sound one."""
+        fault = self._fault
+        raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
+        if frame.problems or not (self._set or self._limit or self._step):
+            return raw
+        before = frame.variants
+        values = list(before)
+        for path, setting in self._set:
+            _edit(values, path, partial(_with_setting, setting=setting))
+        for path, span in self._limit:
+            _edit(values, path, partial(_clamped, span=span))
+        if self._step:
+            values = self._stepped(frame, flow, values)
+        if all(new is old for new, old in zip(values, before, strict=True)):
+            return raw
+        head = Frame(raw)
+        return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
+
+    def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
+        """Keep numbers near those of the message before.
+
+        Another try of a message goes on as the first one did: a server would take it for a new call, and
+        execute it, if it differed.
+        """
+        key = flow.conversation, flow.direction, _series_key(frame)
+        last = self._last_messages.get(key)
+        if (
+            last is not None
+            and flow.conversation.transport is Transport.UDP
+            and _is_attempt_of(frame, last.raw)
+        ):
+            return last.values
+        before = {} if last is None else last.step_base
+        reached = dict(before)
+
+        def near(value: Variant, index: int, step: float) -> Variant:
+            reached[index] = _step_limited(value, before[index], step) if index in before else value
+            return reached[index]
+
+        for index, (path, step) in enumerate(self._step):
+            _edit(values, path, partial(near, index=index, step=step))
+        self._remember(key, _LastMessage(frame.raw, values, reached, len(frame.body)))
+        return values
+
+    def _remember(self, key: _Key, last: _LastMessage) -> None:
+        """Keep a message as the latest one; the oldest are forgotten where there are too many."""
+        known = self._last_messages.pop(key, None)
+        self._last_messages[key] = last
+        self._size += last.size - (0 if known is None else known.size)
+        while len(self._last_messages) > MAX_REMEMBERED or (
+            self._size > MAX_BYTES and len(self._last_messages) > 1
+        ):
+            self._size -= self._last_messages.pop(next(iter(self._last_messages))).size
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        """Forget a conversation that is over."""
+        self._last_messages = {
+            key: value for key, value in self._last_messages.items() if key[0] is not conversation
+        }
+        self._size = sum(last.size for last in self._last_messages.values())
+
+
+def _is_attempt_of(frame: Frame, raw: bytes) -> bool:
+    """Tell whether a frame is another try of the call that `raw` asked for, or a copy of it."""
+    is_retry = frame.reserved not in (0, frame.serial)
+    return frame.raw == raw or (is_retry and frame.raw[9:] == raw[9:])
+
+
+def _series_key(frame: Frame) -> tuple[int, str | None]:
+    """Give what is equal from one message of a series to the next: its code, and a request's command."""
+    values = [argument.variant.value for argument in frame.arguments[:2]]
+    return frame.code, values[1] if len(values) > 1 and isinstance(values[1], str) else None
+
+
+def _edit(values: list[Variant], path: tuple[int, ...], change: ValueChange) -> None:
+    """Change the argument or element that a path leads to, if there is one."""
+    index, *rest = path
+    if index < len(values):
+        values[index] = _edited(values[index], tuple(rest), change)
+
+
+def _edited(value: Variant, path: tuple[int, ...], change: ValueChange) -> Variant:
+    if not path:
+        return change(value)
+    elements = _elements(value)
+    if path[0] >= len(elements):
+        return value
+    old = elements[path[0]]
+    new = _edited(old, path[1:], change)
+    if new is old or (value.vt != ARRAY | VT.VARIANT and new.vt != old.vt):
+        return value
+    elements[path[0]] = new
+    return _with_elements(value, elements)
+
+
+def _elements(value: Variant) -> list[Variant]:
+    """Give the elements of an array, each with its type; none of what is no array."""
+    base = value.vt & ~ARRAY
+    if not value.vt & ARRAY or not isinstance(value.value, tuple | bytes):
+        return []
+    if base == VT.VARIANT:
+        return [element for element in value.value if isinstance(element, Variant)]
+    return [Variant(base, element) for element in value.value]
+
+
+def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
+    base = value.vt & ~ARRAY
+    if base == VT.VARIANT:
+        return value._replace(value=tuple(elements))
+    if base == VT.UI1:
+        return value._replace(value=bytes(cast(int, element.value) for element in elements))
+    return value._replace(value=tuple(element.value for element in elements))
+
+
+def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
+    """Give a value of the same type, or of the type that the text names; the old one where that fails."""
+    text = str(setting).lower() if isinstance(setting, bool) else str(setting)
+    try:
+        new = parse_variant_as(text, [vt_name(value.vt)])
+    except ValueError:
+        return value
+    return value if new == value else new
+
+
+def _clamped(value: Variant, span: Span) -> Variant:
+    return _each_number(value, lambda number, index: span.clamp(number))
+
+
+def _step_limited(value: Variant, last: Variant, step: float) -> Variant:
+    elements = _elements(last) or [last]
+    around = [element.value for element in elements]
+
+    def near(number: float, index: int) -> float:
+        middle = around[index] if index < len(around) else None
+        if not isinstance(middle, int | float) or not math.isfinite(middle):
+            return number
+        return Span(middle - step, middle + step).clamp(number)
+
+    return _each_number(value, near)
+
+
+def _each_number(value: Variant, change: _Adjust) -> Variant:
+    """Change a number, or every number of an array; numbers of integer types stay integers."""
+    elements = _elements(value)
+    if not elements:
+        return _with_number(value, partial(change, index=0))
+    new = [_with_number(element, partial(change, index=index)) for index, element in enumerate(elements)]
+    if all(one is other for one, other in zip(new, elements, strict=True)):
+        return value
+    return _with_elements(value, new)
+
+
+def _with_number(value: Variant, change: Callable[[float], float]) -> Variant:
+    number = value.value
+    if value.vt not in _NUMBERS or not isinstance(number, int | float):
+        return value
+    new = change(number)
+    if new == number:
+        return value
+    if value.vt in _INTEGERS:
+        new = math.ceil(new) if new > number else math.floor(new)
+    return value._replace(value=new)

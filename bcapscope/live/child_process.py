@@ -1,0 +1,156 @@
+"""A command of ours that the screen starts: the simulator, or a proxy whose relay must not wait for a screen.
+
+It is told to end by a signal; if the screen is killed, it notices that its standard input has ended.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import orjson
+
+from bcapscope.errors import BcapError
+
+START_TIMEOUT = 60.0
+"""Seconds that a command has until it listens; a machine that is busy takes long to load a program."""
+
+END_TIMEOUT = 8.0
+"""Seconds that it has to end in order, and then again to end at once."""
+
+_MAX_LINES = 500
+
+
+class ChildStartError(BcapError):
+    """The command did not begin; the text is what it said last.
+
+    Attributes:
+        code: its exit code.
+    """
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class ChildProcess:
+    """A command that runs.
+
+    Attributes:
+        listen_addresses: what it listens on, as it told.
+        control_address: where it can be told what to do; "" for nowhere.
+    """
+
+    def __init__(self, *words: str) -> None:
+        """Start ``bcapscope WORDS --attended`` and wait until it listens.
+
+        Raises:
+            ChildError: it does not.
+        """
+        self._output: deque[str] = deque(maxlen=_MAX_LINES)
+        self._startup_done = threading.Event()
+        self._line_count = 0
+        self._lock = threading.Lock()
+        self._on_output: Callable[[str], None] | None = None
+        self._on_end: Callable[[str], None] = lambda words: None
+        self._is_wanted, self._has_ended = True, False
+        argv = [sys.executable, "-m", "bcapscope", *words, "--attended"]
+        self._process = subprocess.Popen(
+            argv,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C and a closed terminal are the screen's business
+        )
+        self._reader = threading.Thread(target=self._read_output, daemon=True, name="child")
+        self._reader.start()
+        told = self._wait_until_listening()
+        self.listen_addresses, self.control_address = tuple(told["listening"]), str(told["control"])
+
+    def _wait_until_listening(self) -> dict[str, Any]:
+        """Wait for the line that tells what it listens on."""
+        assert self._process.stdout is not None
+        patience = threading.Timer(START_TIMEOUT, self._process.kill)
+        patience.start()
+        line = self._process.stdout.readline()
+        patience.cancel()
+        if line:
+            self._startup_done.wait(END_TIMEOUT)
+            told: dict[str, Any] = orjson.loads(line)
+            return told
+        self.terminate()
+        raise ChildStartError(self.last_line or "it did not begin in time", max(self._process.returncode, 1))
+
+    def _read_output(self) -> None:
+        """Take what it says, line by line, and notice its end."""
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            text = line.decode(errors="replace").rstrip()
+            if not text and not self._startup_done.is_set():
+                self._startup_done.set()
+                continue
+            with self._lock:
+                self._output.append(text)
+                self._line_count += 1
+                tell = self._on_output
+            if tell is not None:
+                tell(text)
+        self._process.wait()
+        with self._lock:
+            self._has_ended, over = True, self._on_end
+        if self._is_wanted:
+            over(self._end_reason())
+
+    def _end_reason(self) -> str:
+        """Return why it ended by itself, as far as it could say; "" where it was killed."""
+        return "" if self._process.returncode < 0 else self.last_line
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
+    def last_line(self) -> str:
+        """The last line that it said, "" if none."""
+        with self._lock:
+            return next((text for text in reversed(self._output) if text), "")
+
+    def subscribe_output(self, on_output: Callable[[str], None]) -> None:
+        """Have each line that it says told, those said already now; in another thread."""
+        with self._lock:
+            self._on_output = on_output
+            said = list(self._output)
+        for text in said:
+            on_output(text)
+
+    def subscribe_end(self, on_end: Callable[[str], None]) -> None:
+        """Have told why it ended by itself, "" if killed; in another thread, or now if it has ended."""
+        with self._lock:
+            self._on_end, ended = on_end, self._has_ended
+        if ended and self._is_wanted:
+            on_end(self._end_reason())
+
+    def terminate(self) -> list[str]:
+        """End it in order; return what it said meanwhile."""
+        self._is_wanted = False
+        before = self._line_count
+        self._on_output = None
+        for number in (signal.SIGINT, signal.SIGINT, None):
+            with suppress(OSError):
+                self._process.kill() if number is None else self._process.send_signal(number)
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_TIMEOUT)
+                break
+        self._reader.join(END_TIMEOUT)
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        return list(self._output)[before - self._line_count :] if before < self._line_count else []

@@ -1,0 +1,211 @@
+"""Keep the processors out of deep sleep while set points pass; only on request (`proxy --low-latency`).
+
+Waking a processor takes a few microseconds from light sleep, a hundred or more from deep sleep, and tens on a
+virtual machine from any sleep, since the host wakes it. A round trip through the proxy pays this four times
+if client and controller run on the same machine, else twice. Linux accepts a limit for the wake-up time
+(power/pm_qos_interface). The limit holds for the whole machine and costs electricity, or processor time of
+the host. So the proxy sets it only while there is much traffic, and not where the host takes processors away.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+from bcapscope.proxy.ring_buffer import RelayCounter
+
+BUSY_DATAGRAMS = 100
+"""Datagrams within `BUSY_WITHIN`, or at once: fifty calls. A set point each 8 ms makes 250 in a second."""
+
+BUSY_WITHIN = 1.0
+"""Seconds."""
+
+AWAKE_FOR = 2.0
+"""Seconds without that much after which processors may sleep again."""
+
+MOST_STOLEN_SHARE = 0.05
+"""Share of a processor's time that the host may take from all of them together."""
+
+PAUSED_FOR = 60.0
+"""Seconds for which nothing is asked after the host took more, or Linux refused."""
+
+_MEASURED_EVERY = 1.0
+"""Seconds."""
+
+_STREAM_BYTES_EACH = 64
+"""Bytes of streams that count as a datagram: a set point takes some 100, its answer 58 or 90."""
+
+_REQUEST = struct.Struct("@i")
+_DEVICE = Path("/dev/cpu_dma_latency")
+_CPU_FOLDER = Path("/sys/devices/system/cpu")
+_STATISTICS = Path("/proc/stat")
+
+_USUAL_LATENCY_US = 2
+"""µs to wake from the lightest sleep, where nobody says how many."""
+
+_FIRST_LINE_BYTES = 256
+"""Bytes, more than it has."""
+
+_STEAL_COLUMN = 8
+"""Place of the time that the host took, in the first line (proc_stat(5))."""
+
+
+class CpuSleep(Protocol):
+    """The sleep of the processors."""
+
+    def forbid_deep_sleep(self) -> bool:
+        """Ask that they stay awake, or all but; tell whether that is granted."""
+
+    def allow_deep_sleep(self) -> None:
+        """Ask no more."""
+
+    def stolen_seconds(self) -> float | None:
+        """Return how many seconds the host took so far from those that stay awake; None if unknown."""
+
+
+class CpuWakefulness:
+    """Lets the processors sleep unless much passes."""
+
+    def __init__(self, sleep: CpuSleep) -> None:
+        """Let them sleep."""
+        self._sleep = sleep
+        self._is_awake = False
+        self._count_before, self._counted_at = 0, -math.inf
+        self._busy_at = self._not_before = -math.inf
+        self._stolen_before: float | None = None
+        self._measured_at = 0.0
+
+    def update(self, datagrams: int, now: float) -> None:
+        """Look how much has passed, some twenty times a second.
+
+        Args:
+            datagrams: datagrams so far; see `datagrams_passed`.
+            now: s, of any clock that runs evenly.
+        """
+        is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
+        if is_much:
+            self._busy_at = now
+        if is_much or now - self._counted_at >= BUSY_WITHIN:
+            self._count_before, self._counted_at = datagrams, now
+        if self._is_awake and now - self._measured_at >= _MEASURED_EVERY and self._is_much_stolen(now):
+            self._not_before = now + PAUSED_FOR
+        wanted = now - self._busy_at < AWAKE_FOR and now >= self._not_before
+        if wanted and not self._is_awake:
+            self._keep_awake(now)
+        elif not wanted:
+            self.allow_sleep()
+
+    def allow_sleep(self) -> None:
+        """Let them sleep."""
+        if self._is_awake:
+            self._is_awake = False
+            self._sleep.allow_deep_sleep()
+
+    def _keep_awake(self, now: float) -> None:
+        self._is_awake = self._sleep.forbid_deep_sleep()
+        if self._is_awake:
+            self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
+        else:
+            self._not_before = now + PAUSED_FOR
+
+    def _is_much_stolen(self, now: float) -> bool:
+        """Measure what the host took since the last time; tell whether that is much."""
+        since, before = now - self._measured_at, self._stolen_before
+        self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
+        return (
+            before is not None
+            and self._stolen_before is not None
+            and self._stolen_before - before > MOST_STOLEN_SHARE * since
+        )
+
+
+def datagrams_passed(counts: Sequence[int]) -> int:
+    """Return how many datagrams came, and how many the bytes of streams that were sent would make.
+
+    Args:
+        counts: by `RelayCounter`.
+    """
+    datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
+    return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
+
+
+class CpuLatencyLimit:
+    """Has Linux let processors sleep only as lightly as possible, where we may ask: as root, unless told.
+
+    On a KVM guest whose driver is haltpoll they then wait without sleeping, as there each sleep, however
+    lightly it is called, is the host's. Linux forgets what was asked once the file is closed, however we end.
+    """
+
+    def __init__(self) -> None:
+        self._has_haltpoll = _uses_haltpoll()
+        self._limit_us = 0 if self._has_haltpoll else _lightest_latency_us()
+        self._device: int | None = None
+        self._statistics: int | None = None
+
+    def forbid_deep_sleep(self) -> bool:
+        """Ask for it; tell whether that is granted."""
+        if sys.platform != "linux":
+            return False
+        try:
+            self._device = os.open(_DEVICE, os.O_WRONLY)  # makes no file where there is no such device
+            os.write(self._device, _REQUEST.pack(self._limit_us))
+            if self._has_haltpoll:
+                self._statistics = os.open(_STATISTICS, os.O_RDONLY)
+        except (OSError, struct.error):
+            self.allow_deep_sleep()
+            return False
+        return True
+
+    def allow_deep_sleep(self) -> None:
+        """Ask for it no more."""
+        descriptors = self._device, self._statistics
+        self._device = self._statistics = None
+        for descriptor in descriptors:
+            if descriptor is not None:
+                with suppress(OSError):
+                    os.close(descriptor)
+
+    def stolen_seconds(self) -> float | None:
+        """Return how many seconds of processors the host took so far, if these never sleep."""
+        if sys.platform == "linux" and self._statistics is not None:
+            with suppress(OSError, IndexError, ValueError):
+                line = os.pread(self._statistics, _FIRST_LINE_BYTES, 0)
+                return int(line.split()[_STEAL_COLUMN]) / os.sysconf("SC_CLK_TCK")
+        return None
+
+
+def low_latency_problem() -> str:
+    """Return why this process cannot keep processors out of deep sleep; "" if it can."""
+    if sys.platform != "linux":
+        return "only Linux can keep processors out of deep sleep"
+    try:
+        os.close(os.open(_DEVICE, os.O_WRONLY))
+    except OSError as error:
+        return (
+            f"cannot write {_DEVICE}: {(error.strerror or str(error)).lower()}. Run the proxy as root, or "
+            "give your user write access with a udev rule (see docs/proxy.md)"
+        )
+    return ""
+
+
+def _uses_haltpoll() -> bool:
+    """Tell whether a processor that must wake at once waits without sleeping."""
+    with suppress(OSError):
+        return (_CPU_FOLDER / "cpuidle" / "current_driver").read_bytes().strip() == b"haltpoll"
+    return False
+
+
+def _lightest_latency_us() -> int:
+    """Return how many µs the first processor takes to wake from the lightest sleep that is in use."""
+    states = (_CPU_FOLDER / "cpu0" / "cpuidle").glob("state*")
+    with suppress(OSError, ValueError):
+        used = [each for each in states if int((each / "disable").read_text()) == 0]
+        latencies = (int((each / "latency").read_text()) for each in used)
+        return min((latency for latency in latencies if latency > 0), default=_USUAL_LATENCY_US)
+    return _USUAL_LATENCY_US

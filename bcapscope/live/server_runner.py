@@ -1,0 +1,172 @@
+"""What commands that answer clients share: who can reach them, the log, the capture, the end.
+
+Nothing that they tell holds up an answer: lines, sentences and the capture are written by threads of their
+own, and what there is no time for is counted.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.live.end_signals import end_signal_socket, interrupt_on_end_signals
+from bcapscope.live.server_recorder import ServerRecorder, create_capture
+from bcapscope.live.terminal_writer import TerminalWriter
+from bcapscope.player.realtime import realtime_priority
+from bcapscope.render.simulator_log import call_log_line, refusal_line
+from bcapscope.simulator.call_executor import CallReport
+from bcapscope.simulator.listening_sockets import SimulatorListenError
+from bcapscope.simulator.simulator import Peer
+from bcapscope.simulator.simulator_server import ControllerModel, SimulatorServer, serve
+
+
+def reachability_text(host: str) -> str:
+    """Say in half a sentence who can reach what listens on an address."""
+    address = ipaddress.ip_address(host.partition("%")[0])
+    if address.is_loopback:
+        return "only this machine reaches it"
+    whom = "every network of this machine" if address.is_unspecified else f"the network of {host}"
+    return f"everyone on {whom} reaches it"
+
+
+def _do_nothing(descriptor: int) -> None:
+    """Take no notice."""
+
+
+class ServerRunner:
+    """A server of a command, with all that is told of it, from its start to its end.
+
+    Attributes:
+        log: of the calls.
+        print_message: writes a sentence to stderr, and waits for nobody.
+    """
+
+    def __init__(self, *, quiet: bool, record: str | None) -> None:
+        """Get ready.
+
+        Args:
+            quiet: no line a call.
+            record: file that keeps what passes.
+        """
+        self._terminal = TerminalWriter()
+        self.print_message = self._terminal.write_message
+        self.log = ServerCallLog(not quiet, self._terminal)
+        self._recording_path = record
+        self._recorder: ServerRecorder | None = None
+
+    @contextmanager
+    def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
+        """Listen; what is done with the server ends in order with Ctrl-C or a signal that ends programs.
+
+        Raises:
+            FileRefused: the capture cannot be written.
+        """
+        interrupt_on_end_signals()
+        try:
+            server = SimulatorServer(answerer, host, port)
+        except SimulatorListenError as error:
+            print_stderr(f"{error}")
+            sys.exit(ExitCode.UNREADABLE)
+        with closing(server):
+            if self._recording_path is not None:
+                self._recorder = ServerRecorder(
+                    create_capture(Path(self._recording_path)), self._recording_path, self.print_message
+                )
+                server.tap = self._recorder
+            with suppress(KeyboardInterrupt):
+                yield server
+
+    def serve(
+        self,
+        server: SimulatorServer,
+        on_readable: Callable[[int], None] = _do_nothing,
+        watched: list[int] | None = None,
+    ) -> None:
+        """Serve until interrupted, with real-time priority where the system gives it.
+
+        A controller keeps its 8 ms: beside six busy processes on two processors three plays of five were
+        ended by a simulator without it that found their set points too late.
+
+        Args:
+            server: that listens.
+            on_readable: called with each of `watched` that can be read.
+            watched: file descriptors; `on_readable` may change it.
+        """
+        watched = [] if watched is None else watched
+        with end_signal_socket() as end, realtime_priority(collect_garbage=True):
+
+            def take_or_end(descriptor: int) -> None:
+                if descriptor == end.fileno():
+                    raise KeyboardInterrupt
+                on_readable(descriptor)
+
+            watched.append(end.fileno())
+            serve(server, self._on_idle, take_or_end, watched)
+
+    def close(self, summary: str) -> None:
+        """Write what is left, and the summary; exit if the capture lacks something."""
+        self.log.flush()
+        complete = self._recorder is None or self._recorder.close()
+        self.print_message(summary)
+        self._terminal.close()
+        if not complete:
+            sys.exit(ExitCode.UNWRITABLE)
+
+    def _on_idle(self) -> bool:
+        self.log.flush_if_due()
+        return self._recorder is not None and self._recorder.on_idle()
+
+
+class ServerCallLog:
+    """Lines for stdout, made when the client has its answer, handed on at the latest after `_FLUSH_AFTER_NS`.
+
+    Reasons of refusals go to stderr, also where no line per call is wanted.
+    """
+
+    _FLUSH_AFTER_NS = 20_000_000
+
+    def __init__(self, wanted: bool, terminal: TerminalWriter) -> None:
+        self.call_count = 0
+        self._wanted = wanted
+        self._terminal = terminal
+        self._pending: list[tuple[Peer, CallReport] | str] = []
+        self._lines: list[str] = []
+        self._flushed_at = 0
+
+    def on_call(self, peer: Peer, report: CallReport) -> None:
+        """Note a call."""
+        self.call_count += 1
+        if report.result.reason:
+            self._terminal.write_message(refusal_line(peer, report))
+        if self._wanted:
+            self._pending.append((peer, report))
+
+    def add_note(self, text: str) -> None:
+        """Note something that is no call."""
+        if self._wanted:
+            self._pending.append(f"# {text}")
+
+    def flush_if_due(self) -> None:
+        """Make the lines of what was told; hand them on if the last time is long ago."""
+        self._format_pending()
+        if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand on what there is."""
+        self._format_pending()
+        self._flushed_at = time.monotonic_ns()
+        if self._lines:
+            self._terminal.write_lines(self._lines)
+            self._lines = []
+
+    def _format_pending(self) -> None:
+        if self._pending:
+            told, self._pending = self._pending, []
+            self._lines += [each if isinstance(each, str) else call_log_line(*each) for each in told]

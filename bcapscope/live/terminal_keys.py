@@ -1,0 +1,71 @@
+"""Single keys from the terminal, for a command that goes on meanwhile."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from contextlib import suppress
+from typing import Any
+
+_ESCAPE = "\x1b"
+_SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # arrows, function keys and the like
+
+
+class TerminalKeys:
+    """Reads keys at once and unseen while it is on; Ctrl-C still is what it was.
+
+    Attributes:
+        is_on: keys are read.
+    """
+
+    def __init__(self) -> None:
+        """Begin switched off."""
+        self.is_on = False
+        self._is_available = _has_terminal()
+        self._saved_attributes: list[Any] = []
+        self._escape_count = 0
+
+    def start(self) -> None:
+        """Switch on, where there is a terminal."""
+        if self._is_available and not self.is_on:
+            import termios
+            import tty
+
+            self._saved_attributes = termios.tcgetattr(0)
+            tty.setcbreak(0)
+            self.is_on = True
+
+    def stop(self) -> None:
+        """Switch off: the terminal is again as it was."""
+        if self.is_on:
+            import termios
+
+            self.is_on = False
+            with suppress(termios.error):  # the terminal was closed
+                termios.tcsetattr(0, termios.TCSADRAIN, self._saved_attributes)
+
+    def read_keys(self) -> str:
+        """Return what was typed, in small letters; call it when file descriptor 0 is readable.
+
+        Two strokes of Escape come as two Escapes at once, however slowly they were typed; the sequences that
+        arrows and the like send come as nothing.
+        """
+        data = os.read(0, 64)
+        if not data:
+            self.stop()
+            self._is_available = False
+        text = _SEQUENCE.sub("", data.decode(errors="replace")).lower()
+        others = text.replace(_ESCAPE, "")
+        self._escape_count = 0 if others else self._escape_count + len(text)
+        return _ESCAPE * 2 if self._escape_count > 1 else others
+
+
+def _has_terminal() -> bool:
+    """Tell whether there is one to read from: not for a job in the background, and not on Windows."""
+    if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
+        return False
+    try:
+        return os.isatty(0) and os.tcgetpgrp(0) == os.getpgrp()
+    except OSError:
+        return False

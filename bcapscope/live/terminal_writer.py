@@ -1,0 +1,181 @@
+"""A terminal that is written to by threads of its own, so that nobody waits for one that has stopped."""
+
+from __future__ import annotations
+
+import errno
+import select
+import shutil
+import sys
+import threading
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
+from typing import TextIO
+
+from bcapscope.cli.common.data_output import discard_stdout
+
+MAX_WAITING = 20_000
+"""Lines that wait for a terminal, or whatever reads them, before newer ones are dropped and counted."""
+
+_LINES_WITHIN = 2.0
+"""Seconds that the lines that are left may take at the end."""
+
+_MESSAGES_WITHIN = 0.5
+"""Seconds that the sentences behind them may take."""
+
+_WRITE_SIZE = 4096
+"""Bytes: a pipe takes so many as a whole or not at all (PIPE_BUF of Linux)."""
+
+ERASE_LINE = "\r\x1b[K"
+"""Takes the line at the bottom away."""
+
+
+class TerminalWriter:
+    """Data for stdout, sentences for stderr, and a line at the bottom of a terminal that is always anew.
+
+    Each has its thread: what cannot be shown as data is told in a sentence. When stdout is closed, or a file
+    on a full disk, that is told, and everything else goes on. Both are written without a buffer: its lock,
+    held by a thread that waits for a terminal, would hold up the end of the program.
+    """
+
+    def __init__(self) -> None:
+        self._lines: deque[bytes] = deque()
+        self._messages: deque[str] = deque()
+        self._status = ""
+        self._status_is_shown = False
+        self._dropped = self._unwritten = 0
+        self._no_more_lines = self._is_closing = False
+        self._stdout_works = True
+        self._stderr_is_terminal = sys.stderr.isatty()
+        self._changed = threading.Condition()
+        self._stderr_lock = threading.Lock()
+        # Where lines go elsewhere, nobody who writes at the bottom of the terminal must wait for them.
+        self._shares_terminal = self._stderr_is_terminal and sys.stdout.isatty()
+        self._stdout_lock: AbstractContextManager[object] = (
+            self._stderr_lock if self._shares_terminal else nullcontext()
+        )
+        self._line_thread = threading.Thread(target=self._run_lines, name="lines", daemon=True)
+        self._message_thread = threading.Thread(target=self._run_messages, name="sentences", daemon=True)
+        self._line_thread.start()
+        self._message_thread.start()
+
+    @property
+    def shows_status(self) -> bool:
+        """Whether anybody sees the line at the bottom."""
+        return self._stderr_is_terminal
+
+    def write_lines(self, lines: Sequence[bytes | str]) -> None:
+        """Write lines of data, when the terminal can take them."""
+        if not self._stdout_works:
+            return
+        with self._changed:
+            room = MAX_WAITING - len(self._lines)
+            self._dropped += max(len(lines) - room, 0)
+            self._lines += [
+                line if isinstance(line, bytes) else line.encode("utf-8", "replace") for line in lines[:room]
+            ]
+            self._changed.notify_all()
+
+    def write_message(self, text: str) -> None:
+        """Write a sentence."""
+        with self._changed:
+            if len(self._messages) < MAX_WAITING:
+                self._messages.append(text)
+            self._changed.notify_all()
+
+    def set_status(self, text: str) -> None:
+        """Write the line at the bottom."""
+        with self._changed:
+            self._status = text
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Write what is left, if the terminal takes it soon: lines, then sentences."""
+        with self._changed:
+            self._no_more_lines = True
+            self._changed.notify_all()
+        self._line_thread.join(_LINES_WITHIN)
+        left = len(self._lines) + self._unwritten + self._dropped
+        if self._line_thread.is_alive() and left:
+            self.write_message(f"{left:,} lines are not shown: standard output takes nothing")
+        with self._changed:
+            self._is_closing = True
+            self._status = ""
+            self._changed.notify_all()
+        self._message_thread.join(_MESSAGES_WITHIN)
+
+    # lines
+
+    def _run_lines(self) -> None:
+        over = False
+        while not over:
+            with self._changed:
+                self._changed.wait_for(lambda: self._lines or self._dropped or self._no_more_lines)
+                lines, self._lines = self._lines, deque()
+                self._unwritten = len(lines)
+                over = self._no_more_lines
+            if lines and self._stdout_works:
+                self._put_lines(b"\n".join(lines) + b"\n")
+            with self._changed:
+                dropped, self._dropped = self._dropped, 0
+            if dropped:
+                self.write_message(f"{dropped:,} lines are not shown: there was no time to write them")
+
+    def _put_lines(self, data: bytes) -> None:
+        try:
+            with self._stdout_lock:
+                if self._shares_terminal:
+                    self._erase()
+                for written in _write_unbuffered(sys.stdout, data):
+                    self._unwritten -= written.count(b"\n")
+        except (OSError, ValueError) as error:
+            self._stdout_works = False
+            self._unwritten = 0
+            discard_stdout()
+            is_full = isinstance(error, OSError) and error.errno == errno.ENOSPC
+            why = "has no room" if is_full else "is closed"
+            self.write_message(f"standard output {why}: nothing is shown there any more, all else goes on")
+
+    # sentences, and the line at the bottom
+
+    def _run_messages(self) -> None:
+        over = False
+        while not over:
+            with self._changed:
+                self._changed.wait_for(self._has_message)
+                sentences, self._messages = self._messages, deque()
+                status, self._status = self._status, ""
+                over = self._is_closing
+            with self._stderr_lock:
+                self._erase()
+                self._put_error("".join(f"{each}\n" for each in sentences))
+                if status and self._stderr_is_terminal:
+                    self._put_error(status[: shutil.get_terminal_size().columns - 1])
+                    self._status_is_shown = True
+
+    def _has_message(self) -> bool:
+        return bool(self._messages or self._is_closing or (self._stderr_is_terminal and self._status))
+
+    def _erase(self) -> None:
+        if self._status_is_shown:
+            self._put_error(ERASE_LINE)
+            self._status_is_shown = False
+
+    def _put_error(self, text: str) -> None:
+        if text:
+            with suppress(OSError, ValueError):  # a terminal that is closed hears no sentences
+                for _ in _write_unbuffered(sys.stderr, text.encode("utf-8", "backslashreplace")):
+                    pass
+
+
+def _write_unbuffered(stream: TextIO, data: bytes) -> Iterator[bytes]:
+    """Write, past the buffer; yield each part that is out."""
+    raw = getattr(stream.buffer, "raw", stream.buffer)
+    at = 0
+    while at < len(data):
+        count = raw.write(data[at : at + _WRITE_SIZE])
+        if not count:  # whoever gave us the stream made it one that does not wait
+            select.select((), (raw,), ())
+            continue
+        yield data[at : at + count]
+        at += count

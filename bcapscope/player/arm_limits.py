@@ -1,0 +1,137 @@
+"""What an arm can do, axis by axis.
+
+An arm is known by the name of its type, which the controller tells. No paper publishes the limits of all
+arms, so those of a real one come from the user; the only one that is known here is the simulator's. Where
+nothing is known, `MAX_ARM_SPEED` holds: no arm of DENSO Wave turns or moves as fast as that, so a step beyond it is
+a fault of the file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import TypeAlias
+
+from bcapscope.protocol.number_parsing import parse_number
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES
+from bcapscope.protocol.text_format import shortened
+from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, joints_of
+from bcapscope.simulator.machine import ROBOT_TYPE
+
+ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
+
+MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
+"""A second, by the unit of the axis."""
+
+_NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
+_UNLIMITED = AxisLimit(-inf, inf, inf, inf)
+MAX_LIMIT = 1e9
+"""The most that a limit may be, in mm or degrees and seconds; a robot has a millionth of it."""
+
+_LIMIT = re.compile(
+    r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
+)
+_EXAMPLES = "J1=-170..170, J1.speed=300 and J1..J3.acceleration=6000"
+
+
+@dataclass(frozen=True, slots=True)
+class ArmLimits:
+    """Limits of one arm.
+
+    Attributes:
+        arm_name: in words.
+        axes: by name (`J1`, `X`, ...): lowest, highest, speed a second, acceleration a second squared, in the
+            unit of the axis; infinite where it is not known. An axis may be missing.
+        to_joints: computes the joints of a pose of P or T type, so that limits of joints hold for it too;
+            raises for what the arm does not reach. None where nobody knows.
+        axis_count: joints of the arm; None where nobody knows.
+    """
+
+    arm_name: str
+    axes: Mapping[str, AxisLimit] = field(default_factory=dict)
+    to_joints: ToJoints | None = None
+    axis_count: int | None = None
+
+    def known_limit(self, name: str) -> AxisLimit:
+        """Return what is known of an axis, infinite where nothing is."""
+        return self.axes.get(name, _UNLIMITED)
+
+    def limit_for(self, name: str, unit: str) -> AxisLimit:
+        """Return the limits of an axis to keep; where its speed is not known, `MAX_ARM_SPEED`."""
+        known = self.known_limit(name)
+        return known if known.speed < inf else known._replace(speed=MAX_ARM_SPEED.get(unit, inf))
+
+    def has_limit(self, name: str) -> bool:
+        """Tell whether anything is known of an axis."""
+        return name in self.axes
+
+
+UNKNOWN_ARM = ArmLimits("an unknown arm")
+
+SIMULATED_ARM = ArmLimits(
+    "the simulated arm",
+    {axis.name: limit for axis, limit in zip(AXES[PoseType.J], AXIS_LIMITS, strict=False)},
+    joints_of,
+    AXIS_COUNT,
+)
+"""As it is unless a scenario makes its software limits narrower, which a controller does not tell."""
+
+_KNOWN_ARMS = {ROBOT_TYPE: SIMULATED_ARM}
+
+
+def limits_for_arm(type_name: str) -> ArmLimits:
+    """Return the limits of the arm with this name of its type; `UNKNOWN_ARM` where it is not known."""
+    return _KNOWN_ARMS.get(type_name, UNKNOWN_ARM)
+
+
+def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
+    """Set limits as a user writes them.
+
+    Args:
+        limits: what is known so far.
+        texts: each `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
+            seconds; AXES is a name such as `J1` or `X`, or a row of them such as `J1..J3`.
+
+    Raises:
+        ValueError: one of the texts makes no sense.
+    """
+    axes = dict(limits.axes)
+    for typed in texts:
+        found, text = _LIMIT.fullmatch(typed), shortened(typed, 60)
+        if not found:
+            raise ValueError(f"{text!r} is no limit, {_EXAMPLES} are")
+        change = _parse_change(text, found["what"], found["value"])
+        for name in _axis_range(text, found["first"], found["last"] or found["first"]):
+            axes[name] = axes.get(name, _UNLIMITED)._replace(**change)
+    return replace(limits, axes=axes)
+
+
+def _parse_change(text: str, what: str | None, value: str) -> dict[str, float]:
+    low, dots, high = value.partition("..")
+    read = [parse_number(each, -MAX_LIMIT, MAX_LIMIT) for each in ((low, high) if dots else (low,))]
+    numbers = [number for number in read if number is not None]
+    if len(numbers) != len(read) or len(numbers) != (1 if what else 2):
+        shown, kind = shortened(value, 40), "number" if what else "range"
+        raise ValueError(f"{text!r}: {shown!r} is no {kind}, {_EXAMPLES} are limits")
+    if what:
+        if numbers[0] <= 0:
+            raise ValueError(f"{text!r}: {what} has to be above 0")
+        return {what: numbers[0]}
+    if numbers[0] >= numbers[1]:
+        raise ValueError(f"{text!r}: {low} is not below {high}")
+    return {"low": numbers[0], "high": numbers[1]}
+
+
+def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
+    """Return the names from one to another, in any case of letters."""
+    names = [name.casefold() for name in _NAMES]
+    try:
+        start, stop = names.index(first.casefold()), names.index(last.casefold())
+    except ValueError:
+        raise ValueError(f"{text!r}: axes are {', '.join(_NAMES)}") from None
+    if stop < start:
+        raise ValueError(f"{text!r}: {last} does not come after {first}")
+    return _NAMES[start : stop + 1]

@@ -1,0 +1,27 @@
+"""The armed calls of a player, taken from its messages for the action log."""
+
+from __future__ import annotations
+
+from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.player.player_messages import ControllerInfo, FrameMessage, PlayEnded, PlayerMessage
+
+
+class ArmedMessageLogger:
+    """Logs what a player sends to a real controller; nothing of what it sends to our simulator."""
+
+    def __init__(self, logger: ArmedCallLogger) -> None:
+        """Log into `logger`."""
+        self._logger = logger
+        self._is_simulator = False
+
+    def on_message(self, message: PlayerMessage) -> None:
+        """Take a message of the player."""
+        if isinstance(message, ControllerInfo):
+            self._is_simulator = message.simulator
+        elif self._is_simulator:
+            return
+        elif isinstance(message, FrameMessage):
+            self._logger.add_frame(message.sent, message.raw, message.time)
+        elif isinstance(message, PlayEnded):
+            self._logger.add_set_points(message.counts.sent)
+            self._logger.end_set_points()

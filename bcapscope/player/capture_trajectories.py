@@ -1,0 +1,130 @@
+"""Trajectories out of captured traffic: the set points of slvMove, stay by stay."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bcapscope.analysis.slave import captured_trajectory as seen
+from bcapscope.analysis.slave.captured_trajectory import TrajectoryExtractor
+from bcapscope.capture.packet import Packet
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.errors import CaptureError
+from bcapscope.player.column_layout import ReadOptions
+from bcapscope.player.trajectory import (
+    MAX_POINTS,
+    MIN_COLUMNS,
+    Column,
+    Trajectory,
+    TrajectoryError,
+    TrajectorySource,
+)
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.tracker import Tracker
+
+SOURCE_FORMAT = "set points in a capture"
+
+
+@dataclass(slots=True)
+class _SlaveSessionPoints:
+    """Set points of one stay in slave mode, as they are found."""
+
+    trajectory: seen.CapturedTrajectory
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+    odd_count: int = 0
+
+
+def read_capture(
+    packets: Iterable[Packet],
+    source: TrajectorySource,
+    options: ReadOptions,
+    ports: Collection[int] = BCAP_PORTS,
+) -> tuple[Trajectory, ...]:
+    """Read the set points of each stay in slave mode.
+
+    Args:
+        packets: of the capture.
+        source: where they are from.
+        options: what the user says.
+        ports: where controllers listen.
+
+    Raises:
+        TrajectoryError: there are no set points, or none of the kind that is wished for.
+        CaptureError: the capture cannot be read and nothing was found before that.
+    """
+    stays: dict[int, _SlaveSessionPoints] = {}
+    follower, tracker = TrajectoryExtractor(), Tracker()
+    broken: CaptureError | None = None
+    try:
+        for observation in PacketDecoder(ports).decode(packets):
+            for item in tracker.observe(observation):
+                if isinstance(item, Call):
+                    _add_set_points(stays, follower.add_call(item))
+    except CaptureError as error:
+        broken = error
+    for item in tracker.close():
+        if isinstance(item, Call):
+            _add_set_points(stays, follower.add_call(item))
+    _add_set_points(stays, follower.finish())
+    if not stays:
+        if broken is not None:
+            raise broken
+        told = f"{follower.set_points} set points, none of which can be played" if follower.set_points else ""
+        raise TrajectoryError(told or "there are no set points (slvMove) in this capture")
+    notes = [f"left out: {count} {reason}" for reason, count in follower.left_out.items()]
+    if broken is not None:
+        notes.append(f"the capture breaks off: {broken}")
+    source = replace(source, notes=(*source.notes, *notes))
+    made = tuple(_make_trajectory(stay, source, len(stays) > 1) for _, stay in sorted(stays.items()))
+    fitting = tuple(each for each in made if options.kind in (None, each.kind))
+    if not fitting:
+        raise TrajectoryError(f"the set points are of type {made[0].kind}, not {options.kind}")
+    return fitting
+
+
+def _add_set_points(
+    slave_sessions: dict[int, _SlaveSessionPoints], pieces: Iterable[seen.TrajectoryPiece]
+) -> None:
+    for known, steps in pieces:
+        stay = slave_sessions.setdefault(known.session_number, _SlaveSessionPoints(known))
+        width = len(stay.trajectory.axes)
+        for step in steps:
+            if len(step.commanded) == width:
+                stay.numbers.extend(step.commanded)
+            else:
+                stay.odd_count += 1
+        if len(stay.numbers) > MAX_POINTS * width:
+            raise TrajectoryError(f"more than {MAX_POINTS} set points")
+
+
+def _make_trajectory(
+    slave_session: _SlaveSessionPoints, source: TrajectorySource, several: bool
+) -> Trajectory:
+    known, axes = slave_session.trajectory, slave_session.trajectory.axes
+    kind = known.mode.pose_type
+    if kind is None or len(axes) < MIN_COLUMNS[kind]:
+        raise TrajectoryError(f"the set points of stay {known.session_number} are of no known type")
+    value = "mode not seen" if known.mode.value is None else f"mode 0x{known.mode.value:03X}"
+    part = f"stay {known.session_number}, {known.conversation.client}, {value}"
+    told = f"sent by {known.conversation.client}, {value}; each counts as one cycle, whenever it was sent"
+    notes = [*source.notes, told]
+    if slave_session.odd_count:
+        notes.append(f"{slave_session.odd_count} with another number of axes left out")
+    return Trajectory(
+        kind=kind,
+        points=np.frombuffer(slave_session.numbers, dtype=np.float64).reshape(-1, len(axes)).copy(),
+        source=replace(
+            source,
+            file_format=SOURCE_FORMAT,
+            part=part if several else "",
+            columns=tuple(
+                Column(axis.name, place, "slvMove", axis.unit) for place, axis in enumerate(axes, 1)
+            ),
+            notes=tuple(notes),
+        ),
+        period=known.grid_ms / 1000,
+    )

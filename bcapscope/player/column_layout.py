@@ -1,0 +1,292 @@
+"""Which columns of a table make a trajectory, by their titles, by their number, or as the user says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from bcapscope.player.column_titles import (
+    COUNTER,
+    NUMBER,
+    TIME,
+    UNITS,
+    ColumnRole,
+    ColumnTitle,
+    Unit,
+    read_title,
+)
+from bcapscope.player.trajectory import MIN_COLUMNS, Column, TrajectoryError
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES, Axis
+
+_NAMES = {
+    name.casefold(): name for name in (TIME, COUNTER, *(axis.name for kind in AXES.values() for axis in kind))
+}
+_PAIR = re.compile(r"\s*(\w+)(?:\.\.(\w+))?\s*=\s*([0-9]{1,4})(?:\.\.([0-9]{1,4}))?\s*")
+_PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
+_HALF_TURN = 180.0
+_POSTURES = 31.0
+_MAX_NAMED = 12
+_EVEN = 1e-3  # share by which steps may differ and still count as even
+_USUAL_AXES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What the user says of a file.
+
+    Attributes:
+        kind: pose type; None to take what there is, joints first.
+        columns: column of each axis and of `time`, counted from 1; empty to go by titles.
+        angle: unit of angles where the file does not say: `deg` or `rad`.
+        length: unit of positions likewise: `mm` or `m`.
+    """
+
+    kind: PoseType | None = None
+    columns: Mapping[str, int] = field(default_factory=dict)
+    angle: str = "deg"
+    length: str = "mm"
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnLayout:
+    """Which columns make a trajectory.
+
+    Attributes:
+        kind: pose type.
+        columns: an element an axis, in order.
+        time: column of the times; None where there is none.
+        counter: column that counts records or time; None likewise.
+        notes: what was chosen or assumed, a clause each.
+    """
+
+    kind: PoseType
+    columns: tuple[Column, ...]
+    time: Column | None = None
+    counter: Column | None = None
+    notes: tuple[str, ...] = ()
+
+
+def parse_columns(text: str) -> dict[str, int]:
+    """Read a description such as `time=1,J1..J6=2..7`: which column, counted from 1, each axis is in.
+
+    Raises:
+        ValueError: it makes no sense.
+    """
+    columns: dict[str, int] = {}
+    for part in text.split(","):
+        for name, place in _column_pairs(part):
+            if name in columns:
+                raise ValueError(f"{name} is told twice")
+            columns[name] = place
+    return columns
+
+
+def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
+    found = _PAIR.fullmatch(part)
+    if not found:
+        raise ValueError(f"{part.strip()!r} tells no column; time=1,J1..J6=2..7 does")
+    first, last = found[1].casefold(), (found[2] or found[1]).casefold()
+    order = list(_NAMES)
+    if first not in order or last not in order:
+        raise ValueError(f"{part.strip()!r}: names are {', '.join(_NAMES.values())}")
+    names = order[order.index(first) : order.index(last) + 1]
+    if not names:
+        raise ValueError(f"{part.strip()!r}: {found[2]} does not come after {found[1]}")
+    begin, end = int(found[3]), int(found[4] or found[3])
+    if not 0 < begin <= end:
+        raise ValueError(f"{part.strip()!r}: columns are counted from 1, and upwards")
+    if end - begin + 1 != len(names):
+        raise ValueError(f"{part.strip()!r}: {len(names)} names for {end - begin + 1} columns")
+    yield from zip((_NAMES[name] for name in names), range(begin, end + 1), strict=True)
+
+
+def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
+    """Find the columns by their titles; None where no pose is whole.
+
+    Raises:
+        TrajectoryError: columns that the user told are not there.
+    """
+    if options.columns:
+        return _layout_as_given(options, titles, len(titles))
+    read = [read_title(title) for title in titles]
+    for role in ColumnRole:
+        found = {kind: _axis_columns(kind, role, read) for kind in _PREFERENCE}
+        whole = [kind for kind, places in found.items() if places and options.kind in (None, kind)]
+        if whole:
+            kind, places = whole[0], found[whole[0]]
+            others = [other for other, seen in found.items() if seen and other is not kind]
+            return ColumnLayout(
+                kind=kind,
+                columns=tuple(
+                    _column(axis, place, titles[place], read[place], options)
+                    for axis, place in zip(AXES[kind], places, strict=False)
+                ),
+                time=_extra_column(TIME, titles, read, options),
+                counter=_extra_column(COUNTER, titles, read, options)
+                or _extra_column(NUMBER, titles, read, options),
+                notes=(
+                    *_role_notes(role, read),
+                    *_kind_notes(kind, others),
+                    *_duplicate_notes(AXES[kind][: len(places)], role, read),
+                ),
+            )
+    return None
+
+
+def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
+    """Guess what bare numbers are.
+
+    Args:
+        rows: the first lines, at least one.
+        options: what the user says.
+
+    Raises:
+        TrajectoryError: they may be several things, or none.
+    """
+    count = len(rows[0])
+    if options.columns:
+        return _layout_as_given(options, (), count)
+    advice = "tell the columns, such as time=1,J1..J6=2..7"
+    kind = options.kind or (PoseType.J if 6 <= count <= 8 else None)
+    if kind is None or not max(MIN_COLUMNS[kind], 6) <= count <= len(AXES[kind]):
+        size = f"{len(AXES[kind])} numbers a line" if kind else "6 to 8 numbers a line"
+        raise TrajectoryError(f"{count} numbers a line and no titles, where {size} are expected: {advice}", 1)
+    if options.kind is None:
+        doubt = _ambiguity(rows)
+        if doubt:
+            raise TrajectoryError(f"{count} numbers a line without titles, {doubt}: {advice}, or the type", 1)
+    columns = tuple(
+        Column(axis.name, place, "", *_column_unit(axis, None, options))
+        for place, axis in enumerate(AXES[kind][:count], 1)
+    )
+    note = f"no titles: {count} numbers a line are taken as {columns[0].axis} to {columns[-1].axis}"
+    return ColumnLayout(kind, columns, notes=(note,))
+
+
+def _ambiguity(rows: Sequence[Sequence[float]]) -> str:
+    """Say why numbers may be no joints; empty where they look like joints."""
+    first = [row[0] for row in rows]
+    steps = [b - a for a, b in pairwise(first)]
+    if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
+        begins = first[0] == 0 or abs(first[0] - steps[0]) <= _EVEN * steps[0]
+        if begins or len(rows[0]) > _USUAL_AXES:
+            return "the first of which may be a time or count the records"
+    if len(rows[0]) != 7:
+        return ""
+    far = any(abs(value) > _HALF_TURN for row in rows for value in row[:3])
+    posture = all(row[6] == rows[0][6] and row[6].is_integer() and abs(row[6]) <= _POSTURES for row in rows)
+    return "which may be X to Fig" if far and posture else ""
+
+
+def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
+    """Return the place of each axis of a kind as far as the row has no hole; () where it is too short."""
+    by_name: dict[str, int] = {}
+    for place, title in enumerate(read):
+        if title and title.role is role:
+            by_name.setdefault(title.axis, place)
+    places: list[int] = []
+    for axis in AXES[kind]:
+        if axis.name not in by_name:
+            break
+        places.append(by_name[axis.name])
+    complete = kind is not PoseType.J or len(places) == sum(name[0] == "J" for name in by_name)
+    return places if len(places) >= MIN_COLUMNS[kind] and complete else []
+
+
+def _column(axis: Axis, place: int, name: str, title: ColumnTitle | None, options: ReadOptions) -> Column:
+    return Column(axis.name, place + 1, name, *_column_unit(axis, title.unit if title else None, options))
+
+
+def _column_unit(axis: Axis, stated: Unit | None, options: ReadOptions) -> tuple[str, float]:
+    """Return the unit that a column counts in and the factor to that of the axis."""
+    if not axis.unit:
+        return "", 1.0
+    unit = UNITS[options.angle if axis.unit == "deg" else options.length]
+    if stated is not None and stated.kind != "time":
+        unit = stated
+    return unit.name, unit.factor
+
+
+def _extra_column(
+    name: str, titles: Sequence[str], read: Sequence[ColumnTitle | None], options: ReadOptions
+) -> Column | None:
+    for place, title in enumerate(read):
+        if title and title.axis == name and title.role is not ColumnRole.MEASURED:
+            unit = (title.unit or UNITS["s"]) if name == TIME else None
+            return Column(name, place + 1, titles[place], *((unit.name, unit.factor) if unit else ("", 1.0)))
+    return None
+
+
+def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) -> ColumnLayout:
+    missing = [f"{name}={place}" for name, place in options.columns.items() if place > count]
+    if missing:
+        raise TrajectoryError(f"there are {count} columns, so that there is none for {', '.join(missing)}", 1)
+    kinds = [
+        kind
+        for kind in _PREFERENCE
+        if options.kind in (None, kind) and _named_axis_count(kind, options.columns)
+    ]
+    if not kinds:
+        raise TrajectoryError(
+            "the columns that were told are no whole pose: J1 on, X to Rz, or X to Az are", 1
+        )
+    axes = AXES[kinds[0]][: _named_axis_count(kinds[0], options.columns)]
+    spare = [name for name in options.columns if name not in (TIME, COUNTER, *(axis.name for axis in axes))]
+    if spare:
+        raise TrajectoryError(f"{', '.join(spare)} do not belong to {axes[0].name} to {axes[-1].name}", 1)
+
+    def column(axis: Axis) -> Column:
+        place = options.columns[axis.name] - 1
+        name = titles[place] if titles else ""
+        return _column(axis, place, name, read_title(name), options)
+
+    def other(name: str, unit: str) -> Column | None:
+        place = options.columns.get(name)
+        title = titles[place - 1] if titles and place else ""
+        return Column(name, place, title, unit) if place else None
+
+    return ColumnLayout(kinds[0], tuple(map(column, axes)), other(TIME, "s"), other(COUNTER, ""))
+
+
+def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
+    """Return how many axes of a kind are told without a hole; 0 where these are too few."""
+    count = next(
+        (place for place, axis in enumerate(AXES[kind]) if axis.name not in columns), len(AXES[kind])
+    )
+    return count if count >= MIN_COLUMNS[kind] else 0
+
+
+def _role_notes(role: ColumnRole, read: Sequence[ColumnTitle | None]) -> Iterator[str]:
+    marked = any(title and title.role is ColumnRole.COMMANDED for title in read)
+    if role is ColumnRole.MEASURED:
+        yield "these are measured values: there are no commanded ones"
+    elif role is ColumnRole.UNMARKED and marked:
+        yield "these values are not marked as commanded, and may be measured"
+
+
+def _kind_notes(kind: PoseType, others: Sequence[PoseType]) -> Iterator[str]:
+    if others:
+        yield f"type {kind} was chosen; type {' and '.join(others)} is there too"
+
+
+def _duplicate_notes(
+    axes: Sequence[Axis], role: ColumnRole, read: Sequence[ColumnTitle | None]
+) -> Iterator[str]:
+    """Tell of axes that several columns are for, of which the first is taken."""
+    for axis in axes:
+        places = [
+            str(place)
+            for place, title in enumerate(read, 1)
+            if title and title.role is role and title.axis == axis.name
+        ]
+        if len(places) > 1:
+            yield f"{axis.name} is in columns {', '.join(places)}, the first of which is taken"
+
+
+def list_titles(titles: Sequence[str]) -> str:
+    """List titles, the first few."""
+    more = f" and {len(titles) - _MAX_NAMED} more" if len(titles) > _MAX_NAMED else ""
+    return ", ".join(" ".join(title[:40].split()) for title in titles[:_MAX_NAMED]) + more

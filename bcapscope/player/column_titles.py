@@ -1,0 +1,146 @@
+"""What the title of a column says: which axis, commanded or measured, in which unit.
+
+Titles seen: those of `bcapscope extract`; those of a controller's log, `[J1 - 指令値]` and `[FIG - 指令値]`
+(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo); English ones of the same shape;
+bare names of axes and joints. A title with a word that is not known here says nothing, so that a force or a
+way travelled is never taken for a position.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from enum import StrEnum
+from typing import NamedTuple
+
+from bcapscope.protocol.slave_mode.poses import AXES
+
+
+class ColumnRole(StrEnum):
+    """What numbers in a column are; earlier ones are preferred."""
+
+    COMMANDED = "commanded"
+    UNMARKED = "not marked as commanded or measured"
+    MEASURED = "measured"
+
+
+class Unit(NamedTuple):
+    """A unit that a file may count in.
+
+    Attributes:
+        name: as it is shown.
+        kind: `angle`, `length` or `time`.
+        factor: to degrees, mm, or seconds.
+    """
+
+    name: str
+    kind: str
+    factor: float
+
+
+UNITS = {
+    unit.name: unit
+    for unit in (
+        Unit("deg", "angle", 1.0),
+        Unit("rad", "angle", 57.29577951308232),
+        Unit("mm", "length", 1.0),
+        Unit("m", "length", 1000.0),
+        Unit("s", "time", 1.0),
+        Unit("ms", "time", 1e-3),
+        Unit("us", "time", 1e-6),
+    )
+}
+"""By name."""
+
+TIME, COUNTER, NUMBER = "time", "counter", "number"
+"""What columns are called that are no axes: the time, the controller's counter, the number of the record."""
+
+
+class ColumnTitle(NamedTuple):
+    """What a title says.
+
+    Attributes:
+        axis: name as in a pose, or `TIME`, `COUNTER` or `NUMBER`.
+        role: of the numbers.
+        unit: None where the title has none.
+    """
+
+    axis: str
+    role: ColumnRole
+    unit: Unit | None
+
+
+_AXIS = {axis.name.casefold(): axis.name for kind in AXES.values() for axis in kind}
+_JOINT = re.compile(r"(?:j|joint|axis|軸|関節)([1-8])")
+_ROLES = {
+    **dict.fromkeys(
+        (
+            "指令値",
+            "指令",
+            "command",
+            "commanded",
+            "cmd",
+            "reference",
+            "ref",
+            "target",
+            "setpoint",
+            "desired",
+        ),
+        ColumnRole.COMMANDED,
+    ),
+    **dict.fromkeys(
+        ("エンコーダ値", "エンコーダ", "encoder", "actual", "measured", "returned", "feedback", "現在値"),
+        ColumnRole.MEASURED,
+    ),
+}
+_UNIT_WORDS = {
+    **{name: unit for name, unit in UNITS.items()},
+    **dict.fromkeys(("degree", "degrees", "度", "°"), UNITS["deg"]),
+    **dict.fromkeys(("radian", "radians"), UNITS["rad"]),
+    **dict.fromkeys(("sec", "second", "seconds", "秒"), UNITS["s"]),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds"), UNITS["ms"]),
+    **dict.fromkeys(("usec", "µs", "μs"), UNITS["us"]),
+}
+_OTHER_COLUMNS = {
+    **dict.fromkeys(("time", "t", "時刻", "時間", "timestamp", "経過時間"), TIME),
+    **dict.fromkeys(("counter", "コントローラ起動時からのカウンタ", "カウンタ"), COUNTER),
+    **dict.fromkeys(("no", "number", "番号", "index"), NUMBER),
+}
+_FILLERS = frozenset(("value", "pos", "position", "angle", "値", "位置", "角度", "point"))
+_WORD = re.compile(r"[a-z]+\d*|\d+|[°µμ]s?|[^\W\da-z_]+")
+_LONGEST = 80
+
+
+def read_title(text: str) -> ColumnTitle | None:
+    """Read a title; None where it is of nothing that a trajectory is made of."""
+    words = _words(text)
+    if "counter" in words:
+        return ColumnTitle(COUNTER, ColumnRole.UNMARKED, None)
+    axis: str | None = None
+    role, unit = ColumnRole.UNMARKED, None
+    for word in words:
+        found = _axis_name(word)
+        if found and axis is None:
+            axis = found
+        elif word in _ROLES:
+            role = _ROLES[word]
+        elif word in _UNIT_WORDS and unit is None:
+            unit = _UNIT_WORDS[word]
+        elif word not in _FILLERS:
+            return None
+    return None if axis is None else ColumnTitle(axis, role, unit)
+
+
+def _words(text: str) -> list[str]:
+    """Split a title where letters, digits and Japanese meet; a number joins the word `joint` before it."""
+    plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
+    words: list[str] = []
+    for word in _WORD.findall(plain.replace("_", " ")):
+        joins = words and word.isdecimal() and words[-1] in ("j", "joint", "axis", "軸", "関節")
+        words = [*words[:-1], words[-1] + word] if joins else [*words, word]
+    return words
+
+
+def _axis_name(word: str) -> str | None:
+    joint = _JOINT.fullmatch(word)
+    return f"J{joint[1]}" if joint else _AXIS.get(word) or _OTHER_COLUMNS.get(word)

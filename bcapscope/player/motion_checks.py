@@ -1,0 +1,268 @@
+"""Checks of how a trajectory moves: where from, how far, how fast, and whether it begins and ends at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.player.arm_limits import MAX_ARM_SPEED
+from bcapscope.player.checks import RESAMPLE_ADVICE
+from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem, set_point_numbers
+from bcapscope.player.smooth_curve import (
+    FIG_COLUMN,
+    Array,
+    direction_turns,
+    matches_posture,
+    unwrap_rotations,
+)
+from bcapscope.player.trajectory_motion import TrajectoryMotion, motions_of
+from bcapscope.protocol.slave_mode.poses import Axis
+from bcapscope.protocol.text_format import counted
+from bcapscope.simulator.kinematics import AxisLimit
+
+POSITION_TOLERANCE = 0.05
+"""mm or degrees that the first point may be away from where the robot is, without a Move there."""
+
+_SLACK = 1.000001  # rounding of single-precision set points is no excess
+_DIRECTIONS = Axis("Ox..Az", "deg")
+_MOVE = "move there slowly first"
+_TOO_FAST, _SLOWER = "more than any arm does", "play it more slowly, or look for a jump there"
+_SLOW, _CRAWL = 0.1, 1.0  # share of the top speed, and units a second, that count as rest at either end
+
+
+class AxisFigures(NamedTuple):
+    """What one axis does.
+
+    Attributes:
+        axis: name and unit.
+        low: smallest value.
+        high: largest value.
+        step: largest step from one set point to the next.
+        speed: largest, a second.
+        acceleration: largest, a second squared, rest before the first and after the last point counted.
+        fastest: number of the set point that the fastest step leads to, from 1.
+        limit: of the axis, infinite where it is not known.
+    """
+
+    axis: Axis
+    low: float
+    high: float
+    step: float
+    speed: float
+    acceleration: float
+    fastest: int
+    limit: AxisLimit
+
+
+def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
+    """Return what each axis does, the joints behind the others where they can be computed."""
+    if context.step is None:
+        return ()
+    return tuple(
+        _figures_of_axis(context, motion, place)
+        for motion in _padded_motions(context)
+        if not np.isnan(motion.rows).any()
+        for place in range(len(motion.axes))
+    )
+
+
+def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
+    """Compare positions, speeds and accelerations with the limits of each axis."""
+    for motion in _padded_motions(context):
+        points, count = set_point_numbers(np.isnan(motion.rows[1 : len(context.trajectory) + 1]).any(axis=1))
+        if count:
+            sentence = f"{context.limits.arm_name} does not reach {counted(count, 'set point')}"
+            yield PreflightProblem("reach", Severity.ERROR, sentence, "check the positions", points, count)
+            continue
+        for place in range(len(motion.axes)):
+            yield from _check_axis_limits(context, motion, place)
+    yield from _check_turning(context)
+    names = [axis.name for axis in context.trajectory.axes if axis.unit]
+    if not any(map(context.limits.has_limit, names)) and context.limits.to_joints is None:
+        sentence = "no limits of this arm are known, so that speeds are told but compared with nothing"
+        yield PreflightProblem(
+            "limits", Severity.NOTE, sentence, "give limits, such as J1=-170..170 or J1.speed=300"
+        )
+
+
+def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
+    """Look for a start or an end at speed."""
+    motion = _own_motion(context)
+    speeds = np.abs(motion.speeds)
+    if not len(speeds) or context.step is None:
+        return
+    floor = np.maximum(_SLOW * speeds.max(axis=0), _CRAWL)
+    for verb, row, number in (("begins", 0, 1), ("ends", -1, len(context.trajectory))):
+        place = int(np.argmax(speeds[row] / floor))
+        if speeds[row, place] > floor[place]:
+            axis = motion.axes[place]
+            sentence = (
+                f"the trajectory {verb} at speed: {axis.name} at {speeds[row, place]:.4g} {axis.unit}/s"
+            )
+            yield PreflightProblem("rest", Severity.WARNING, sentence, RESAMPLE_ADVICE, (number,), 1)
+            if context.loop:
+                return  # at speed from round to round
+
+
+def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
+    """Compare the first point with where the robot is."""
+    away = first_point_offsets(context)
+    if away is None or context.current_pose is None:
+        return
+    kind, axes, first = context.trajectory.kind, context.trajectory.axes, context.trajectory.points[0]
+    far = [place for place, axis in enumerate(axes) if axis.unit and abs(away[place]) > POSITION_TOLERANCE]
+    named = [_offset_text(axes[place], away[place]) for place in far]
+    width = min(len(context.current_pose), len(axes))
+    turned = float(
+        direction_turns(kind, np.vstack((np.asarray(context.current_pose[:width]), first[:width])))[0]
+    )
+    if turned > POSITION_TOLERANCE:
+        named.append(_offset_text(_DIRECTIONS, turned))
+    if named:
+        sentence = f"the first point is away from where the robot is: {', '.join(named)}"
+        yield PreflightProblem("first-point", Severity.WARNING, sentence, _MOVE, (1,), 1)
+    if not matches_posture(kind, context.current_pose, first.tolist()):
+        fig = FIG_COLUMN[kind]
+        sentence = f"the first point has Fig {first[fig]:g}, the robot has {context.current_pose[fig]:g} now"
+        yield PreflightProblem("first-point", Severity.WARNING, sentence, _MOVE, (1,), 1)
+
+
+def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
+    """Return how far the first point is from where the robot is, an element an axis of the trajectory.
+
+    Rotations of P type count the shorter way round. None where it is not known.
+    """
+    if context.current_pose is None:
+        return None
+    width = min(len(context.current_pose), len(context.trajectory.axes))
+    first = context.trajectory.points[0, :width]
+    both = unwrap_rotations(
+        context.trajectory.kind, np.vstack((np.asarray(context.current_pose[:width]), first))
+    )
+    missing = (0.0,) * (len(context.trajectory.axes) - width)
+    return (*(both[1] - both[0]).tolist(), *missing)
+
+
+def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
+    """Compare the last point with the first where it starts again."""
+    if not context.loop or len(context.trajectory) < 2 or context.step is None:
+        return
+    motion = _own_motion(context)
+    last, first = next(_motions_through(context, context.trajectory.points[[-1, 0]])).rows
+    back = first - last
+    most = np.maximum(np.abs(np.diff(motion.rows, axis=0)).max(axis=0), POSITION_TOLERANCE)
+    far = [place for place in range(len(motion.axes)) if abs(back[place]) > most[place]]
+    if far:
+        named = ", ".join(_offset_text(motion.axes[place], back[place]) for place in far)
+        sentence = f"the last point is away from the first, to which it returns in one step: {named}"
+        advice = "end where it begins, or play it once"
+        yield PreflightProblem("loop", Severity.ERROR, sentence, advice, (len(context.trajectory), 1), 2)
+
+
+def check_movement(context: PreflightContext) -> Iterator[PreflightProblem]:
+    """Tell where nothing moves."""
+    if not np.ptp(context.trajectory.points, axis=0).any():
+        count = counted(len(context.trajectory), "set point")
+        yield PreflightProblem("still", Severity.NOTE, f"nothing moves: {count}, all the same")
+
+
+def _own_motion(context: PreflightContext) -> TrajectoryMotion:
+    """Return the motion of the trajectory's own axes."""
+    return next(_motions_through(context, context.trajectory.points))
+
+
+def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
+    """Return the motion of each set of axes, longer at both ends: by rest, or as the next round begins."""
+    points = context.trajectory.points
+    after = points[:2] if context.loop else points[-1:]
+    return _motions_through(context, np.vstack((points[:1], points, after)))
+
+
+def _motions_through(context: PreflightContext, points: Array) -> Iterator[TrajectoryMotion]:
+    return motions_of(context.trajectory.kind, points, context.step or context.period, context.limits)
+
+
+def _figures_of_axis(context: PreflightContext, motion: TrajectoryMotion, place: int) -> AxisFigures:
+    axis, column = motion.axes[place], motion.rows[:, place]
+    speeds = np.abs(motion.speeds[:, place])
+    fastest = int(np.argmax(speeds))
+    return AxisFigures(
+        axis=axis,
+        low=float(column.min()),
+        high=float(column.max()),
+        step=float(speeds[fastest]) * motion.period,
+        speed=float(speeds[fastest]),
+        acceleration=float(np.abs(motion.accelerations[:, place]).max()),
+        fastest=fastest % len(context.trajectory) + 1,
+        limit=context.limits.known_limit(axis.name),
+    )
+
+
+def _check_axis_limits(
+    context: PreflightContext, motion: TrajectoryMotion, place: int
+) -> Iterator[PreflightProblem]:
+    axis, count = motion.axes[place], len(context.trajectory)
+    limit, unit = context.limits.limit_for(axis.name, axis.unit), axis.unit
+    values = motion.rows[1 : count + 1, place]
+    outside = (values < limit.low) | (values > limit.high)
+    yield from _limit_problem(
+        "range",
+        outside,
+        f"{axis.name} goes from {values.min():.6g} to {values.max():.6g} {unit}, "
+        f"its limits are {limit.low:g} and {limit.high:g}",
+        "check the positions",
+    )
+    if context.step is None:
+        return
+    speeds = np.abs(motion.speeds[:, place])
+    whose = f"its limit is {limit.speed:g}" if limit.speed != MAX_ARM_SPEED.get(unit) else _TOO_FAST
+    yield from _limit_problem(
+        "speed",
+        _mark_set_points(speeds > limit.speed * _SLACK, count),
+        f"{axis.name} reaches {speeds.max():.4g} {unit}/s, {whose}",
+        _SLOWER,
+    )
+    accelerations = np.abs(motion.accelerations[:, place])
+    yield from _limit_problem(
+        "acceleration",
+        _mark_set_points(accelerations > limit.acceleration * _SLACK, count),
+        f"{axis.name} accelerates by {accelerations.max():.4g} {unit}/s², "
+        f"its limit is {limit.acceleration:g}",
+        f"play it more slowly, or {RESAMPLE_ADVICE}",
+    )
+
+
+def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
+    """Look at how fast the directions of T type turn."""
+    if context.step is None:
+        return
+    points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
+    after = points[:1] if context.loop else points[-1:]
+    speeds = direction_turns(context.trajectory.kind, np.vstack((points[:1], points, after))) / context.step
+    told = f"{_DIRECTIONS.name} reaches {speeds.max():.4g} {_DIRECTIONS.unit}/s, {_TOO_FAST}"
+    yield from _limit_problem("speed", _mark_set_points(speeds > most, len(points)), told, _SLOWER)
+
+
+def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+    """Give what is found to its set point; behind the last one come those of the next round."""
+    at = where[:count].copy()
+    rest = where[count : 2 * count]
+    at[: len(rest)] |= rest
+    return at
+
+
+def _limit_problem(
+    check: str, where: NDArray[np.bool_], sentence: str, advice: str
+) -> Iterator[PreflightProblem]:
+    points, count = set_point_numbers(where)
+    if count:
+        told = f"{sentence}: {counted(count, 'set point')}"
+        yield PreflightProblem(check, Severity.ERROR, told, advice, points, count)
+
+
+def _offset_text(axis: Axis, offset: float) -> str:
+    return f"{axis.name} {offset:+.4g} {axis.unit}"

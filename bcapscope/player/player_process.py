@@ -1,0 +1,255 @@
+"""The player as others see it: a process of its own, to which a plan goes and from which messages come.
+
+Nothing else that Python does in the program that starts it can hold up a set point, and when that program
+ends, however it does, the motion is ended in order. A player that is killed is followed by another process,
+which ends what the first had begun.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+from msgspec import structs
+
+from bcapscope.player.player_messages import (
+    Aftermath,
+    FrameMessage,
+    Order,
+    PendingCleanup,
+    PlayEnded,
+    PlayerCommand,
+    PlayerMessage,
+    PlayerProblem,
+    PlayOutcome,
+    PlayPlan,
+    PlayProgress,
+    decode_message,
+    encode_message,
+)
+from bcapscope.protocol.codec.frame import Frame
+
+_LEAVE_TIMEOUT = 20.0
+"""Seconds of silence after which a player counts as hung that should come to rest, leave and end; the
+time-outs of a controller that does not answer are shorter."""
+
+_SERIAL_MARGIN = 5000
+"""Serials that a player may have used since it last told one, and more: it tells twenty times a second."""
+
+_SERIAL_MAX = 0xFFFF
+"""Serials count 1..65535 and begin again at 1."""
+
+
+class PlayerProcess:
+    """A running player.
+
+    Messages are read when `fileno` is readable, by `read_messages`, or waited for, by `wait_for_messages`, in any thread.
+    Whoever reads too slowly misses progress, and nothing else. The last message is `PlayEnded`, always.
+    """
+
+    def __init__(self, plan: PlayPlan) -> None:
+        """Start it.
+
+        Raises:
+            OSError: that cannot be done.
+        """
+        self._plan = plan
+        self._pending_cleanup = PendingCleanup((), "", 0)
+        self._serial = 0
+        self._crash = ""
+        self._ended: PlayEnded | None = None
+        self._read_lock = threading.Lock()
+        self._start(plan)
+
+    def _start(self, plan: PlayPlan) -> None:
+        with _blocked_signal(signal.SIGUSR1):  # until the player knows what it means
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "bcapscope.player"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,  # orders may be given by a signal handler, in the middle of another order
+                start_new_session=True,  # Ctrl-C in the terminal is for whoever started it, who then stops it
+            )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._commands = self._process.stdin
+        self._messages = self._process.stdout
+        self._partial_line = b""
+        os.set_blocking(self._messages.fileno(), False)
+        self._send(encode_message(plan))
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
+    def ended(self) -> PlayEnded | None:
+        """How it ended; None while it is at work."""
+        return self._ended
+
+    def fileno(self) -> int:
+        """Return what is readable when messages have come."""
+        return self._messages.fileno()
+
+    def read_messages(self) -> list[PlayerMessage]:
+        """Return the messages that have come; never waits."""
+        with self._read_lock:
+            return [] if self._ended is not None else self._read_available()
+
+    def _read_available(self) -> list[PlayerMessage]:
+        found: list[PlayerMessage] = []
+        over = False
+        while True:
+            try:
+                data = os.read(self._messages.fileno(), 1 << 16)
+            except BlockingIOError:
+                break
+            if not data:
+                over = True
+                break
+            *lines, self._partial_line = (self._partial_line + data).split(b"\n")
+            found += [decode_message(line) for line in lines]
+        for message in found:
+            self._remember_state(message)
+        if found and isinstance(found[-1], PlayEnded):
+            found[-1] = self._ended = self._with_crash(found[-1])
+        elif over:
+            found.append(self._on_crash())
+        return found
+
+    def _remember_state(self, message: PlayerMessage) -> None:
+        """Remember what somebody else needs to know who has to go on from here."""
+        if isinstance(message, PendingCleanup):
+            self._pending_cleanup = message
+        sent = message.sent if isinstance(message, PlayProgress) else b""
+        if isinstance(message, FrameMessage) and message.sent:
+            sent = message.raw
+        if sent:
+            self._serial = Frame(sent).serial
+
+    def wait_for_messages(self, seconds: float) -> list[PlayerMessage]:
+        """Wait for messages for so long at most, and return those that have come."""
+        if self._ended is None:
+            select.select((self,), (), (), seconds)
+        return self.read_messages()
+
+    def stop(self) -> None:
+        """Let the robot come to rest on its way, then leave in order."""
+        self._send(encode_message(PlayerCommand(Order.STOP)))
+
+    def halt(self) -> None:
+        """Stop the robot at once, then leave in order. By a signal, which no full pipe holds up.
+
+        The process that follows a player that was killed does nothing else anyway.
+        """
+        if not self._crash:
+            with suppress(ProcessLookupError):
+                self._process.send_signal(signal.SIGUSR1)
+
+    def answer(self, choice: str) -> None:
+        """Answer the question that was asked last."""
+        self._send(encode_message(PlayerCommand(answer=choice)))
+
+    def close(self) -> PlayEnded:
+        """Stop it if it is at work, and wait until it is gone; return how it ended."""
+        self.stop()
+        give_up = time.monotonic() + _LEAVE_TIMEOUT
+        while self._ended is None:
+            if self.wait_for_messages(0.5):
+                give_up = time.monotonic() + _LEAVE_TIMEOUT
+            elif time.monotonic() > give_up:
+                self._process.kill()  # how that ends is told by `wait_for_messages`
+        _reap(self._process)
+        return self._ended
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _send(self, data: bytes) -> None:
+        rest = memoryview(data + b"\n")
+        with suppress(OSError, ValueError):  # it is gone, which its messages tell
+            while rest:
+                rest = rest[os.write(self._commands.fileno(), rest) :]
+
+    def _on_crash(self) -> PlayerMessage:
+        """Have ended what a player had begun that has left no last message; else make that."""
+        assert self._process.stderr is not None
+        words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
+        code = self._process.wait()
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        crash = f"the player ended with {how}" + (f": {words[-1]}" if words else "")
+        crashed = self._process
+        is_owing = self._needs_cleanup
+        try:
+            if is_owing and not self._crash:
+                self._crash = crash
+                self._start(self._cleanup_plan())
+                _reap(crashed)
+                return PlayerProblem(f"{crash}: what it had begun is being ended")
+        except OSError as error:
+            crash = f"{error.strerror or error}".lower()
+        self._ended = self._with_crash(PlayEnded(PlayOutcome.FAILED, crash, left=not is_owing))
+        return self._ended
+
+    @property
+    def _needs_cleanup(self) -> bool:
+        """Whether there is anything to end; a connection over TCP has ended with the player."""
+        return bool(self._pending_cleanup.debts) or (
+            self._pending_cleanup.port > 0 and not self._plan.target.tcp
+        )
+
+    def _cleanup_plan(self) -> PlayPlan:
+        """Make the plan to end what was begun."""
+        owed, target = self._pending_cleanup, self._plan.target
+        serial = (self._serial + _SERIAL_MARGIN - 1) % _SERIAL_MAX + 1
+        if target.name and not target.connect_option:
+            target = replace(target, connect_option="@IfNotMember")  # over UDP it still is one
+        aftermath = Aftermath(owed.debts, owed.generation, owed.port, serial)
+        return structs.replace(
+            self._plan, target=target, points=(), log=None, record=None, realtime=False, aftermath=aftermath
+        )
+
+    def _with_crash(self, ended: PlayEnded) -> PlayEnded:
+        """Return the last message, in which the end of a player that crashed is not left out."""
+        if not self._crash:
+            return ended
+        told = ": what it had begun was ended in order"
+        if ended.outcome is not PlayOutcome.DONE or not ended.left:
+            told = f": what it had begun could not be ended ({ended.reason or 'no answer'})"
+        return structs.replace(ended, outcome=PlayOutcome.FAILED, reason=self._crash + told)
+
+
+@contextmanager
+def _blocked_signal(number: signal.Signals) -> Iterator[None]:
+    """Let a signal wait that comes to a process started in this block, until that process wants it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (number,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _reap(process: subprocess.Popen[bytes]) -> None:
+    """Wait for the end of a process and close the pipes to it."""
+    process.wait()
+    for pipe in (process.stdin, process.stdout, process.stderr):
+        if pipe is not None:
+            with suppress(OSError):
+                pipe.close()

@@ -1,0 +1,139 @@
+"""A smooth curve through set points: what lies between them, and how to come to rest on it.
+
+Between two points each axis follows the polynomial of fifth degree that has the points' positions, speeds and
+accelerations at its ends (quintic Hermite interpolation); speed and acceleration at a point are those of the
+parabola through it and its neighbours, at the ends those of the straight line to the neighbour. So the curve
+goes through every point, position, speed and acceleration are continuous (C2), a bad point disturbs no more
+than two pieces to either side, and the speed is nowhere above 1.75 times that of the fastest straight line
+between two points where they are equally far apart in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bcapscope.protocol.slave_mode.modes import PoseType
+
+Array = NDArray[np.float64]
+
+ROTATION_COLUMNS = slice(3, 6)
+"""Columns of P type that count degrees of a rotation: 180 and -180 are the same."""
+
+FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
+"""Column of Fig, a number of a posture, between whose values there is nothing."""
+
+DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
+"""Columns of T type, two unit vectors at a right angle."""
+
+
+class SmoothCurve:
+    """The curve through points.
+
+    Attributes:
+        end: of the parameter, which begins at 0.
+    """
+
+    def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
+        """Begin.
+
+        Args:
+            kind: pose type, which tells what the columns are.
+            knots: parameter of each point, such as its time; strictly increasing from 0, two at least.
+            points: one row a point.
+        """
+        self._kind = kind
+        self._knots = knots
+        self._points = points
+        self._rows = unwrap_rotations(kind, points)
+        self._speeds, self._accelerations = _derivatives(knots, self._rows)
+        self.end = float(knots[-1])
+
+    def sample(self, parameters: Array) -> Array:
+        """Return a row for each parameter, which is brought into the curve where it is outside."""
+        where = np.clip(parameters, self._knots[0], self._knots[-1])
+        left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
+        width = self._knots[left + 1] - self._knots[left]
+        rows = self._interpolate(left, (where - self._knots[left]) / width, width)
+        return self._to_poses(rows, left + (where >= self._knots[left + 1]))
+
+    def _interpolate(self, left: NDArray[np.intp], part: Array, width: Array) -> Array:
+        u, h = part[:, None], width[:, None]
+        u3, rest = u**3, 1 - u
+        # Bernstein form of what position, speed and acceleration at either end contribute.
+        start = rest**3 * (
+            self._rows[left] * (1 + 3 * u + 6 * u**2)
+            + self._speeds[left] * h * u * (1 + 3 * u)
+            + self._accelerations[left] * h**2 * u**2 / 2
+        )
+        end = u3 * (
+            self._rows[left + 1] * (1 + 3 * rest + 6 * rest**2)
+            - self._speeds[left + 1] * h * rest * (1 + 3 * rest)
+            + self._accelerations[left + 1] * h**2 * rest**2 / 2
+        )
+        return start + end
+
+    def _to_poses(self, rows: Array, nearest: NDArray[np.intp]) -> Array:
+        """Make poses of rows: rotations within half a turn, vectors of length 1, Fig of the point before."""
+        fig = FIG_COLUMN.get(self._kind, rows.shape[1])
+        if fig < rows.shape[1]:
+            rows[:, fig] = self._points[nearest, fig]
+        if self._kind is PoseType.P and np.abs(self._points[:, ROTATION_COLUMNS]).max() <= 180:
+            rows[:, ROTATION_COLUMNS] = 180 - np.mod(180 - rows[:, ROTATION_COLUMNS], 360)
+        if self._kind is PoseType.T:
+            orientation = _unit_vectors(rows[:, ORIENTATION])
+            approach = rows[:, APPROACH]
+            across = (approach * orientation).sum(axis=1, keepdims=True)
+            rows[:, ORIENTATION], rows[:, APPROACH] = (
+                orientation,
+                _unit_vectors(approach - across * orientation),
+            )
+        return rows
+
+
+def unwrap_rotations(kind: PoseType, points: Array) -> Array:
+    """Return points whose rotations go on through half a turn instead of jumping to the other side."""
+    if kind is not PoseType.P:
+        return points
+    return np.hstack(
+        (points[:, :3], np.unwrap(points[:, ROTATION_COLUMNS], axis=0, period=360), points[:, 6:])
+    )
+
+
+def direction_turns(kind: PoseType, rows: Array) -> Array:
+    """Return by how many degrees the directions of T type turn from each point to the next; 0 for others."""
+    turned = np.zeros(len(rows) - 1)
+    for columns in DIRECTION_COLUMNS if kind is PoseType.T else ():
+        way = np.linalg.norm(np.diff(rows[:, columns], axis=0), axis=1)
+        turned = np.maximum(turned, np.degrees(2 * np.arcsin(np.minimum(way / 2, 1.0))))
+    return turned
+
+
+def matches_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
+    """Tell whether a pose has the Fig that another one wants, as far as both tell it.
+
+    Below 0 it leaves the choice to the controller (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
+    """
+    column = FIG_COLUMN.get(kind)
+    if column is None or min(len(here), len(there)) <= column:
+        return True
+    return here[column] == there[column] or min(here[column], there[column]) < 0
+
+
+def _derivatives(knots: Array, rows: Array) -> tuple[Array, Array]:
+    widths = np.diff(knots)[:, None]
+    slopes = np.diff(rows, axis=0) / widths
+    speeds, accelerations = np.empty_like(rows), np.zeros_like(rows)
+    speeds[0], speeds[-1] = slopes[0], slopes[-1]
+    both = widths[:-1] + widths[1:]
+    speeds[1:-1] = (widths[1:] * slopes[:-1] + widths[:-1] * slopes[1:]) / both
+    accelerations[1:-1] = 2 * (slopes[1:] - slopes[:-1]) / both
+    return speeds, accelerations
+
+
+def _unit_vectors(vectors: Array) -> Array:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    units: Array = np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+    return units

@@ -1,0 +1,228 @@
+"""Trajectories as objects: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
+
+A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`, each with `positions` in
+radians and `time_from_start`; it may lie deeper, as in MoveIt's RobotTrajectory or a recorded goal.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import degrees, isfinite
+from typing import Any
+
+import numpy as np
+
+from bcapscope.player import set_point_timing
+from bcapscope.player.column_layout import ReadOptions, layout_of_titles, list_titles
+from bcapscope.player.smooth_curve import Array
+from bcapscope.player.trajectory import MAX_POINTS, Column, Trajectory, TrajectoryError, TrajectorySource
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES
+
+EXTRACT_FORMAT = "bcapscope trajectory 1"
+"""What `extract` calls its format."""
+
+MAX_VALUES = 1_500_000
+"""Values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes up to 72 bytes,
+so these take 110 MB."""
+
+TOO_MANY_VALUES = f"more than {MAX_VALUES} values, the limit for JSON and YAML: write a table (CSV)"
+
+_DEEPEST, _MAX_TRAJECTORIES, _SHOWN = 8, 256, 40
+_DEGREES_PER_RADIAN = degrees(1.0)
+_NONE = (None, "", "~", "null")  # YAML is read as text
+_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+_AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
+
+
+def read_documents(
+    documents: Sequence[object], source: TrajectorySource, options: ReadOptions
+) -> tuple[Trajectory, ...]:
+    """Read what a JSON or YAML parser made of a file.
+
+    Args:
+        documents: one of JSON, one or several of YAML.
+        source: where they are from.
+        options: what the user says; of ROS messages only what they leave open.
+
+    Raises:
+        TrajectoryError: there is no trajectory among them.
+    """
+    if (
+        len(documents) == 1
+        and isinstance(documents[0], dict)
+        and documents[0].get("format") == EXTRACT_FORMAT
+    ):
+        return (_read_extract(documents[0], source, options),)
+    seen: set[int] = set()
+    found = [message for document in documents for message in _find_ros_messages(document, _DEEPEST, seen)]
+    if not found:
+        keys = [str(key) for document in documents if isinstance(document, dict) for key in document]
+        told = f", only {list_titles(keys)}" if keys else ""
+        raise TrajectoryError(f"there is no trajectory in it: no joint_names with points{told}")
+    if len(found) > _MAX_TRAJECTORIES:
+        raise TrajectoryError(f"more than {_MAX_TRAJECTORIES} trajectories")
+    if options.kind not in (None, PoseType.J):
+        raise TrajectoryError(f"a JointTrajectory has joints, no type {options.kind}")
+    several = len(found) > 1
+    return tuple(
+        _read_ros(message, replace(source, part=f"trajectory {number}" if several else ""))
+        for number, message in enumerate(found, 1)
+    )
+
+
+def _read_extract(document: dict[str, Any], source: TrajectorySource, options: ReadOptions) -> Trajectory:
+    titles, rows = document.get("columns"), document.get("rows")
+    if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles):
+        raise TrajectoryError("columns is no list of names")
+    if not isinstance(rows, list) or not rows:
+        raise TrajectoryError("rows is no list of set points")
+    layout = layout_of_titles(titles, options)
+    if layout is None:
+        raise TrajectoryError(f"no columns of a pose among these: {list_titles(titles)}")
+    places = [column.position - 1 for column in layout.columns]
+    names = [column.axis for column in layout.columns]
+    points = _number_table(
+        [_select_values(row, places, len(titles), number) for number, row in enumerate(rows, 1)], names
+    )
+    points *= [column.factor for column in layout.columns]
+    grid = document.get("interval_ms")
+    known = _float(grid)
+    note = "each set point counts as one cycle, whenever it was sent"
+    return Trajectory(
+        kind=layout.kind,
+        points=points,
+        source=replace(
+            source,
+            file_format=f"set points of bcapscope extract, {source.file_format}",
+            part=f"stay {document['stay']}" if isinstance(document.get("stay"), int) else "",
+            columns=layout.columns,
+            notes=(*source.notes, *layout.notes, note),
+        ),
+        period=known / 1000 if isfinite(known) and known > 0 else None,
+    )
+
+
+def _select_values(row: object, places: Sequence[int], width: int, number: int) -> list[object]:
+    if not isinstance(row, list) or len(row) != width:
+        raise TrajectoryError(f"set point {number} is no list of {width} values")
+    return [row[place] for place in places]
+
+
+def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
+    """Yield what looks like a JointTrajectory; what YAML refers to many times is looked at once."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    if isinstance(node, dict):
+        if isinstance(node.get("joint_names"), list) and isinstance(node.get("points"), list):
+            yield node
+            return
+        children: Sequence[object] = list(node.values())
+    else:
+        children = node if isinstance(node, list) else ()
+    if deep:
+        for child in children:
+            if isinstance(child, dict | list):
+                yield from _find_ros_messages(child, deep - 1, seen)
+
+
+def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
+    names, points = message["joint_names"], message["points"]
+    if not names or not all(isinstance(name, str) for name in names):
+        raise TrajectoryError("joint_names is no list of names")
+    if not 0 < len(points) <= MAX_POINTS:
+        raise TrajectoryError(f"{len(points)} points are no trajectory")
+    order, notes = _joint_order(names)
+    rows, seconds = [], []
+    for number, point in enumerate(points, 1):
+        positions = point.get("positions") if isinstance(point, dict) else None
+        if not isinstance(positions, list) or len(positions) != len(names):
+            raise TrajectoryError(f"point {number} has no positions for {len(names)} joints")
+        rows.append([positions[place] for place in order])
+        seconds.append(_seconds(point.get("time_from_start")))
+    axes = [axis.name for axis in AXES[PoseType.J][: len(order)]]
+    columns = [
+        Column(axis, place + 1, names[place], "rad", _DEGREES_PER_RADIAN)
+        for axis, place in zip(axes, order, strict=True)
+    ]
+    timed = None not in seconds
+    if not timed and any(moment is not None for moment in seconds):
+        raise TrajectoryError(f"point {seconds.index(None) + 1} has no time_from_start, and others have")
+    found = (
+        set_point_timing.timing_from_due_times(np.array(seconds, dtype=np.float64))
+        if timed
+        else set_point_timing.SetPointTiming(None, None)
+    )
+    if timed:
+        columns.append(Column("time", 0, "time_from_start", "s"))
+    return Trajectory(
+        kind=PoseType.J,
+        points=_number_table(rows, axes) * _DEGREES_PER_RADIAN,
+        source=replace(
+            source,
+            file_format=f"JointTrajectory, {source.file_format}",
+            columns=tuple(columns),
+            notes=(*source.notes, "radians were converted to degrees", *notes),
+        ),
+        period=found.period,
+        times=found.times,
+    )
+
+
+def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
+    """Return which joint of the message is J1, J2 and so on: by the numbers in their names, else as listed.
+
+    Raises:
+        TrajectoryError: there are more joints than a robot has, or by their numbers some are not there.
+    """
+    numbers = [_LAST_NUMBER.search(name) for name in names]
+    by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
+    count = sum(found is not None for found in numbers)
+    if count and len(by_number) == count and sorted(by_number) == list(_AXIS_NUMBERS[:count]):
+        others = [name for name, found in zip(names, numbers, strict=True) if not found]
+        left = (f"left out, having no number: {list_titles(others)}",) if others else ()
+        return [by_number[number] for number in sorted(by_number)], left
+    if count == len(names) == len(by_number) and all(number in _AXIS_NUMBERS for number in by_number):
+        told = ", ".join(f"J{number}" for number in sorted(by_number))
+        raise TrajectoryError(f"the names of the joints tell {told}, and J1 on are needed without a gap")
+    if len(names) > len(_AXIS_NUMBERS):
+        raise TrajectoryError(f"{len(names)} joints, and no numbers in their names that tell J1 to J8")
+    return list(range(len(names))), (f"joints are taken in the order listed: {list_titles(names)}",)
+
+
+def _seconds(value: object) -> float | None:
+    """Read a duration: a number, or an object with seconds and nanoseconds; NaN for what is neither."""
+    if value in _NONE:
+        return None
+    if isinstance(value, dict):
+        whole, rest = value.get("sec", value.get("secs", 0)), value.get("nanosec", value.get("nsecs", 0))
+        parts = _float(whole), _float(rest)
+        return parts[0] + parts[1] * 1e-9
+    return _float(value)
+
+
+def _float(value: object) -> float:
+    try:
+        return float("nan") if isinstance(value, bool) else float(value)  # type: ignore[arg-type]  # as caught
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
+
+
+def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
+    """Make numbers of values; NaN and infinities may be text.
+
+    Raises:
+        TrajectoryError: a value is none.
+    """
+    if len(rows) > MAX_POINTS:
+        raise TrajectoryError(f"more than {MAX_POINTS} set points")
+    table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)
+    for place in np.argwhere(np.isnan(table)).tolist():
+        value = rows[place[0]][place[1]]
+        if not (isinstance(value, float) or (isinstance(value, str) and value.strip().casefold() == "nan")):
+            told = repr(value[:_SHOWN]) if isinstance(value, str) else f"a {type(value).__name__}"
+            raise TrajectoryError(f"set point {place[0] + 1}: {told} is no number for {names[place[1]]}")
+    return table

@@ -1,0 +1,181 @@
+"""Reading trajectories from files: which kind it is, and its text or bytes for the reader of that kind.
+
+This is the only module of the player that opens files to read set points. What it reads is never trusted:
+sizes are bounded, and whatever is in a file gives trajectories or one `TrajectoryError`.
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+import os
+import stat
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import orjson
+
+from bcapscope.capture.byte_source import GZIP_MAGIC
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.pcap import MAGICS
+from bcapscope.capture.pcapng import MAGIC
+from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.errors import CaptureError
+from bcapscope.player.capture_trajectories import read_capture
+from bcapscope.player.column_layout import ReadOptions
+from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
+from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES, read_documents
+from bcapscope.player.trajectory_table import read_table
+from bcapscope.player.wincaps_project import is_project, read_project
+from bcapscope.player.yaml_text import read_yaml
+
+MAX_TABLE_SIZE = 1 << 30
+"""Bytes of a table: two hours of a log with 73 columns."""
+
+MAX_OBJECT_SIZE = 24 << 20
+"""Bytes of JSON or YAML, which is in memory as a whole, at up to 24 times its size; see `MAX_VALUES`."""
+
+LONGEST_LINE = 1 << 16
+
+_HEAD = 4096
+_YAML = (".yaml", ".yml")
+_FOREIGN = {
+    b"PK\x03\x04": "a ZIP archive or an Excel workbook: save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook or another OLE file: save the sheet as CSV",
+    b"\x89MCAP": "an MCAP recording: write its trajectory as JSON or YAML",
+    b"SQLite format 3": "an SQLite database, such as a ROS 2 bag: write its trajectory as JSON or YAML",
+    b"#ROSBAG": "a ROS 1 bag: write its trajectory as JSON or YAML",
+    b"\x93NUMPY": "a NumPy array: write it with numpy.savetxt",
+    b"%PDF": "a PDF document",
+}
+_ENCODINGS = (("utf-8", "UTF-8"), ("cp932", "Shift-JIS (cp932)"))
+_BOM_ENCODINGS = (
+    (codecs.BOM_UTF8, "utf-8-sig", "UTF-8 with byte order mark"),
+    (codecs.BOM_UTF16_LE, "utf-16", "UTF-16"),
+    (codecs.BOM_UTF16_BE, "utf-16", "UTF-16"),
+)
+
+
+def read_trajectories(
+    path: str | os.PathLike[str], options: ReadOptions | None = None, ports: Collection[int] = BCAP_PORTS
+) -> tuple[Trajectory, ...]:
+    """Read the trajectories of a file or a WINCAPS III project.
+
+    Args:
+        path: of a table (CSV, TSV, numbers with spaces between; UTF-8, UTF-16 or Shift-JIS), of what
+            `bcapscope extract` wrote, of a JointTrajectory as JSON or YAML, of a capture, or of a project,
+            its folder or its .wpj file.
+        options: what the user says of it.
+        ports: where controllers listen, for captures.
+
+    Returns:
+        One or several: stays in slave mode, messages, runs of records, logs of a project.
+
+    Raises:
+        TrajectoryError: there is none that can be read; why is told in one sentence.
+    """
+    options = options or ReadOptions()
+    try:
+        with np.errstate(all="ignore"):  # absurd numbers are for the pre-flight to tell
+            if is_project(Path(path)):
+                return read_project(Path(path), lambda file: _read_file(file, options, ports))
+            return _read_file(Path(path), options, ports)
+    except OSError as error:
+        raise TrajectoryError(f"cannot be read: {error.strerror or error}") from error
+    except CaptureError as error:
+        raise TrajectoryError(str(error)) from error
+
+
+def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
+    with _open_regular_file(path) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        if size > MAX_TABLE_SIZE:
+            raise TrajectoryError(f"larger than {MAX_TABLE_SIZE >> 20} MB")
+        head = stream.read(_HEAD)
+        if not head:
+            raise TrajectoryError("the file is empty")
+        if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
+            return _read_capture(path, options, ports)
+        _refuse_foreign(head)
+        stream.seek(0)
+        if path.suffix.casefold() in _YAML:
+            return read_documents(
+                list(read_yaml(_read_whole(stream, size))), TrajectorySource(str(path), "YAML"), options
+            )
+        if head.lstrip(codecs.BOM_UTF8 + b" \t\r\n")[:1] == b"{" or path.suffix.casefold() == ".json":
+            return read_documents(
+                _parse_json(_read_whole(stream, size)), TrajectorySource(str(path), "JSON"), options
+            )
+        return _read_text(stream, path, head, options)
+
+
+def _open_regular_file(path: Path) -> BinaryIO:
+    """Open a regular file; a pipe or a device would keep us waiting.
+
+    Raises:
+        TrajectoryError: it is none.
+        OSError: it cannot be opened.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise TrajectoryError("this is no file")
+        return path.open("rb")
+    except ValueError as error:
+        if isinstance(error, TrajectoryError):
+            raise
+        raise TrajectoryError("this is no name of a file") from error
+
+
+def _read_capture(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
+    with open_capture(path) as capture:
+        return read_capture(capture, TrajectorySource(str(path), ""), options, ports)
+
+
+def _refuse_foreign(head: bytes) -> None:
+    for magic, told in _FOREIGN.items():
+        if head.startswith(magic):
+            raise TrajectoryError(f"this is {told}")
+    if b"\0" in head and not head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise TrajectoryError("this is a binary file of a kind that is not known")
+
+
+def _read_whole(stream: BinaryIO, size: int) -> bytes:
+    if size > MAX_OBJECT_SIZE:
+        raise TrajectoryError(
+            f"larger than {MAX_OBJECT_SIZE >> 20} MB, the limit for JSON and YAML: write a table (CSV)"
+        )
+    return stream.read(MAX_OBJECT_SIZE + 1)
+
+
+def _parse_json(data: bytes) -> list[object]:
+    if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:  # each value has one of these before it
+        raise TrajectoryError(TOO_MANY_VALUES)
+    try:
+        return [orjson.loads(data.removeprefix(codecs.BOM_UTF8))]
+    except orjson.JSONDecodeError as error:
+        raise TrajectoryError(f"this is no JSON: {error.msg}", error.lineno, error.colno) from error
+
+
+def _read_text(stream: BinaryIO, path: Path, head: bytes, options: ReadOptions) -> tuple[Trajectory, ...]:
+    marked = [(encoding, name) for mark, encoding, name in _BOM_ENCODINGS if head.startswith(mark)]
+    for encoding, name in marked or _ENCODINGS:
+        stream.seek(0)
+        text = io.TextIOWrapper(stream, encoding, newline="")
+        try:
+            return read_table(_lines(text), TrajectorySource(str(path), name), options)
+        except UnicodeError:
+            continue
+        finally:
+            text.detach()
+    raise TrajectoryError(f"this is no text in {' or '.join(name for _, name in marked or _ENCODINGS)}")
+
+
+def _lines(text: io.TextIOWrapper) -> Iterator[str]:
+    number = 0
+    while line := text.readline(LONGEST_LINE + 1):
+        number += 1
+        if len(line) > LONGEST_LINE:
+            raise TrajectoryError(f"the line is longer than {LONGEST_LINE} characters", number)
+        yield line

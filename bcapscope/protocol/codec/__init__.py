@@ -1,0 +1,1 @@
+"""Frames, VARIANTs and byte streams: bytes to values and back."""

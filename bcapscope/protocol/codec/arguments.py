@@ -1,0 +1,284 @@
+"""Reading the arguments of a frame, sound or not."""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.variant import (
+    ARRAY,
+    EMPTY,
+    MAX_NESTING,
+    NUMBER_FORMATS,
+    NUMBER_WIDTHS,
+    VT,
+    Value,
+    Variant,
+    vt_name,
+)
+from bcapscope.protocol.text_format import counted
+
+SMALLEST_ARGUMENT = 10
+"""Bytes of an argument without data: u32 length, u16 type, u32 count."""
+
+MAX_NUMBERS = 65_536
+"""Elements of number arrays that are read of one frame; the bytes of a UI1 array do not count, as they are
+one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at 1,000,000 items of
+a packet (gui.max_tree_items)."""
+
+MAX_VALUES = 2_048
+"""Other values that are read of one frame: arguments, elements of VARIANT arrays and strings. Each takes some
+2 µs and 200 bytes, so that the most crafted frame holds up a proxy for some 5 ms. With 8,192, a flood of
+packed frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of known sessions are of
+names, a few hundred."""
+
+MAX_PROBLEMS = 100
+"""Problems of one frame that are listed; a frame can hold one in every seven bytes."""
+
+_TYPE_COUNT = struct.Struct("<HI")
+_U32 = struct.Struct("<I")
+
+
+class Problem(NamedTuple):
+    """Something in the bytes that is not as b-CAP has it.
+
+    Attributes:
+        offset: where in the frame's bytes.
+        code: a short stable word for programs.
+        reason: one clause for people.
+    """
+
+    offset: int
+    code: str
+    reason: str
+
+
+class Argument(NamedTuple):
+    """An argument of a frame and where it stands.
+
+    Attributes:
+        variant: the typed value, as far as its bytes go.
+        start: offset of its length field.
+        stop: offset behind its last byte.
+    """
+
+    variant: Variant
+    start: int
+    stop: int
+
+
+class NumberSpan(NamedTuple):
+    """Where plain numbers stand: `repeat` times the struct format character `code` from `start` on.
+
+    The data of a UI1 array is one "number" of code ``s``.
+    """
+
+    start: int
+    code: str
+    repeat: int
+
+
+class ArgumentReader:
+    """Reads arguments from `pos` to `end`; never raises, never reads past `end`.
+
+    The values decide where the next argument begins and the length field before each is only checked,
+    as in DENSO's present libraries (orin_bcap C, C#, Java and Python ignore it). Where a value cannot
+    be read to its end, the length field bounds it after all, as in the older C client, and bounds all
+    that follow: so no byte is taken for part of two values, and each is looked at twice at the most.
+
+    Attributes:
+        arguments: what was read, the last one perhaps only in part.
+        problems: what is not as it should be, in the order of the bytes.
+        number_spans: where plain numbers stand.
+        pos: offset of the first byte that was not read.
+        is_complete: every argument was found, though perhaps not all of its value.
+    """
+
+    def __init__(self, raw: bytes, pos: int, end: int) -> None:
+        self.raw = raw
+        self.pos = pos
+        self.end = end
+        self.arguments: list[Argument] = []
+        self.problems: list[Problem] = []
+        self.number_spans: list[NumberSpan] = []
+        self.is_complete = False
+        self._value_end = end
+        self._trusts_lengths = False
+        self._position_lost = False
+        self._numbers_left = MAX_NUMBERS
+        self._values_left = MAX_VALUES
+        self._limit_reached = False
+
+    def read(self, argc: int) -> None:
+        """Read `argc` arguments, or as many as the bytes hold."""
+        for index in range(argc):
+            if self.end - self.pos < SMALLEST_ARGUMENT:
+                self._add_problem(self.pos, "argc", f"argument count is {argc}, bytes for {index}")
+                return
+            if not (self._count_value() and self._read_argument()):
+                return
+        self.is_complete = True
+
+    def _add_problem(self, offset: int, code: str, reason: str) -> None:
+        if len(self.problems) < MAX_PROBLEMS:
+            self.problems.append(Problem(offset, code, reason))
+        elif len(self.problems) == MAX_PROBLEMS:
+            self.problems.append(
+                Problem(offset, "more", f"only the first {MAX_PROBLEMS} problems are listed")
+            )
+
+    def _lose_position(self, offset: int, code: str, reason: str) -> None:
+        self._add_problem(offset, code, reason)
+        self._position_lost = True
+
+    def _read_argument(self) -> bool:
+        """Read an argument; return whether it is known where the next one begins."""
+        start = self.pos
+        (claimed,) = _U32.unpack_from(self.raw, start)
+        stop = start + 4 + claimed
+        bounded = claimed >= SMALLEST_ARGUMENT - 4 and stop <= self.end
+        known, left = len(self.problems), (self._numbers_left, self._values_left)
+        variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
+        if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
+            self._trusts_lengths = True
+            variant = EMPTY  # lets go of what was read before it is read again
+            del self.problems[known:]
+            self._numbers_left, self._values_left = left
+            self._limit_reached = False
+            variant = self._read_value(start, stop)
+        if self._position_lost:
+            self.pos = stop if bounded else self.end
+            if variant.value == b"":
+                variant = variant._replace(value=self.raw[start + SMALLEST_ARGUMENT : self.pos])
+        elif self.pos != stop:
+            taken = self.pos - start - 4
+            self._add_problem(
+                start, "argument-length", f"argument length is {claimed}, type and value take {taken}"
+            )
+        self.arguments.append(Argument(variant, start, self.pos))
+        return not self._limit_reached and (bounded or not self._position_lost)
+
+    def _read_value(self, start: int, bound: int) -> Variant:
+        self.pos = start + 4
+        self._value_end = bound
+        self._position_lost = False
+        return self._read_variant(0)
+
+    def _count_value(self) -> bool:
+        """Count one more value; return False if the frame has too many."""
+        if not self._values_left:
+            self._stop_at_limit(f"{MAX_VALUES} values")
+            return False
+        self._values_left -= 1
+        return True
+
+    def _stop_at_limit(self, what: str) -> None:
+        self._limit_reached = True
+        self._lose_position(self.pos, "elements", f"the frame has more than {what}, the rest is not read")
+
+    def _read_variant(self, depth: int) -> Variant:
+        start = self.pos
+        vt, count = _TYPE_COUNT.unpack_from(self.raw, start)
+        self.pos = start + 6
+        base = vt & ~ARRAY
+        if vt & ARRAY:
+            return Variant(vt, self._read_array(base, count, depth), count)
+        value: Value = None
+        if base in NUMBER_FORMATS:
+            value = self._read_number(base)
+        elif base == VT.BSTR:
+            value = self._read_bstr()
+        elif base not in (VT.EMPTY, VT.NULL):
+            self._lose_position(start, "type", f"{vt_name(vt)} is no type that b-CAP carries")
+            return Variant(vt, b"", count)
+        if count != 1 and base > VT.NULL:
+            self._add_problem(start + 2, "count", f"element count of a scalar is {count}, read as one")
+        return Variant(vt, value, count)
+
+    def _read_array(self, base: int, count: int, depth: int) -> Value:
+        if base == VT.UI1:
+            return self._read_bytes(count)
+        if base in NUMBER_FORMATS:
+            return self._read_numbers(base, count)
+        if base == VT.BSTR:
+            return self._read_strings(count)
+        if base == VT.VARIANT:
+            return self._read_variants(count, depth)
+        self._lose_position(self.pos - 6, "type", f"{vt_name(base | ARRAY)} is no type that b-CAP carries")
+        return b""
+
+    def _report_missing_data(self, count: int, vt: int, fits: int) -> None:
+        elements = counted(count, "element")
+        self._lose_position(self.pos, "data", f"{elements} of {vt_name(vt)} promised, bytes for {fits}")
+
+    def _read_number(self, base: int) -> Value:
+        if self._value_end - self.pos < NUMBER_WIDTHS[base]:
+            self._report_missing_data(1, base, 0)
+            return None
+        return self._unpack_numbers(base, 1)[0]
+
+    def _read_numbers(self, base: int, count: int) -> tuple[Value, ...]:
+        there = min(count, (self._value_end - self.pos) // NUMBER_WIDTHS[base])
+        fits = min(there, self._numbers_left)
+        self._numbers_left -= fits
+        values = self._unpack_numbers(base, fits)
+        if fits < there:
+            self._stop_at_limit(f"{MAX_NUMBERS} numbers")
+        elif there < count:
+            self._report_missing_data(count, base, there)
+        return values
+
+    def _unpack_numbers(self, base: int, count: int) -> tuple[Value, ...]:
+        code = NUMBER_FORMATS[base]
+        values = struct.unpack_from(f"<{count}{code}", self.raw, self.pos)
+        if count and base != VT.BOOL:
+            self.number_spans.append(NumberSpan(self.pos, code, count))
+        self.pos += count * NUMBER_WIDTHS[base]
+        return tuple(value != 0 for value in values) if base == VT.BOOL else values
+
+    def _read_bytes(self, count: int) -> bytes:
+        start = self.pos
+        self.pos = min(start + count, self._value_end)
+        if self.pos < start + count:
+            self._report_missing_data(count, VT.UI1, self.pos - start)
+        if self.pos > start:
+            self.number_spans.append(NumberSpan(start, "s", self.pos - start))
+        return self.raw[start : self.pos]
+
+    def _read_bstr(self) -> str | None:
+        if self._value_end - self.pos < 4:
+            self._lose_position(self.pos, "data", "bytes end before the length of a string")
+            return None
+        (size,) = _U32.unpack_from(self.raw, self.pos)
+        start = self.pos + 4
+        stop = min(start + size, self._value_end)
+        if size % 2:
+            self._add_problem(self.pos, "string", f"string length is {size}, UTF-16 takes two bytes a unit")
+        if stop < start + size:
+            self._lose_position(
+                self.pos, "data", f"a string of {size} bytes promised, there are {stop - start}"
+            )
+        self.pos = stop
+        return self.raw[start : stop - (stop - start) % 2].decode("utf-16-le", "surrogatepass")
+
+    def _read_strings(self, count: int) -> tuple[Value, ...]:
+        values: list[Value] = []
+        while len(values) < count and not self._position_lost and self._count_value():
+            value = self._read_bstr()
+            if value is not None:
+                values.append(value)
+        return tuple(values)
+
+    def _read_variants(self, count: int, depth: int) -> tuple[Variant, ...]:
+        values: list[Variant] = []
+        if depth == MAX_NESTING:
+            self._lose_position(self.pos, "nesting", f"VARIANT arrays nested more than {MAX_NESTING} deep")
+            return ()
+        while len(values) < count and not self._position_lost:
+            if self._value_end - self.pos < _TYPE_COUNT.size:
+                self._report_missing_data(count, VT.VARIANT, len(values))
+                break
+            if not self._count_value():
+                break
+            values.append(self._read_variant(depth + 1))
+        return tuple(values)

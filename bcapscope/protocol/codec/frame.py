@@ -1,0 +1,311 @@
+"""The b-CAP frame: header first, everything else when asked for.
+
+Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the
+Slave mode"): 0 SOH 0x01; 1 u32 length of the whole frame; 5 u16 serial; 7 u16 reserved; 9 u32 function
+id of a request, HRESULT of a reply; 13 u16 argument count; 15 arguments; last byte EOT 0x04.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+from bcapscope.errors import LocalProtocolError, TooLargeError
+from bcapscope.protocol.codec import frame_template as layouts
+from bcapscope.protocol.codec.arguments import Argument, Problem
+from bcapscope.protocol.codec.checksum import crc16
+from bcapscope.protocol.codec.frame_content import (
+    EOT,
+    HEADER_SIZE,
+    LARGEST_FRAME,
+    LARGEST_UNPACKED,
+    SMALLEST_FRAME,
+    SOH,
+    FrameContent,
+    Framing,
+    compressed_code,
+    is_compressed,
+)
+from bcapscope.protocol.codec.frame_template import FrameNumbers, FrameTemplate
+from bcapscope.protocol.codec.frame_template import find_template as find_layout
+from bcapscope.protocol.codec.variant import ARRAY, NUMBER_ARRAYS, NUMBER_FORMATS, Variant, encode_argument
+
+__all__ = [
+    "EOT",
+    "HEADER_SIZE",
+    "LARGEST_FRAME",
+    "LARGEST_UDP_FRAME",
+    "SMALLEST_FRAME",
+    "SOH",
+    "Frame",
+    "Framing",
+    "Malformed",
+    "Problem",
+    "encode_frame",
+    "parse_datagram",
+    "with_serial_and_reserved",
+]
+
+LARGEST_UDP_FRAME = 503
+"""Whole frame, UDP and serial line (orin_bcap C/include/dn_udp.h); longer ones are refused unsent."""
+
+_SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
+_SERIAL_RESERVED = struct.Struct("<HH")
+_HEADER = struct.Struct("<BIHHIH").pack
+_SIGNED_HEADER = struct.Struct("<BIHHiH").pack
+
+_PLAIN = Framing.PLAIN
+_LONGEST_PACKED_ROW = 64  # numbers; of longer ones there are too many lengths to keep a packer for each
+
+
+class Malformed:
+    """Bytes that are no frame, or a hole in a stream.
+
+    Attributes:
+        raw: the bytes; empty for a hole.
+        problems: why they are no frame.
+        missing: how many bytes of the stream were never seen; 0 unless this is a hole.
+    """
+
+    __slots__ = ("missing", "problems", "raw")
+
+    def __init__(self, raw: bytes, problems: tuple[Problem, ...], missing: int = 0) -> None:
+        self.raw = raw
+        self.problems = problems
+        self.missing = missing
+
+    def __repr__(self) -> str:
+        return f"Malformed({self.raw.hex()!r}, {self.problems}, missing={self.missing})"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Malformed):
+            return NotImplemented
+        return (self.raw, self.problems, self.missing) == (other.raw, other.problems, other.missing)
+
+    def __hash__(self) -> int:
+        return hash((self.raw, self.problems, self.missing))
+
+
+class Frame:
+    """A frame that has at least its header; what follows may be damaged.
+
+    Nothing in a frame tells a request from a reply: `code` is the one or the other by who sent it.
+
+    A frame holds its bytes only, whatever they unpack to, so that a store of frames needs no more memory than
+    their bytes. What was decoded last is kept by `FrameContent.cached` and the layouts.
+
+    Attributes:
+        raw: the bytes as they came.
+        serial: chosen by the client, copied into the reply.
+        reserved: marks retries on UDP.
+        code: function id or HRESULT, unsigned.
+        external_problem: a problem that the frame's own bytes do not show, such as a capture that kept only the
+            beginning of the packet; None for nearly all.
+    """
+
+    __slots__ = ("code", "external_problem", "raw", "reserved", "serial")
+
+    def __init__(self, raw: bytes, external_problem: Problem | None = None) -> None:
+        """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes."""
+        self.raw = raw
+        self.external_problem = external_problem
+        self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE(raw)
+        if self.reserved == 1 and is_compressed(raw):
+            self.code = compressed_code(raw)
+
+    def __repr__(self) -> str:
+        return f"Frame({self.raw.hex()!r})"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Frame):
+            return NotImplemented
+        return (self.raw, self.external_problem) == (other.raw, other.external_problem)
+
+    def __hash__(self) -> int:
+        return hash(self.raw)
+
+    @property
+    def length(self) -> int:
+        """The length field, which may not agree with the bytes there are."""
+        return int.from_bytes(self.raw[1:5], "little")
+
+    @property
+    def argc(self) -> int:
+        """The argument count field."""
+        return int.from_bytes(self.body[13:15], "little")
+
+    @property
+    def template_match(self) -> tuple[FrameTemplate, FrameNumbers] | None:
+        """What this frame shares with others of its form, and its own numbers.
+
+        The cheap way through millions of frames: `arguments` gives the same values one by one. None for
+        a frame with problems and for the few that are decoded on their own.
+        """
+        if self.external_problem is not None:
+            return None
+        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        return inner if isinstance(inner, tuple) else None
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """The arguments, as far as their bytes go; spans are offsets in `body`."""
+        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        return inner[0].fill_arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
+
+    @property
+    def variants(self) -> tuple[Variant, ...]:
+        """The values of the arguments, for those who need not know where they stand."""
+        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        if isinstance(inner, tuple):
+            return inner[0].fill_variants(inner[1])
+        return tuple(argument.variant for argument in inner.arguments)
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """What is not as b-CAP has it; empty for a sound frame."""
+        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        own = () if isinstance(inner, tuple) else inner.problems
+        return own if self.external_problem is None else (*own, self.external_problem)
+
+    @property
+    def framing(self) -> Framing:
+        """How the frame ends, as far as its bytes tell."""
+        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
+
+    @property
+    def body(self) -> bytes:
+        """`raw`; for a compressed frame the same bytes with what it unpacks to in place."""
+        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        return self.raw if isinstance(inner, tuple) else inner.body
+
+
+def _decode_in_full(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | FrameContent:
+    """Decode a frame whose layout is not known, and learn its layout if it may have one."""
+    content = FrameContent.cached(raw)
+    if content.framing is Framing.PLAIN and not content.problems:
+        layouts.learn_template(raw, content.number_spans, content.arguments)
+        return find_layout(raw) or content
+    return content
+
+
+def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
+    """Take a datagram apart: one frame, several, or bytes that are none.
+
+    What begins with SOH and holds a header is a frame, with whatever problems; a frame that ends sound
+    before the datagram does is followed by what comes behind it.
+    """
+    if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
+        return (Frame(raw),)
+    items: list[Frame | Malformed] = []
+    pos = 0
+    while True:
+        length = int.from_bytes(raw[pos + 1 : pos + 5], "little")
+        stop = pos + length
+        if not SMALLEST_FRAME <= length < len(raw) - pos or raw[pos] != SOH or raw[stop - 1] != EOT:
+            items.append(parse_single_frame(raw[pos:]))
+            return tuple(items)
+        items.append(Frame(raw[pos:stop]))
+        pos = stop
+
+
+def parse_single_frame(raw: bytes) -> Frame | Malformed:
+    """Take all of `raw` for one frame if it begins as one; its problems tell the rest."""
+    if len(raw) >= HEADER_SIZE and raw[0] == SOH:
+        return Frame(raw)
+    if raw[:1] != b"\x01":
+        first = f"first byte is {raw[0]:02X}" if raw else "there are no bytes"
+        return Malformed(raw, (Problem(0, "soh", f"{first}, a frame begins with 01"),))
+    reason = f"{len(raw)} byte{'s' if len(raw) > 1 else ''}, a frame has {SMALLEST_FRAME} at least"
+    return Malformed(raw, (Problem(0, "short", reason),))
+
+
+def encode_frame(
+    serial: int,
+    reserved: int,
+    code: int,
+    arguments: Sequence[Variant] = (),
+    framing: Framing = Framing.PLAIN,
+) -> bytes:
+    """Make the bytes of a frame.
+
+    Args:
+        serial: 0 to 65535.
+        reserved: 0 to 65535; 1 in the two framings of version 1.
+        code: function id or HRESULT, signed or unsigned.
+        arguments: the values, in order.
+        framing: how the frame ends.
+
+    Raises:
+        TooLargeError: the frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
+        LocalProtocolError: a number or a value does not fit.
+    """
+    if len(arguments) == 1 and framing is _PLAIN:
+        raw = _encode_number_row(serial, reserved, code, arguments[0])
+        if raw is not None:
+            return raw
+    packed = b"".join(map(encode_argument, arguments))
+    length = SMALLEST_FRAME + len(packed)
+    try:
+        header = (_SIGNED_HEADER if code < 0 else _HEADER)(
+            SOH, length, serial, reserved, code, len(arguments)
+        )
+    except struct.error as error:
+        raise LocalProtocolError(f"serial {serial}, reserved {reserved}, code {code}: {error}") from error
+    raw = header + packed + b"\x04"
+    if framing is not _PLAIN:
+        raw = _apply_framing(raw, framing, reserved)
+        length = max(length, len(raw))
+    if length > LARGEST_FRAME:
+        raise TooLargeError(f"a frame of {length} bytes, {LARGEST_FRAME} is the most")
+    return raw
+
+
+def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
+    """Pack a frame at once whose one argument is a short row of numbers, as replies to slvMove are.
+
+    Returns:
+        The frame; None for every other argument, and where something does not fit.
+    """
+    vt, values, count = row
+    if (
+        vt not in NUMBER_ARRAYS
+        or not isinstance(values, tuple)
+        or not len(values) == count <= _LONGEST_PACKED_ROW
+    ):
+        return None
+    try:
+        pack, length, size = _packer(vt, count)
+        return pack(SOH, length, serial, reserved, code, 1, size, vt, count, *values, EOT)
+    except (struct.error, TypeError, OverflowError):
+        return None
+
+
+@lru_cache(maxsize=256)
+def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
+    """Return what packs a frame with a row of so many numbers, and the lengths of frame and argument."""
+    whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
+    return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
+
+
+def with_serial_and_reserved(raw: bytes, serial: int, reserved: int) -> bytes:
+    """Return a frame of `Framing.PLAIN` with other numbers in its header."""
+    return raw[:5] + _SERIAL_RESERVED.pack(serial, reserved) + raw[9:]
+
+
+def _apply_framing(plain: bytes, framing: Framing, reserved: int) -> bytes:
+    """Turn a plain frame into one that ends otherwise."""
+    numbers, inner = plain[5:9], plain[9:-1]
+    if framing is Framing.SERIAL_LINE:
+        checked = (len(plain) + 2).to_bytes(4, "little") + numbers + inner
+        return plain[:1] + checked + crc16(checked).to_bytes(2, "little") + plain[-1:]
+    if reserved != 1:
+        raise LocalProtocolError(f"reserved {reserved}: it is 1 in the framing of version 1")
+    body = inner + b"\x00"
+    if framing is Framing.VERSION_1_ZLIB:
+        if len(inner) > LARGEST_UNPACKED:
+            raise TooLargeError(f"a compressed frame of {len(inner)} bytes, {LARGEST_UNPACKED} is the most")
+        body = len(inner).to_bytes(4, "little") + zlib.compress(inner) + b"\x01"
+    return plain[:1] + (10 + len(body)).to_bytes(4, "little") + numbers + body + plain[-1:]

@@ -1,0 +1,189 @@
+"""Everything behind a frame's header, decoded in full: framing, arguments, problems."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from enum import Enum
+from typing import ClassVar
+
+from bcapscope.protocol.codec.arguments import Argument, ArgumentReader, NumberSpan, Problem
+from bcapscope.protocol.codec.checksum import crc16
+from bcapscope.protocol.text_format import counted
+
+SOH = 0x01
+EOT = 0x04
+HEADER_SIZE = 15
+SMALLEST_FRAME = 16
+
+LARGEST_FRAME = 16 * 1024 * 1024
+"""What the older C client names as its limit on TCP (b-Cap.h); the present libraries name none."""
+
+LARGEST_UNPACKED = 256 * 1024
+"""Bytes that a compressed body may unpack to. Frames of real sessions are below 10 KiB; a body of 16 MiB
+would fit into 16 KiB of zlib, which any sender of datagrams can repeat thousands of times a second."""
+
+_HEADER = struct.Struct("<xIHHIH")
+_ZLIB_BODY = 13
+_SMALLEST_UNPACKED = 6
+
+
+class Framing(Enum):
+    """What stands between the last argument and EOT."""
+
+    PLAIN = "plain"
+    """Nothing."""
+    SERIAL_LINE = "serial line"
+    """A CRC of two bytes (orin_bcap C/src/bcap_common.c)."""
+    VERSION_1 = "version 1"
+    """A mode byte 0; `reserved` is 1 (keioku/bcap-python)."""
+    VERSION_1_ZLIB = "version 1, zlib"
+    """A mode byte 1; from offset 9 on stand the u32 unpacked size and a zlib stream of function id,
+    argument count and arguments (keioku/bcap-python)."""
+
+
+class FrameContent:
+    """A frame of at least a header, taken apart; never raises.
+
+    Attributes:
+        raw: the frame.
+        framing: how it ends, as far as its bytes tell.
+        body: the frame's bytes; for a compressed one, what it unpacks to stands in place of the
+            compressed bytes, between the same first nine and EOT.
+        code: function id or HRESULT.
+        arguments: as far as they could be read; spans are offsets in `body`.
+        problems: what is not as b-CAP has it, in the order of the bytes; offsets in `body`.
+        number_spans: where plain numbers stand in `body`.
+    """
+
+    __slots__ = ("arguments", "body", "code", "framing", "number_spans", "problems", "raw")
+
+    _recent: ClassVar[tuple[FrameContent, ...]] = ()
+
+    @classmethod
+    def cached(cls, raw: bytes) -> FrameContent:
+        """Return the content of a frame, if possible that which was made for the same object before.
+
+        At most the two latest contents are kept: those of a request and of its reply.
+        """
+        latest = cls._recent
+        for content in latest:
+            if content.raw is raw:
+                return content
+        cls._recent = latest = latest[:1]
+        content = cls(raw)
+        cls._recent = (content, *latest)
+        return content
+
+    def __init__(self, raw: bytes) -> None:
+        self.framing = Framing.PLAIN
+        self.body = self.raw = raw
+        length, _, _, self.code, _ = _HEADER.unpack_from(raw)
+        head: list[Problem] = []
+        if raw[0] != SOH:
+            head.append(Problem(0, "soh", f"first byte is {raw[0]:02X}, a frame begins with 01"))
+        if length != len(raw):
+            head.append(Problem(1, "length", f"length is {length}, there are {len(raw)} bytes"))
+        unpacked = _decompress(raw) if is_compressed(raw) else None
+        if unpacked is not None:
+            self.framing = Framing.VERSION_1_ZLIB
+            self.body, unpack_problems = unpacked
+            head += unpack_problems
+            (self.code,) = struct.unpack_from("<I", self.body, 9)
+        reader = self._read_arguments()
+        self.arguments: tuple[Argument, ...] = tuple(reader.arguments)
+        self.number_spans: list[NumberSpan] = reader.number_spans
+        self.problems: tuple[Problem, ...] = tuple(sorted((*head, *reader.problems), key=_offset))
+
+    def _read_arguments(self) -> ArgumentReader:
+        body = self.body
+        has_eot = len(body) > HEADER_SIZE and body[-1] == EOT
+        damaged_eot = len(body) > HEADER_SIZE and int.from_bytes(body[1:5], "little") == len(body)
+        end = len(body) - 1 if has_eot or damaged_eot else len(body)
+        reader = ArgumentReader(body, HEADER_SIZE, end)
+        reader.read(int.from_bytes(body[13:15], "little"))
+        if reader.pos < end and reader.is_complete:
+            self._read_tail(reader)
+        if len(body) <= HEADER_SIZE:
+            reader.problems.append(Problem(len(body), "eot", "bytes end before EOT"))
+        elif not has_eot:
+            reader.problems.append(
+                Problem(len(body) - 1, "eot", f"last byte is {body[-1]:02X}, a frame ends with 04")
+            )
+        return reader
+
+    def _read_tail(self, reader: ArgumentReader) -> None:
+        """Tell the framing by what stands between the last argument and EOT."""
+        body, end = self.body, reader.end
+        tail = body[reader.pos : end]
+        plain = self.framing is Framing.PLAIN
+        if plain and tail == b"\x00" and body[7:9] == b"\x01\x00":
+            self.framing = Framing.VERSION_1
+        elif plain and len(tail) == 2 and tail == crc16(body[1 : end - 2]).to_bytes(2, "little"):
+            self.framing = Framing.SERIAL_LINE
+        else:
+            count = counted(len(tail), "byte")
+            reader.problems.append(
+                Problem(reader.pos, "left-over", f"{count} left over behind the last argument")
+            )
+
+
+def _offset(problem: Problem) -> int:
+    return problem.offset
+
+
+def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
+    """Tell whether the header at `pos` has the marks of a compressed version 1 frame.
+
+    `reserved` 1 and a zlib header where the compressed body begins: a plain frame with both has 376
+    arguments or more.
+    """
+    return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
+
+
+def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
+    """Return whether a zlib header stands where the compressed body of a frame at `pos` would begin.
+
+    The TCP client of keioku/bcap-python unpacks such a frame whatever its `reserved` is.
+    """
+    return (
+        data[pos + _ZLIB_BODY] & 0x8F == 8
+        and int.from_bytes(data[pos + _ZLIB_BODY : pos + HEADER_SIZE], "big") % 31 == 0
+    )
+
+
+def is_compressed(raw: bytes) -> bool:
+    """Tell whether `raw`, at least a header, is framed as version 1 frames are that are compressed."""
+    return len(raw) > HEADER_SIZE + 2 and has_compressed_header(raw) and raw[-2:] == b"\x01\x04"
+
+
+def compressed_code(raw: bytes) -> int:
+    """Return the function id or HRESULT of a frame that `is_compressed`, without decoding its arguments."""
+    unpacked = _decompress(raw)
+    body = raw if unpacked is None else unpacked[0]
+    return int.from_bytes(body[9:_ZLIB_BODY], "little")
+
+
+def _decompress(raw: bytes) -> tuple[bytes, list[Problem]] | None:
+    """Unpack a compressed body; None where there is nothing to unpack after all."""
+    claimed = int.from_bytes(raw[9:_ZLIB_BODY], "little")
+    machine = zlib.decompressobj()
+    try:
+        data = machine.decompress(raw[_ZLIB_BODY:-2], LARGEST_UNPACKED + 1)
+    except zlib.error:
+        return None
+    if len(data) < _SMALLEST_UNPACKED:
+        return None
+    problems = []
+    if len(data) > LARGEST_UNPACKED:
+        data = data[:LARGEST_UNPACKED]
+        problems.append(
+            Problem(_ZLIB_BODY, "unpacked", f"unpacks to over {LARGEST_UNPACKED} bytes, cut there")
+        )
+    elif not machine.eof:
+        problems.append(Problem(_ZLIB_BODY, "unpacked", "compressed bytes end early"))
+    elif len(data) != claimed:
+        problems.append(Problem(9, "unpacked", f"unpacked size is {claimed}, there are {len(data)} bytes"))
+    if machine.unused_data:
+        problems.append(Problem(_ZLIB_BODY, "left-over", "bytes left over behind the compressed ones"))
+    return b"".join((raw[:9], data, raw[-1:])), problems

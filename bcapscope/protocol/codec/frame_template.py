@@ -1,0 +1,247 @@
+"""What frames of one form share, so that a million of them are decoded once.
+
+Robot traffic repeats itself: two set points of a slave-mode session differ in serial, reserved and the
+numbers inside their arguments, nothing else. The first of several arguments is a handle, of which there
+are few: it belongs to the form. A `FrameTemplate` is what stays, kept from the first frame that
+was decoded in full and found sound; a later frame that agrees with it byte for byte outside those
+places needs only its numbers unpacked.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeAlias
+
+from bcapscope.protocol.codec.arguments import Argument, NumberSpan
+from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant
+
+FrameNumbers: TypeAlias = "tuple[int | float | bytes, ...]"
+
+_Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
+_SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
+"""What stands before the only argument with numbers, what fills it, itself, and what stands behind it."""
+
+LARGEST_TEMPLATE_FRAME = 1024
+"""Longer frames are decoded one by one: they are rare, and keeping their bytes would cost more."""
+
+MOST_TEMPLATES = 1024
+"""Layouts kept in all; when more forms than that are met, all are forgotten and learnt again."""
+
+MOST_SHAPES_PER_LENGTH = 8
+"""Shapes tried for one frame length."""
+
+
+class FrameTemplate:
+    """The form of a frame.
+
+    Attributes:
+        prototype: arguments of the frame it was learnt from; its numbers mean nothing.
+    """
+
+    __slots__ = ("_fill_plan", "_single_fill", "_variants", "prototype")
+
+    def __init__(self, prototype: tuple[Argument, ...]) -> None:
+        self.prototype = prototype
+        self._variants = tuple(argument.variant for argument in prototype)
+        self._fill_plan: list[tuple[int, int, int, _Filler]] = []
+        self._single_fill: _SingleFill | None = None
+        begin = 0
+        for place, taken in enumerate(number_counts(prototype)):
+            if taken:
+                self._fill_plan.append((place, begin, begin + taken, _filler(prototype[place].variant)))
+                begin += taken
+        if len(self._fill_plan) == 1:
+            place, _, _, fill = self._fill_plan[0]
+            self._single_fill = (
+                self._variants[:place],
+                fill,
+                self._variants[place],
+                self._variants[place + 1 :],
+            )
+
+    def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
+        """Put a frame's own `numbers`, in the order of its bytes, into the arguments."""
+        if not numbers:
+            return self.prototype
+        arguments = list(self.prototype)
+        for place, begin, end, fill in self._fill_plan:
+            variant, start, stop = arguments[place]
+            arguments[place] = Argument(fill(variant, numbers[begin:end]), start, stop)
+        return tuple(arguments)
+
+    def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
+        """Return the values of `fill_arguments` without their places."""
+        if not numbers:
+            return self._variants
+        if self._single_fill is not None:
+            before, fill, variant, after = self._single_fill
+            return (*before, fill(variant, numbers), *after)
+        variants = list(self._variants)
+        for place, begin, end, fill in self._fill_plan:
+            variants[place] = fill(variants[place], numbers[begin:end])
+        return tuple(variants)
+
+
+class _Shape:
+    """Where frames of one length keep their numbers; everything else is the key of their layout."""
+
+    __slots__ = ("finder", "key", "spans", "templates", "unpack_numbers")
+
+    def __init__(self, length: int, spans: tuple[NumberSpan, ...]) -> None:
+        fixed, numbers = ["<5s4x"], [f"<{_header_end(spans, length)}x"]
+        pos = 9
+        for start, code, count in spans:
+            width = struct.calcsize(f"<{count}{code}")
+            fixed.append(f"{start - pos}s{width}x")
+            numbers.append(f"{count}{code}")
+            pos = start + width
+            numbers.append(f"{_next_start(spans, start, length) - pos}x")
+        fixed.append(f"{length - pos}s")
+        self.spans = spans
+        self.key: Callable[[bytes], tuple[bytes, ...]] = struct.Struct("".join(fixed)).unpack
+        self.unpack_numbers: Callable[[bytes], FrameNumbers] = struct.Struct("".join(numbers)).unpack
+        self.templates: dict[tuple[bytes, ...], FrameTemplate] = {}
+        self.finder = (self.key, self.templates.get, self.unpack_numbers)
+
+
+def _header_end(spans: tuple[NumberSpan, ...], length: int) -> int:
+    return spans[0].start if spans else length
+
+
+def _next_start(spans: tuple[NumberSpan, ...], start: int, length: int) -> int:
+    return next((span.start for span in spans if span.start > start), length)
+
+
+_Finder: TypeAlias = tuple[
+    Callable[[bytes], tuple[bytes, ...]],
+    Callable[[tuple[bytes, ...]], FrameTemplate | None],
+    Callable[[bytes], FrameNumbers],
+]
+"""A shape's key, the look-up of that key, and the numbers: bound once, called for every frame."""
+
+
+class _TemplateStore:
+    """All layouts known, by frame length."""
+
+    def __init__(self) -> None:
+        self.shapes: dict[int, tuple[_Shape, ...]] = {}
+        self.finders: dict[int, tuple[_Finder, ...]] = {}
+        self.template_count = 0
+
+    def add(self, raw: bytes, spans: tuple[NumberSpan, ...], prototype: tuple[Argument, ...]) -> None:
+        if self.template_count >= MOST_TEMPLATES:
+            self.shapes.clear()
+            self.finders.clear()
+            self.template_count = 0
+        shapes = self.shapes.get(len(raw), ())
+        shape = next((shape for shape in shapes if shape.spans == spans), None)
+        if shape is None:
+            shape = _Shape(len(raw), spans)
+            shapes = (shape, *shapes)[:MOST_SHAPES_PER_LENGTH]
+            self.shapes[len(raw)] = shapes
+            self.finders[len(raw)] = tuple(shape.finder for shape in shapes)
+        shape.templates[shape.key(raw)] = FrameTemplate(prototype)
+        self.template_count += 1
+
+
+_STORE = _TemplateStore()
+_FINDERS = _STORE.finders
+
+
+def find_template(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | None:
+    """Return the layout of `raw` and its numbers in the order of its bytes, or None if it is not known.
+
+    A frame whose layout is known is sound: length, EOT and every argument are as b-CAP has them.
+    """
+    for key, get, numbers in _FINDERS.get(len(raw), ()):
+        layout = get(key(raw))
+        if layout is not None:
+            return layout, numbers(raw)
+    return None
+
+
+def learn_template(raw: bytes, spans: Sequence[NumberSpan], arguments: tuple[Argument, ...]) -> None:
+    """Keep the form of a frame that was decoded in full and found sound.
+
+    Args:
+        raw: the frame.
+        spans: where its numbers stand, in the order of its bytes.
+        arguments: what it holds.
+    """
+    if len(raw) <= LARGEST_TEMPLATE_FRAME:
+        first = arguments[0].stop if len(arguments) > 1 else 0
+        _STORE.add(raw, tuple(span for span in spans if span.start >= first), arguments)
+
+
+def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
+    """Count the numbers that each of a frame's arguments takes; a handle before others takes none."""
+    counts = [number_count(argument.variant) for argument in arguments]
+    return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
+
+
+def number_count(variant: Variant) -> int:
+    """Count the numbers that a value takes from those of its frame."""
+    base = variant.vt & ~ARRAY
+    value = variant.value
+    if base == VT.VARIANT and isinstance(value, tuple):
+        return sum(number_count(item) for item in value if isinstance(item, Variant))
+    if base not in NUMBER_FORMATS or base == VT.BOOL:
+        return 0
+    if value is None:
+        return 0
+    if isinstance(value, bytes):
+        return 1 if value else 0
+    return len(value) if isinstance(value, tuple) else 1
+
+
+def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
+    """Take the numbers out of arguments: what `FrameTemplate.fill_arguments` puts in."""
+    taken = zip(arguments, number_counts(arguments), strict=True)
+    return tuple(number for argument, count in taken if count for number in iter_numbers(argument.variant))
+
+
+def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
+    """Yield the numbers of a value, in the order of its bytes."""
+    value = variant.value
+    if number_count(variant) == 0:
+        return
+    if not isinstance(value, tuple):
+        yield value  # type: ignore[misc]  # numbers_taken counts numbers and bytes only
+    elif variant.vt == ARRAY | VT.VARIANT:
+        for item in (item for item in value if isinstance(item, Variant)):
+            yield from iter_numbers(item)
+    else:
+        yield from value  # type: ignore[misc]  # the same
+
+
+def _filler(variant: Variant) -> Callable[[Variant, FrameNumbers], Variant]:
+    """Return what puts just its own numbers into such a value."""
+    if not isinstance(variant.value, tuple):
+        return _fill_scalar
+    return _fill_nest if variant.vt == ARRAY | VT.VARIANT else _fill_row
+
+
+def _fill_scalar(variant: Variant, numbers: FrameNumbers) -> Variant:
+    return Variant(variant.vt, numbers[0], variant.elements)
+
+
+def _fill_row(variant: Variant, numbers: FrameNumbers) -> Variant:
+    vt, _, elements = variant
+    return tuple.__new__(Variant, (vt, numbers, elements))  # every set point is made here, so without a call
+
+
+def _fill_nest(variant: Variant, numbers: FrameNumbers) -> Variant:
+    return _fill_nested(variant, iter(numbers))
+
+
+def _fill_nested(variant: Variant, numbers: Iterator[int | float | bytes]) -> Variant:
+    value = variant.value
+    if number_count(variant) == 0:
+        return variant
+    if not isinstance(value, tuple):
+        return variant._replace(value=next(numbers))
+    if variant.vt == ARRAY | VT.VARIANT:
+        nested = tuple(_fill_nested(item, numbers) for item in value if isinstance(item, Variant))
+        return variant._replace(value=nested)
+    return variant._replace(value=tuple(next(numbers) for _ in value))

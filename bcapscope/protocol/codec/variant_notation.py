@@ -1,0 +1,172 @@
+"""VARIANTs as people type them: `i2:2`, `r4[]:10,20,30`, or bare where the type is known or is guessed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Value, Variant, vt_name
+
+_TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
+_LARGEST_R4 = 3.4028235e38
+_LONGEST_SHOWN = 60  # characters of a value that an error repeats
+_TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
+
+
+def parse_variant(text: str) -> Variant:
+    """Read a value: with its type before a colon, else an integer, a number, a list of them, or a string.
+
+    Types are those of b-CAP in any case (`i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty
+    null`), with ``[]`` for arrays, whose elements stand between commas. ``variant[]:`` takes elements between
+    semicolons, each with a type of its own. Hexadecimal integers may be bits, as in ``i4:0x84201482``.
+    Nothing at all is EMPTY.
+
+    Raises:
+        ValueError: the value does not go with the type.
+    """
+    match = _TYPED.fullmatch(text)
+    vt = VT.__members__.get(match[1].upper()) if match else None
+    if match and vt is not None:
+        return _parse_array(vt, match[3]) if match[2] else _parse_scalar(vt, match[3])
+    return _parse_untyped(text)
+
+
+def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
+    """Read a value that is of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``; its text may choose.
+
+    Bare text becomes the first of the types that it goes with, a string only if it is nothing else. Text with
+    a type of its own keeps it, whether or not it is one of `types`, unless the only one is VT_BSTR: then all
+    text is taken as it stands.
+
+    Raises:
+        ValueError: it goes with none of them.
+    """
+    if tuple(types) == ("VT_BSTR",):
+        return Variant(VT.BSTR, text)
+    match = _TYPED.fullmatch(text)
+    if match and match[1].upper() in VT.__members__:
+        return parse_variant(text)
+    known = [name for name in types if name in _BY_NAME]
+    reasons = []
+    for name in sorted(known, key="VT_BSTR".__eq__):
+        try:
+            return _parse_type(_BY_NAME[name], text)
+        except ValueError as error:
+            reasons.append(str(error))
+    if reasons:
+        raise ValueError(reasons[0])
+    return _parse_untyped(text)
+
+
+def _parse_type(vt: int, text: str) -> Variant:
+    return _parse_array(VT(vt & ~ARRAY), text) if vt & ARRAY else _parse_scalar(VT(vt), text)
+
+
+def _parse_untyped(text: str) -> Variant:
+    if not text:
+        return EMPTY
+    if not any(map(str.isdigit, text)):  # nan and inf are words until a type says otherwise
+        return Variant(VT.BSTR, text)
+    for vt in (VT.I4, VT.I8, VT.R8):
+        for read in (_parse_scalar, _parse_array) if "," in text else (_parse_scalar,):
+            try:
+                return read(vt, text)
+            except ValueError:
+                continue
+    return Variant(VT.BSTR, text)
+
+
+def _parse_scalar(vt: VT, text: str) -> Variant:
+    if vt in (VT.EMPTY, VT.NULL):
+        if text:
+            raise ValueError(f"{vt_name(vt)} has no value")
+        return Variant(vt, None)
+    if vt is VT.VARIANT:
+        raise ValueError("VT_VARIANT is always an array: variant[]:")
+    return Variant(vt, _parse_element(vt, text))
+
+
+def _parse_array(vt: VT, text: str) -> Variant:
+    if vt in (VT.EMPTY, VT.NULL):
+        raise ValueError(f"there are no arrays of {vt_name(vt)}")
+    if vt is VT.VARIANT:
+        return Variant.array(vt, tuple(parse_variant(piece) for piece in text.split(";")) if text else ())
+    values = (
+        tuple(_parse_element(vt, piece if vt is VT.BSTR else piece.strip()) for piece in text.split(","))
+        if text
+        else ()
+    )
+    if vt is VT.UI1:
+        return Variant.array(vt, bytes(value for value in values if isinstance(value, int)))
+    return Variant.array(vt, values)
+
+
+def _parse_element(vt: VT, text: str) -> Value:
+    try:
+        if vt is not VT.BSTR and not text.isascii():
+            raise ValueError
+        return _READERS.get(vt, _parse_integer)(vt, text)
+    except ValueError:
+        shown = text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
+        raise ValueError(f"{shown!r} is no {vt_name(vt)}") from None
+
+
+def _parse_integer(vt: VT, text: str) -> int:
+    try:
+        value = int(text, 0)
+    except ValueError:
+        value = int(text)  # zeros in front, which Python's notation forbids
+    low, high = _RANGES[vt]
+    if low < 0 and high < value <= high - low and text.strip().lower().startswith("0x"):
+        value -= high - low + 1  # bits, as result codes are written
+    if not low <= value <= high:
+        raise ValueError
+    return value
+
+
+def _parse_bool(_: VT, text: str) -> bool:
+    word = text.casefold()
+    if word not in _TRUE + _FALSE:
+        raise ValueError
+    return word in _TRUE
+
+
+def _parse_float(vt: VT, text: str) -> float:
+    value = float(text)
+    if math.isinf(value) and "inf" not in text.lower():  # more than any float of eight bytes
+        raise ValueError
+    if vt is VT.R4 and math.isfinite(value) and abs(value) > _LARGEST_R4:
+        raise ValueError
+    return value
+
+
+_READERS: dict[VT, Callable[[VT, str], Value]] = {
+    VT.R4: _parse_float,
+    VT.R8: _parse_float,
+    VT.DATE: _parse_float,
+    VT.BSTR: lambda _, text: text,
+    VT.BOOL: _parse_bool,
+}
+
+
+def _signed_range(bits: int) -> tuple[int, int]:
+    return -(1 << bits - 1), (1 << bits - 1) - 1
+
+
+def _unsigned_range(bits: int) -> tuple[int, int]:
+    return 0, (1 << bits) - 1
+
+
+_RANGES: dict[VT, tuple[int, int]] = {
+    VT.I2: _signed_range(16),
+    VT.I4: _signed_range(32),
+    VT.CY: _signed_range(64),
+    VT.ERROR: _signed_range(32),
+    VT.I8: _signed_range(64),
+    VT.UI1: _unsigned_range(8),
+    VT.UI2: _unsigned_range(16),
+    VT.UI4: _unsigned_range(32),
+    VT.UI8: _unsigned_range(64),
+}
+_BY_NAME = {vt_name(vt | flag): vt | flag for vt in VT for flag in (0, ARRAY)}

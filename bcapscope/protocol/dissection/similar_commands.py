@@ -1,0 +1,83 @@
+"""Command names that are nearly right: misread in a screenshot, or misspelt."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.frame_content import FrameContent
+from bcapscope.protocol.tables.command_catalogue import commands_of, find_command
+
+_SMALLEST_SIMILARITY = 0.8
+"""Share of letters that agree, as difflib counts it; two letters swapped in slvChangeMode give 0.92."""
+
+_CHARACTERS_PER_MISREAD = 3
+"""One character in so many may be misread."""
+
+_CHARACTERS_AT = 14
+"""Where in a BSTR argument the characters begin: behind its length, type, count and byte length."""
+
+
+class MisreadByte(NamedTuple):
+    """A byte that was misread: its offset in the frame, what stands there, what stood there."""
+
+    offset: int
+    found: int
+    expected: int
+
+
+class SimilarCommand(NamedTuple):
+    """A command name that is not in the catalogue, and the one that it is near to.
+
+    Attributes:
+        name: as it stands in the frame.
+        catalogue_name: as the catalogue spells it.
+        misread_bytes: bytes to change in order to get `catalogue_name`; empty where all characters of `name` are ordinary
+            ones, which nobody misreads that way: it is misspelt, or a command that is not known here.
+    """
+
+    name: str
+    catalogue_name: str
+    misread_bytes: tuple[MisreadByte, ...]
+
+
+def find_similar_command(request: bytes) -> SimilarCommand | None:
+    """Look at the command of a request; None where it has none, or a known one, or one like no other."""
+    content = FrameContent(request)
+    known = commands_of(content.code)
+    if not known or len(content.arguments) < 2:
+        return None
+    argument = content.arguments[1]
+    name = argument.variant.value
+    if not isinstance(name, str) or find_command(content.code, name):
+        return None
+    for entry in known:
+        if _is_misread(name, entry.name):
+            return SimilarCommand(
+                name, entry.name, tuple(_misread_bytes(request, argument.start, entry.name))
+            )
+    names = {entry.name.casefold(): entry.name for entry in known}
+    close = get_close_matches(name.casefold()[: 2 * max(map(len, names))], names, 1, _SMALLEST_SIMILARITY)
+    return SimilarCommand(name, names[close[0]], ()) if close else None
+
+
+def _is_misread(name: str, other: str) -> bool:
+    """Tell whether `name` is `other` but for a few characters that no name has, each of one UTF-16 unit."""
+    if len(name) != len(other) or max(name) > "\uffff":
+        return False
+    wrong = [a for a, b in zip(name, other, strict=True) if a.casefold() != b.casefold()]
+    ordinary = any(character.isascii() and character.isalnum() for character in wrong)
+    return bool(wrong) and not ordinary and len(wrong) * _CHARACTERS_PER_MISREAD <= len(name)
+
+
+def _misread_bytes(request: bytes, start: int, meant: str) -> Iterator[MisreadByte]:
+    at = start + _CHARACTERS_AT
+    for index, character in enumerate(meant):
+        offset = at + 2 * index
+        (found,) = struct.unpack_from("<H", request, offset)
+        if chr(found).casefold() != character.casefold():
+            right = character.encode("utf-16-le")
+            pairs = zip(request[offset : offset + 2], right, strict=True)
+            yield from (MisreadByte(offset + n, a, b) for n, (a, b) in enumerate(pairs) if a != b)

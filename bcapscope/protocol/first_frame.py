@@ -1,0 +1,40 @@
+"""What a client begins with: whether its first frame is complete, and whether that frame is a stop."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.codec.frame import LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame
+from bcapscope.protocol.codec.frame_content import has_compressed_header
+from bcapscope.protocol.guard import always_passes
+
+LONGEST_FIRST_FRAME = 4096
+"""Bytes after which a first frame counts as complete: far more than any call that opens a session has."""
+
+_LONGEST_STOP = 1024
+_LENGTH_ENDS = 5
+
+
+def is_first_frame_incomplete(data: bytes | bytearray) -> bool:
+    """Return whether the first bytes of a stream are the beginning of a frame that is not complete yet."""
+    if not data:
+        return True
+    if data[0] != SOH:
+        return False
+    if len(data) < _LENGTH_ENDS:
+        return True
+    length = _length(data)
+    return SMALLEST_FRAME <= length < LARGEST_FRAME and len(data) < min(length, LONGEST_FIRST_FRAME)
+
+
+def first_frame_stops(data: bytes) -> bool:
+    """Return whether the first frame of a datagram or stream is one that no guard may hold up."""
+    if len(data) < SMALLEST_FRAME or data[0] != SOH:
+        return False
+    length = _length(data)
+    if not SMALLEST_FRAME <= length <= min(len(data), _LONGEST_STOP) or has_compressed_header(data):
+        return False
+    frame = Frame(data[:length])
+    return not frame.problems and always_passes(frame.code, frame.variants)
+
+
+def _length(data: bytes | bytearray) -> int:
+    return int.from_bytes(data[1:_LENGTH_ENDS], "little")

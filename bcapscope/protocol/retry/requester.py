@@ -1,0 +1,273 @@
+"""The client's side of a call: serials, reserved, tries, and which reply counts.
+
+No socket and no clock: each method is told what time it is, in nanoseconds of any clock that does not go
+back, and three questions are answered afterwards: what to send (`data_to_send`), when to call `wake` (`due`),
+and what happened (`events`). The rules are those of DENSO Wave 2009, How to use the Slave mode (Retry
+sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.errors import Attempt, AttemptEvent, LocalProtocolError, TooLargeError
+from bcapscope.protocol.codec.frame import (
+    LARGEST_UDP_FRAME,
+    Frame,
+    Malformed,
+    encode_frame,
+    with_serial_and_reserved,
+)
+from bcapscope.protocol.codec.frame_content import EOT
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
+
+_REMEMBERED_ATTEMPTS = 32
+"""Tries of earlier calls that are remembered, to tell late replies from strange ones."""
+
+_LAST_SERIAL = 0xFFFF
+_UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
+
+
+class RetryPolicy(NamedTuple):
+    """How long to wait for a reply and how often to ask again.
+
+    Attributes:
+        timeout: of each try, nanoseconds.
+        retries: after the first try; on TCP there are none.
+    """
+
+    timeout: int
+    retries: int
+
+
+def _is_complete(frame: Frame) -> bool:
+    """Tell whether no part of a datagram is missing; what is odd inside of a frame the caller may judge."""
+    return frame.length == len(frame.raw) and frame.raw[-1] == EOT
+
+
+def _elapsed(attempts: tuple[Attempt, ...]) -> int:
+    return attempts[-1].events[-1].time - attempts[0].sent
+
+
+@dataclass(frozen=True, slots=True)
+class CallAnswered:
+    """The call succeeded: `reply` carries a code that is no failure, S_OK or another."""
+
+    reply: Frame
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def elapsed(self) -> int:
+        """Nanoseconds from the first try to the reply."""
+        return _elapsed(self.attempts)
+
+
+@dataclass(frozen=True, slots=True)
+class CallRefused:
+    """The call failed: the server answered with a failure code."""
+
+    reply: Frame
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def elapsed(self) -> int:
+        """Nanoseconds from the first try to the reply."""
+        return _elapsed(self.attempts)
+
+
+@dataclass(frozen=True, slots=True)
+class CallTimedOut:
+    """The call failed: no try was answered in time."""
+
+    attempts: tuple[Attempt, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CallExecuting:
+    """The server is still at work (S_EXECUTING); the wait began again."""
+
+    notice: Frame
+
+
+@dataclass(frozen=True, slots=True)
+class LateReply:
+    """A reply that no longer counts: to an earlier try, or to a call that is over. It was discarded.
+
+    Attributes:
+        reply: as it came.
+        time: when it came.
+        sent: when the try that it answers was sent.
+    """
+
+    reply: Frame
+    time: int
+    sent: int
+
+
+@dataclass(frozen=True, slots=True)
+class UnmatchedItem:
+    """A reply with a serial that was not asked for lately, or bytes that are no frame. It was discarded."""
+
+    item: Frame | Malformed
+    time: int
+
+
+RequesterOutcome: TypeAlias = CallAnswered | CallRefused | CallTimedOut
+RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply | UnmatchedItem
+
+
+class _OpenAttempt:
+    """One packet that was sent, and what came for it."""
+
+    __slots__ = ("events", "reserved", "sent", "serial")
+
+    def __init__(self, serial: int, reserved: int, sent: int) -> None:
+        self.serial = serial
+        self.reserved = reserved
+        self.sent = sent
+        self.events: list[AttemptEvent] = []
+
+    def snapshot(self) -> Attempt:
+        """Return what there is to tell of it."""
+        return Attempt(self.serial, self.reserved, self.sent, tuple(self.events))
+
+
+class Requester:
+    """Makes calls, one at a time, as servers of b-CAP handle them strictly one after another.
+
+    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless it is given up by
+    `abandon`.
+    """
+
+    def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
+        """Begin a conversation.
+
+        Args:
+            convention: what goes into reserved; it also tells UDP, with retries and a limit of size, from
+                TCP.
+            first_serial: 1..65535. The C server takes 0 of a new client for a retry.
+        """
+        if convention is ReservedConvention.UNKNOWN or not 1 <= first_serial <= _LAST_SERIAL:
+            raise ValueError(f"convention {convention}, first serial {first_serial}")
+        self.convention = convention
+        self.datagrams = convention in _UDP_CONVENTIONS
+        self._serial = first_serial
+        self._request_bytes = b""
+        self._policy = RetryPolicy(0, 0)
+        self._open_attempts: list[_OpenAttempt] = []
+        self._earlier_attempts: deque[_OpenAttempt] = deque(maxlen=_REMEMBERED_ATTEMPTS)
+        self._deadline: int | None = None
+        self._outgoing: list[bytes] = []
+        self._events: list[RequesterEvent] = []
+
+    @property
+    def call_in_progress(self) -> bool:
+        """Whether a call is under way."""
+        return self._deadline is not None
+
+    @property
+    def deadline(self) -> int | None:
+        """When `handle_timeout` is to be called; None while nothing is awaited."""
+        return self._deadline
+
+    def start_call(
+        self, function_id: int, arguments: Sequence[Variant], policy: RetryPolicy, now: int
+    ) -> None:
+        """Begin a call.
+
+        Raises:
+            TooLargeError: the packet is too large for UDP.
+            LocalProtocolError: a call is under way, or the arguments cannot be packed. Nothing is sent then.
+        """
+        if self.call_in_progress:
+            raise LocalProtocolError("a call is under way, and b-CAP takes one after the other")
+        raw = encode_frame(0, 0, function_id, arguments)
+        if self.datagrams and len(raw) > LARGEST_UDP_FRAME:
+            raise TooLargeError(
+                f"{function_name(function_id)} would be a packet of {len(raw)} bytes, and UDP carries "
+                f"{LARGEST_UDP_FRAME}: connect over TCP, or send less"
+            )
+        self._request_bytes = raw
+        self._policy = policy if self.datagrams else policy._replace(retries=0)
+        self._earlier_attempts.extendleft(self._open_attempts)
+        self._open_attempts = []
+        self._send_attempt(now)
+
+    def receive_item(self, item: Frame | Malformed, now: int) -> None:
+        """Take what came from the server."""
+        asked = (
+            self._attempt_with_serial(item.serial) if isinstance(item, Frame) and _is_complete(item) else None
+        )
+        if not isinstance(item, Frame) or asked is None:
+            self._events.append(UnmatchedItem(item, now))
+            return
+        asked.events.append(AttemptEvent(now, hresult_name(item.code)))
+        if not self.call_in_progress or asked is not self._open_attempts[-1]:
+            self._events.append(LateReply(item, now, asked.sent))
+        elif item.code == S_EXECUTING:
+            self._deadline = now + self._policy.timeout
+            self._events.append(CallExecuting(item))
+        else:
+            self._deadline = None
+            self._events.append(
+                (CallRefused if is_failure(item.code) else CallAnswered)(item, self._attempt_snapshots())
+            )
+
+    def record_send_error(self, text: str, now: int) -> None:
+        """Note what the system told of the last packet, such as that the port is closed; tries go on."""
+        if self.call_in_progress:
+            self._open_attempts[-1].events.append(AttemptEvent(now, text))
+
+    def handle_timeout(self, now: int) -> None:
+        """Try again, or give up, if the time for the last try is over."""
+        if self._deadline is None or now < self._deadline:
+            return
+        if len(self._open_attempts) <= self._policy.retries:
+            self._send_attempt(now)
+        else:
+            self._deadline = None
+            self._events.append(CallTimedOut(self._attempt_snapshots()))
+
+    def abandon(self) -> tuple[Attempt, ...]:
+        """Give up the call under way; a reply that still comes is late. Return the tries that were made."""
+        self._deadline = None
+        return self._attempt_snapshots()
+
+    def data_to_send(self) -> list[bytes]:
+        """Return the packets that are to be sent now, each once."""
+        outgoing, self._outgoing = self._outgoing, []
+        return outgoing
+
+    def drain_events(self) -> list[RequesterEvent]:
+        """Return what happened since the last time, in order."""
+        events, self._events = self._events, []
+        return events
+
+    def _send_attempt(self, now: int) -> None:
+        serial = self._serial
+        self._serial = serial + 1 if serial < _LAST_SERIAL else 1
+        this = _OpenAttempt(serial, self._reserved_for(serial), now)
+        self._open_attempts.append(this)
+        self._deadline = now + self._policy.timeout
+        self._outgoing.append(with_serial_and_reserved(self._request_bytes, serial, this.reserved))
+
+    def _reserved_for(self, serial: int) -> int:
+        if not self.datagrams:
+            return 1 if self.convention is ReservedConvention.TCP1 else 0
+        if not self._open_attempts:
+            return serial if self.convention is ReservedConvention.OWN else 0
+        return self._open_attempts[-1 if self.convention is ReservedConvention.CHAIN else 0].serial
+
+    def _attempt_with_serial(self, serial: int) -> _OpenAttempt | None:
+        known = chain(reversed(self._open_attempts), self._earlier_attempts)
+        return next((one for one in known if one.serial == serial), None)
+
+    def _attempt_snapshots(self) -> tuple[Attempt, ...]:
+        return tuple(one.snapshot() for one in self._open_attempts)

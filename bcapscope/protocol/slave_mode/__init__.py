@@ -1,0 +1,1 @@
+"""Slave modes, slvMove formats, poses, and the values that slvMove carries."""

@@ -1,0 +1,200 @@
+"""Slave modes: what the number of slvChangeMode means, which depends on the controller's generation.
+
+0x001 is Sync on RC7 and mode 0 on RC8, which are not the same thing. Sources: DENSO Wave 2009, How to use the
+Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes) and
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from bcapscope.protocol.codec.variant import Variant
+
+PERIOD_MS = 8
+"""A controller takes one set point each 8 ms."""
+
+POSE_MASK, KIND_MASK = 0x000F, 0x0F00
+
+
+class Generation(StrEnum):
+    """Controllers that agree on the meaning of a mode."""
+
+    RC7 = "RC7"
+    RC8 = "RC8"
+    """RC8, RC8A, RC9, COBOTTA and COBOTTA PRO."""
+
+
+class PoseType(StrEnum):
+    """What a set point is."""
+
+    P = "P"
+    """Position with rotations."""
+    J = "J"
+    """Joints."""
+    T = "T"
+    """Position with orientation and approach vectors."""
+
+
+class ModeKind(StrEnum):
+    """How slvMove is buffered and answered."""
+
+    OFF = "off"
+    SYNC = "Sync"
+    ASYNC = "Async"
+    MODE_0 = "mode 0"
+    MODE_1 = "mode 1"
+    MODE_2 = "mode 2"
+
+
+@dataclass(frozen=True, slots=True)
+class SlaveMode:
+    """A slave mode of one generation.
+
+    Attributes:
+        value: the number, 0x000..0x203.
+        generation: of the controller that it is read for.
+        pose_type: of its set points; None for off.
+        kind: how slvMove behaves.
+        buffer_slots: set points that the controller buffers.
+        overwrites_waiting: a new set point replaces the waiting one.
+        paces_client: the reply to slvMove waits for room, so that it paces the client.
+        underflow_is_error: no set point in time while moving ends slave mode; None where a setting on the
+            pendant decides.
+        overflow_is_error: a set point too many is refused with 83201483, after S_BUF_FULL has warned.
+        text: the same in words.
+    """
+
+    value: int
+    generation: Generation
+    pose_type: PoseType | None
+    kind: ModeKind
+    buffer_slots: int
+    overwrites_waiting: bool
+    paces_client: bool
+    underflow_is_error: bool | None
+    overflow_is_error: bool
+    text: str
+
+    def __int__(self) -> int:
+        return self.value
+
+
+@dataclass(frozen=True, slots=True)
+class _Behaviour:
+    buffer_slots: int
+    overwrites_waiting: bool
+    paces_client: bool
+    underflow_is_error: bool | None
+    overflow_is_error: bool
+    text: str
+
+
+_BEHAVIOURS: dict[ModeKind, _Behaviour] = {
+    ModeKind.OFF: _Behaviour(0, False, False, False, False, "slave mode off"),
+    ModeKind.SYNC: _Behaviour(
+        1, False, True, True, False, "each slvMove is answered when taken; a late one is an error"
+    ),
+    ModeKind.ASYNC: _Behaviour(
+        1,
+        True,
+        False,
+        None,
+        False,
+        "slvMove is answered at once, the newest point wins; the pendant decides "
+        "whether a late one is an error",
+    ),
+    ModeKind.MODE_0: _Behaviour(
+        3,
+        False,
+        False,
+        True,
+        True,
+        "slvMove is answered at once and tells when its buffer of 3 is full; running "
+        "empty while moving is an error",
+    ),
+    ModeKind.MODE_1: _Behaviour(
+        1,
+        True,
+        False,
+        False,
+        False,
+        "slvMove is answered at once, the newest point wins and the last is held",
+    ),
+    ModeKind.MODE_2: _Behaviour(
+        3,
+        False,
+        True,
+        True,
+        False,
+        "slvMove is answered when its buffer of 3 has room; running empty while moving is an error",
+    ),
+}
+
+_KINDS: dict[Generation, dict[int, ModeKind]] = {
+    Generation.RC7: {0x000: ModeKind.SYNC, 0x100: ModeKind.ASYNC},
+    Generation.RC8: {0x000: ModeKind.MODE_0, 0x100: ModeKind.MODE_1, 0x200: ModeKind.MODE_2},
+}
+_POSE_TYPES = {1: PoseType.P, 2: PoseType.J, 3: PoseType.T}
+
+
+def _make_mode(value: int, generation: Generation, kind: ModeKind, pose_type: PoseType | None) -> SlaveMode:
+    behaviour = _BEHAVIOURS[kind]
+    text = f"{pose_type} type, {kind}: {behaviour.text}" if pose_type else behaviour.text
+    return SlaveMode(
+        value=value,
+        generation=generation,
+        pose_type=pose_type,
+        kind=kind,
+        buffer_slots=behaviour.buffer_slots,
+        overwrites_waiting=behaviour.overwrites_waiting,
+        paces_client=behaviour.paces_client,
+        underflow_is_error=behaviour.underflow_is_error,
+        overflow_is_error=behaviour.overflow_is_error,
+        text=text,
+    )
+
+
+def _build_modes() -> dict[tuple[Generation, int], SlaveMode]:
+    table = {(each, 0): _make_mode(0, each, ModeKind.OFF, None) for each in Generation}
+    for generation, kinds in _KINDS.items():
+        for base, kind in kinds.items():
+            for number, pose_type in _POSE_TYPES.items():
+                table[generation, base | number] = _make_mode(base | number, generation, kind, pose_type)
+    return table
+
+
+_MODES = _build_modes()
+
+MODES: tuple[SlaveMode, ...] = tuple(_MODES.values())
+"""Every mode of every generation."""
+
+
+def slave_mode_by_number(value: int, generation: Generation = Generation.RC8) -> SlaveMode | None:
+    """Return the mode with this number on a controller of this generation; None where it has none."""
+    return _MODES.get((generation, value))
+
+
+def pose_type_of_mode(value: int) -> PoseType | None:
+    """Return the pose type in a mode's low digit, which all generations share; None for 0 and bad modes."""
+    return _POSE_TYPES.get(value & POSE_MASK) if value & ~(POSE_MASK | KIND_MASK) == 0 else None
+
+
+def integer_value(parameter: Variant) -> int | None:
+    """Read the number out of slvChangeMode's parameter or slvGetMode's result.
+
+    Integers of any width are taken (VT_I2 in DENSO Wave 2009, VT_I4 in the samples), whole floating-point
+    numbers, and decimal text, which the ANSI-C client sends. None for everything else.
+    """
+    value = parameter.value
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int):
+        return value
+    if isinstance(value, float):
+        return int(value) if value.is_integer() else None
+    if isinstance(value, str):
+        text = value.strip()
+        return int(text) if text.isascii() and text.isdecimal() and len(text) <= 9 else None
+    return None

@@ -1,0 +1,121 @@
+"""Poses: rows of numbers with the names and units of their axes.
+
+Sources: DENSO Wave 2009, How to use the Slave mode (P and J on RC7), DENSORobot/denso_robot_ros2
+denso_robot_control (P 7, J 8, T 10 numbers, and one more that its driver appends).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
+from bcapscope.protocol.slave_mode.modes import PoseType
+
+USED_AXES_FLAG = 0x400000
+"""The ROS driver appends this number, or-ed with a bit for each axis in use; what for is not known."""
+
+FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
+"""Types that a bare pose comes in."""
+
+
+class Axis(NamedTuple):
+    """Name of one number of a pose and its unit: `mm`, `deg`, or empty for Fig and direction cosines."""
+
+    name: str
+    unit: str
+
+
+def _axes_named(names: str, unit: str) -> tuple[Axis, ...]:
+    return tuple(Axis(name, unit) for name in names.split())
+
+
+AXES: Mapping[PoseType, tuple[Axis, ...]] = MappingProxyType(
+    {
+        PoseType.P: (*_axes_named("X Y Z", "mm"), *_axes_named("Rx Ry Rz", "deg"), Axis("Fig", "")),
+        PoseType.J: _axes_named("J1 J2 J3 J4 J5 J6 J7 J8", "deg"),
+        PoseType.T: (*_axes_named("X Y Z", "mm"), *_axes_named("Ox Oy Oz Ax Ay Az Fig", "")),
+    }
+)
+"""Axes by pose type, in order. A linear axis of J type counts in mm; the type of robot decides."""
+
+SHORTEST_POSE: Mapping[PoseType, int] = MappingProxyType({PoseType.P: 6, PoseType.J: 6, PoseType.T: 10})
+"""Numbers that a pose has at least: Fig may be missing, and RC7 takes six joints."""
+
+
+class Pose(NamedTuple):
+    """A pose.
+
+    Attributes:
+        type: P, J or T; None where the numbers fit none.
+        values: one number per axis of `axes`, in order.
+        extra: numbers after the last axis; the ROS driver appends one.
+        guessed: the type was worked out from the count of numbers.
+    """
+
+    type: PoseType | None
+    values: tuple[float, ...]
+    extra: tuple[float, ...] = ()
+    guessed: bool = False
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Axes of `values`; () where the type is not known."""
+        return AXES[self.type][: len(self.values)] if self.type else ()
+
+    @property
+    def used_axes(self) -> int | None:
+        """Bits of the axes that the ROS driver marks as used, bit 0 for J1; None without its mark."""
+        return (
+            int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
+        )
+
+
+def is_used_axes_mark(number: float) -> bool:
+    """Tell whether a number is the one that the ROS driver appends to a pose."""
+    return USED_AXES_FLAG <= number <= USED_AXES_FLAG + 0xFF and number == int(number)
+
+
+def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
+    """Read an array of numbers, or a VARIANT array of plain numbers, which clients make of mixed lists.
+
+    Returns:
+        The numbers; None for everything else, bytes and booleans among it.
+    """
+    value = variant.value
+    if not isinstance(value, tuple):
+        return None
+    if variant.vt in FLOAT_ARRAYS:
+        return value  # type: ignore[return-value]  # the type says floats
+    plain = [item.value if isinstance(item, Variant) else item for item in value]
+    if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in plain):
+        return None
+    return tuple(plain)  # type: ignore[arg-type]  # each was just looked at
+
+
+def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
+    """Guess the pose type from how many numbers there are and whether the last is the ROS driver's mark."""
+    count = len(values)
+    if count and is_used_axes_mark(values[-1]):
+        return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)
+    return {6: PoseType.J, 7: PoseType.P, 8: PoseType.J, 10: PoseType.T}.get(count)
+
+
+def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[str, ...]]:
+    """Make a pose of numbers and say what is wrong with it.
+
+    Args:
+        values: the numbers.
+        pose_type: as the slave mode says; None where that is not known, and the count decides.
+    """
+    type_ = pose_type or guess_pose_type(values)
+    guessed = pose_type is None
+    if type_ is None:
+        return Pose(None, values, (), guessed), (f"{len(values)} numbers are no pose of type P, J or T",)
+    size = len(AXES[type_])
+    pose = Pose(type_, values[:size], values[size:], guessed)
+    odd = pose.extra and pose.used_axes is None
+    if odd or len(values) < SHORTEST_POSE[type_]:
+        return pose, (f"{len(values)} numbers for a pose of type {type_}, which has {size}",)
+    return pose, ()

@@ -1,0 +1,334 @@
+"""What slvMove carries there and back: set points and the robot's answers, taken apart.
+
+The order of the parts is that of DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp; a bare
+pose is that of DENSO Wave 2009, How to use the Slave mode. Which parts there are is settled by formats sent
+earlier; where a capture begins after them, the likeliest arrangement is taken and marked as guessed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
+from itertools import product
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveFormat, SendFormat
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
+
+# Kinds of parts, by which arrangements are told apart.
+_ROW, _WORD, _DATA, _OTHER = "numbers", "an integer", "bytes", "something else"
+
+_Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each part
+
+# Rows of two poses, as the receive formats 4 and 5 ask for, by their length.
+_POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
+
+_SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
+
+_POSE_ONLY = (
+    POSE_ONLY_FORMAT,
+)  # looked for in a row the very object is found at once, where == compares field by field
+
+_MAX_PARTS = 8  # no arrangement has as many
+
+
+class UserIO(NamedTuple):
+    """A run of I/O bits.
+
+    Attributes:
+        offset: number of the first bit; 128 or more, a multiple of 8.
+        size: bits.
+        data: bytes to write; None where the run is only asked for.
+    """
+
+    offset: int
+    size: int
+    data: bytes | None = None
+
+
+class SetPoint(NamedTuple):
+    """The parameter of slvMove.
+
+    Attributes:
+        pose: where to go; None where there is none to be found.
+        mini_io: word to write, bit 0 is IO0.
+        user_write: bits to write.
+        user_read: bits to be returned.
+        hand_io: word to write, bit 0 is IO48.
+        guessed: pose type or arrangement were worked out from the parts alone.
+        problems: what does not fit, one clause each.
+    """
+
+    pose: Pose | None = None
+    mini_io: int | None = None
+    user_write: UserIO | None = None
+    user_read: UserIO | None = None
+    hand_io: int | None = None
+    guessed: bool = False
+    problems: tuple[str, ...] = ()
+
+
+class Feedback(NamedTuple):
+    """The result of slvMove.
+
+    Attributes:
+        timestamp: since the controller's start, ms or us; wraps as a signed 32-bit number.
+        microseconds: unit of `timestamp`.
+        poses: the pose now, or two of them in the order asked for.
+        mini_io: word, bit 0 is IO0.
+        user_io: the bits asked for.
+        hand_io: word, bit 0 is IO48.
+        current: motor current of each axis.
+        guessed: pose type or arrangement were worked out from the parts alone.
+        problems: what does not fit, one clause each.
+    """
+
+    timestamp: int | None = None
+    microseconds: bool = False
+    poses: tuple[Pose, ...] = ()
+    mini_io: int | None = None
+    user_io: bytes | None = None
+    hand_io: int | None = None
+    current: tuple[float, ...] = ()
+    guessed: bool = False
+    problems: tuple[str, ...] = ()
+
+
+def parse_set_point(
+    parameter: Variant,
+    pose_type: PoseType | None = None,
+    send: SendFormat | None = None,
+    receive: ReceiveFormat | None = None,
+) -> SetPoint:
+    """Take slvMove's parameter apart; odd shapes give what fits and a list of problems.
+
+    Args:
+        parameter: vntParam of the request.
+        pose_type: as slvChangeMode said; None where that was not seen.
+        send: as slvSendFormat said; None where that was not seen.
+        receive: as slvRecvFormat said; None where that was not seen.
+    """
+    bare = _bare_pose(parameter, pose_type)
+    if bare and (send is None or send in _POSE_ONLY) and not (receive and receive.user_io):
+        return SetPoint(bare)
+    parts = _parts_of(parameter)
+    choices = _set_point_arrangements(send, receive, _kinds_of_parts(parts))
+    layout = next((each for each in choices if _is_plausible(each, parts)), choices[0])
+    named, problems = _name_parts(layout, parts)
+    pose, more = _pose_of_part(named.get("pose"), pose_type)
+    ambiguous = send is None or (receive is None and len(choices) > 1)
+    return SetPoint(
+        pose=pose,
+        mini_io=_integer_part(named, "mini_io"),
+        user_write=_user_io(named, "write"),
+        user_read=_user_io(named, "read"),
+        hand_io=_integer_part(named, "hand_io"),
+        guessed=(pose is not None and pose.guessed) or (len(parts) > 1 and ambiguous),
+        problems=(*problems, *more),
+    )
+
+
+def parse_feedback(
+    result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
+) -> Feedback:
+    """Take slvMove's result apart; odd shapes give what fits and a list of problems.
+
+    Args:
+        result: argument of the reply; EMPTY gives nothing, without a problem.
+        pose_type: of the slave mode, for a bare pose whose format was not seen; None where not known.
+        receive: as slvRecvFormat said; None where that was not seen.
+    """
+    microseconds = receive is not None and receive.microseconds
+    if result.value is None:
+        return Feedback(microseconds=microseconds)
+    bare = _bare_pose(result, receive.bare_pose_type if receive else pose_type)
+    if bare:
+        return Feedback(None, microseconds, (bare,))
+    parts = _parts_of(result)
+    named, problems = _name_parts(_feedback_arrangements(receive, _kinds_of_parts(parts))[0], parts)
+    poses, more = _poses_of_part(named.get("poses"), pose_type, receive)
+    data = named["user_io"].value if "user_io" in named else None
+    return Feedback(
+        timestamp=_integer_part(named, "timestamp"),
+        microseconds=microseconds,
+        poses=poses,
+        mini_io=_integer_part(named, "mini_io"),
+        user_io=data if isinstance(data, bytes) else None,
+        hand_io=_integer_part(named, "hand_io"),
+        current=_number_part(named.get("current")),
+        guessed=any(pose.guessed for pose in poses) or (len(parts) > 1 and receive is None),
+        problems=(*problems, *more),
+    )
+
+
+def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
+    """Return the pose of the common case, an array of just the right length, without further looking."""
+    if pose_type is None or variant.vt not in FLOAT_ARRAYS:
+        return None
+    row = variant.value
+    if not isinstance(row, tuple) or len(row) != _SIZES[pose_type]:
+        return None
+    return Pose(pose_type, row)  # type: ignore[arg-type]  # the type says floats
+
+
+def _parts_of(variant: Variant) -> tuple[Variant, ...]:
+    """Return the elements of a VARIANT array unless they are one row of numbers, else the whole as one."""
+    value = variant.value
+    if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):
+        return (variant,)
+    if len(value) >= 6 and pose_numbers(variant) is not None:
+        return (variant,)
+    return tuple(item if isinstance(item, Variant) else Variant(VT.EMPTY, None) for item in value)
+
+
+def _kind_of_part(part: Variant) -> str:
+    if part.vt in FLOAT_ARRAYS:
+        return _ROW
+    value = part.value
+    if isinstance(value, bytes):
+        return _DATA
+    if isinstance(value, int) and not isinstance(value, bool):
+        return _WORD
+    return _OTHER if pose_numbers(part) is None else _ROW
+
+
+def _kinds_of_parts(parts: tuple[Variant, ...]) -> tuple[str, ...]:
+    return tuple(_kind_of_part(part) for part in parts[:_MAX_PARTS])
+
+
+def _matching_arrangements(
+    layouts: Iterable[_Arrangement], kinds: tuple[str, ...]
+) -> tuple[_Arrangement, ...]:
+    """Return the arrangements that these kinds of parts agree with, or the first where none does."""
+    listed = tuple(layouts)
+    agreeing = tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds)
+    return agreeing or listed[:1]
+
+
+@lru_cache(maxsize=256)
+def _set_point_arrangements(
+    send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
+) -> tuple[_Arrangement, ...]:
+    """List the possible arrangements of a set point, the likeliest first; never empty."""
+    sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
+    user_reads = (False, True) if receive is None else (receive.user_io,)
+    return _matching_arrangements(
+        (tuple(_set_point_parts(form, read)) for form, read in product(sends, user_reads)), kinds
+    )
+
+
+def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, str]]:
+    yield "pose", _ROW
+    if form.mini_io:
+        yield "mini_io", _WORD
+    if form.user_io:
+        yield from (("write_offset", _WORD), ("write_size", _WORD), ("write_data", _DATA))
+    if user_read:
+        yield from (("read_offset", _WORD), ("read_size", _WORD))
+    if form.hand_io:
+        yield "hand_io", _WORD
+
+
+@lru_cache(maxsize=256)
+def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
+    """List the possible arrangements of a result, the likeliest first; never empty."""
+    if receive is not None:
+        return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
+    bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
+    return _matching_arrangements(
+        (tuple(_feedback_parts(ReceiveFormat.parse(sum(each)))) for each in bits), kinds
+    )
+
+
+def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
+    if form.timestamp:
+        yield "timestamp", _WORD
+    if form.poses:
+        yield "poses", _ROW
+    if form.mini_io:
+        yield "mini_io", _WORD
+    if form.user_io:
+        yield "user_io", _DATA
+    if form.hand_io:
+        yield "hand_io", _WORD
+    if form.current:
+        yield "current", _ROW
+
+
+def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[str]]:
+    """Give names to parts in order; what does not come next is missing, what stays is too much."""
+    named: dict[str, Variant] = {}
+    problems: list[str] = []
+    for name, kind in layout:
+        place = len(named)
+        if place < len(parts) and _kind_of_part(parts[place]) == kind:
+            named[name] = parts[place]
+        else:
+            found = _kind_of_part(parts[place]) if place < len(parts) else "the end"
+            problems.append(f"{name} is missing: {kind} expected, {found} found")
+    if len(parts) > len(named):
+        problems.append(f"only {len(named)} of {len(parts)} parts could be read")
+    return named, problems
+
+
+def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
+    """Check a guess against the rules of user I/O, and a lone word against the bits of hand I/O."""
+    named, problems = _name_parts(layout, parts)
+    if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
+        return False
+    hand = _integer_part(named, "hand_io")
+    lone_hand = hand is not None and "mini_io" not in named
+    return not problems and not (lone_hand and (hand or 0) & 0xFF000000)
+
+
+def _is_valid_user_io(run: UserIO) -> bool:
+    """Check the rules of user I/O; a number above 16 bits looks like a word, not like an offset."""
+    return (
+        128 <= run.offset <= 0xFFFF and run.offset % 8 == 0 and 0 < run.size <= 0xFFFF and run.size % 8 == 0
+    )
+
+
+def _integer_part(named: Mapping[str, Variant], name: str) -> int | None:
+    value = named[name].value if name in named else None
+    return value if isinstance(value, int) else None
+
+
+def _user_io(named: Mapping[str, Variant], verb: str) -> UserIO | None:
+    offset, size = _integer_part(named, f"{verb}_offset"), _integer_part(named, f"{verb}_size")
+    if offset is None or size is None:
+        return None
+    data = named[f"{verb}_data"].value if f"{verb}_data" in named else None
+    return UserIO(offset, size, data if isinstance(data, bytes) else None)
+
+
+def _number_part(part: Variant | None) -> tuple[float, ...]:
+    return (pose_numbers(part) or ()) if part is not None else ()
+
+
+def _pose_of_part(part: Variant | None, pose_type: PoseType | None) -> tuple[Pose | None, tuple[str, ...]]:
+    return (None, ()) if part is None else build_pose(_number_part(part), pose_type)
+
+
+def _poses_of_part(
+    part: Variant | None, pose_type: PoseType | None, receive: ReceiveFormat | None
+) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
+    """Read a result's row of numbers, which is one pose or two."""
+    if part is None:
+        return (), ()
+    row = _number_part(part)
+    types = receive.poses if receive else _POSE_PAIRS.get(len(row), ())
+    if len(types) == 2:
+        size = len(AXES[types[0]])
+        first, problems = build_pose(row[:size], types[0])
+        second, more = build_pose(row[size:], types[1])
+        return (
+            first._replace(guessed=receive is None),
+            second._replace(guessed=receive is None),
+        ), problems + more
+    # Without a format the mode's type is taken if the count agrees: the default format is documented nowhere.
+    agrees = pose_type is not None and len(row) == len(AXES[pose_type])
+    known = types[0] if types else (pose_type if agrees else None)
+    pose, problems = build_pose(row, known)
+    return (pose,), problems

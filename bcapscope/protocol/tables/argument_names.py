@@ -1,0 +1,26 @@
+"""What the arguments of a frame are called."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Param, ResultKind
+
+_ANY = "VARIANT"
+_RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.BSTR: "VT_BSTR"}
+
+
+def request_param(function_id: int | None, index: int) -> Param:
+    """Name and type of argument `index` (from 0) of a request; `arg4` where the function has none there."""
+    function = FUNCTIONS.get(function_id) if function_id is not None else None
+    if function is not None and index < len(function.params):
+        return function.params[index]
+    return Param(f"arg{index + 1}", _ANY)
+
+
+def result_param(function_id: int | None, index: int) -> Param:
+    """Name and type of argument `index` (from 0) of the reply to a request of `function_id`."""
+    function = FUNCTIONS.get(function_id) if function_id is not None else None
+    if index:
+        return Param(f"arg{index + 1}", _ANY)
+    if function is None or function.result_name is None:
+        return Param("pVal", _ANY)
+    return Param(function.result_name, _RESULT_TYPES.get(function.result, _ANY))

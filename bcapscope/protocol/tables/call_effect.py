@@ -1,0 +1,72 @@
+"""The most that a call can do: read, use the session, change a state, energise the robot, or move it.
+
+Judged from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command in
+`command_table`; whatever could set something in motion counts as moving, and so does what is not known.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from types import MappingProxyType
+
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+
+
+class CallEffect(IntEnum):
+    """The most that a call can do, in rising order, so that `max` of two is the more careful one."""
+
+    READS = 0
+    """Only asks."""
+    SESSION = 1
+    """Opens or closes the client's own session or handles; nothing of the robot changes."""
+    CHANGES = 2
+    """Changes a state, a value or a setting of the controller."""
+    ENERGISES = 3
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does.
+
+    Robot_Speed is less: it only sets the speed of the client's own motions.
+    """
+    MOVES = 4
+    """Sets the robot, a hand or a program in motion, or may do so."""
+
+
+# Programs, hands and stored commands can move what they like; writing a variable can start a task (@START) or
+# switch an output.
+_MOVES = frozenset(
+    (
+        *("Robot_Chuck", "Robot_Drive", "Robot_Execute", "Robot_GoHome", "Robot_Move", "Robot_Rotate"),
+        *("Robot_Unchuck", "Robot_Unhold", "Task_Execute", "Task_Start", "File_Execute", "File_Run"),
+        *("Controller_Execute", "Extension_Execute", "Command_Execute", "Variable_PutValue"),
+    )
+)
+
+_CHANGES = frozenset(
+    (
+        *("Robot_Accelerate", "Robot_Change", "Robot_Halt", "Robot_Hold", "Robot_Speed"),
+        *("Task_Delete", "Task_Stop", "File_Copy", "File_Delete", "File_Move", "File_PutValue"),
+        *("Command_Cancel", "Command_PutParameters", "Command_PutTimeout", "Message_Clear", "Message_Reply"),
+    )
+)
+
+
+def _effect_of_function(function_id: int) -> CallEffect:
+    function = FUNCTIONS[function_id]
+    verb = function.name.partition("_")[2]
+    if function.name in _MOVES:
+        return CallEffect.MOVES
+    if function.name in _CHANGES or verb in ("PutTag", "PutID"):
+        return CallEffect.CHANGES
+    if function.creates or function.releases:
+        return CallEffect.SESSION
+    return CallEffect.READS if verb.startswith("Get") else CallEffect.MOVES
+
+
+FUNCTION_EFFECTS = MappingProxyType(
+    {function_id: _effect_of_function(function_id) for function_id in FUNCTIONS}
+)
+"""Effect of each function whatever its arguments; `guard` looks at the arguments too."""
+
+
+def function_effect(function_id: int) -> CallEffect:
+    """Return the most that a function can do; `MOVES` for an id that is no function."""
+    return FUNCTION_EFFECTS.get(function_id, CallEffect.MOVES)

@@ -1,0 +1,119 @@
+"""The catalogue of commands: what may stand in bstrCommand of an ..._Execute call.
+
+Controllers compare command names without regard to case (the slides of DENSO Wave 2009, How to use the Slave
+mode, themselves send both `SLVMOVE` and `slvMove`), and so does the lookup here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.command_row import CommandRow
+from bcapscope.protocol.tables.command_table import COMMAND_ROWS
+from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+
+_POSE = "BSTR R8[] R4[] V[]"
+
+
+@dataclass(frozen=True, slots=True)
+class CommandSpec:
+    """One command.
+
+    Attributes:
+        function_id: the ..._Execute function that takes it: 17, 28, 64 or 87.
+        name: spelled as in the vendor's samples.
+        parameter_types: accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
+        elements: what the parameter or its elements mean, in order; else empty.
+        result_types: types of the result, `none` for a reply without argument; () where not known.
+        result_inferred: the result's type was printed nowhere and only follows from the meaning.
+        returns: what the result holds; else empty.
+        text: what it does, one clause.
+        effect: the most that it can do.
+        in_slave_mode: accepted while slave mode is on, refused, or None where nobody says.
+        controllers: controllers, providers or objects that have it where that is known; else empty.
+        source: where it was seen.
+    """
+
+    function_id: int
+    name: str
+    parameter_types: tuple[str, ...]
+    elements: str
+    result_types: tuple[str, ...]
+    result_inferred: bool
+    returns: str
+    text: str
+    effect: CallEffect
+    in_slave_mode: bool | None
+    controllers: str
+    source: str
+
+    @property
+    def may_move(self) -> bool:
+        """Whether it sets the robot, a hand or a program in motion, or may do so."""
+        return self.effect is CallEffect.MOVES
+
+
+def find_command(function_id: int, name: str) -> CommandSpec | None:
+    """Look a command up by the function that carries it and its name in any case; None where not known."""
+    return _BY_KEY.get((function_id, name.casefold()))
+
+
+def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
+    """List the known commands of a function; () for a function that takes none."""
+    return _BY_FUNCTION.get(function_id, ())
+
+
+def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
+    """Name a call for people: `Robot_Execute slvMove`."""
+    name = command_name(function_id, arguments)
+    return function_name(function_id) + (f" {name}" if name else "")
+
+
+def command_name(function_id: int, arguments: Sequence[Variant]) -> str:
+    """Return the command that a call carries as it was sent; nothing where it carries none."""
+    function = FUNCTIONS.get(function_id)
+    for param, argument in zip(function.params if function else (), arguments, strict=False):
+        if param.name == "bstrCommand" and isinstance(argument.value, str):
+            return argument.value
+    return ""
+
+
+def _full_type_name(short: str) -> str:
+    if short == "none":
+        return short
+    base = {"-": "EMPTY", "V": "VARIANT"}.get(short.removesuffix("[]"), short.removesuffix("[]"))
+    return f"VT_{base}|VT_ARRAY" if short.endswith("[]") else f"VT_{base}"
+
+
+def _full_type_names(short: str) -> tuple[str, ...]:
+    return tuple(_full_type_name(word) for word in short.replace("pose", _POSE).split())
+
+
+def _specs_of_row(function_id: int, row: CommandRow) -> Iterator[CommandSpec]:
+    for name in row.names.split():
+        yield CommandSpec(
+            function_id=function_id,
+            name=name,
+            parameter_types=_full_type_names(row.parameter),
+            elements=row.elements,
+            result_types=_full_type_names(row.result.removesuffix("~")),
+            result_inferred=row.result.endswith("~"),
+            returns=row.returns,
+            text=row.text,
+            effect=row.effect,
+            in_slave_mode=row.in_slave_mode,
+            controllers=row.controllers,
+            source=row.source,
+        )
+
+
+_BY_FUNCTION = {
+    function_id: tuple(entry for row in rows for entry in _specs_of_row(function_id, row))
+    for function_id, rows in COMMAND_ROWS.items()
+}
+_BY_KEY = {
+    (entry.function_id, entry.name.casefold()): entry for listed in _BY_FUNCTION.values() for entry in listed
+}

@@ -1,0 +1,147 @@
+"""Numbers, bits and strings that arguments and results of b-CAP calls stand for.
+
+Sources: ShoheiKobata/orin_bcap_python_samples and its documentation; bits of SysState and axis -1 from
+nkawa/Denso_CobottaPro900_MQTT_Control; provider names from both and from DENSORobot/denso_robot_ros2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+INTERPOLATIONS: Mapping[int, str] = MappingProxyType(
+    {1: "P (PTP)", 2: "L (linear)", 3: "C (circular)", 4: "S (free curve)"}
+)
+"""lComp of Robot_Move."""
+
+POSE_TYPES: Mapping[int, str] = MappingProxyType({-1: "none", 0: "P", 1: "T", 2: "J", 3: "V"})
+"""Second element of a pose that is a VARIANT array; the letters are accepted there as text, too."""
+
+PASS_MOTIONS: Mapping[int, str] = MappingProxyType({0: "@0", -1: "@P", -2: "@E"})
+"""Third element of a pose that is a VARIANT array; other numbers n stand for @n, the text works as well."""
+
+TASK_START_MODES: Mapping[int, str] = MappingProxyType({1: "one cycle", 2: "continuous", 3: "step"})
+"""lMode of Task_Start."""
+
+TASK_STOP_MODES: Mapping[int, str] = MappingProxyType(
+    {0: "default", 1: "instant", 2: "step", 3: "cycle", 4: "initialise"}
+)
+"""lMode of Task_Stop."""
+
+TASK_STATES: Mapping[int, str] = MappingProxyType(
+    {0: "none", 1: "suspended", 2: "ready", 3: "running", 4: "step stop"}
+)
+"""Result of Task_Execute GetStatus."""
+
+AUTO_MODES: Mapping[int, str] = MappingProxyType({1: "internal automatic", 2: "external automatic"})
+"""Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
+
+SPEED_AXES: Mapping[int, str] = MappingProxyType({-1: "tool tip"})
+"""lAxis of Robot_Speed and Robot_Accelerate; other numbers are those of axes."""
+
+SYS_STATE_BITS: Mapping[int, str] = MappingProxyType(
+    {
+        0: "program running",
+        1: "robot error",
+        2: "servo on",
+        3: "initialisation done",
+        4: "automatic mode",
+        5: "automatic mode, token not at the pendant",
+        6: "battery warning",
+        7: "robot warning",
+        8: "continue start allowed",
+        10: "emergency stop",
+        11: "automatic enable",
+        12: "protective stop",
+        13: "stopping",
+        16: "program start reset",
+        17: "calibration done",
+        18: "manual mode",
+        19: "one cycle done",
+        20: "moving (set point)",
+        21: "moving (encoder)",
+        24: "command done",
+    }
+)
+"""Bits of the result of SysState; the others are reserved."""
+
+OBJECT_OPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "@IfNotMember": "use the object that exists when the name is taken",
+        "@Create": "1 makes the file",
+        "$IsIDHandle$": "the handle is the object's number (RC7)",
+        "WDT": "ms between two S_EXECUTING",
+        "InvokeTimeout": "ms that a call may run",
+        "Interval": "polling of messages in ms (COBOTTA PRO)",
+        "Server": "address of a camera",
+    }
+)
+"""Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions; WDT and InvokeTimeout
+are 80 or more."""
+
+MOVE_OPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "SPEED": "speed in percent",
+        "ACCEL": "acceleration in percent",
+        "DECEL": "deceleration in percent",
+        "TIME": "duration of the motion",
+        "NEXT": "the call returns before the motion ends",
+    }
+)
+"""Keys in bstrOption of Robot_Move."""
+
+PROVIDERS: Mapping[str, str] = MappingProxyType(
+    {
+        "CaoProv.DENSO.NetwoRC": "RC7, which ignores the name",
+        "CaoProv.DENSO.VRC": "RC8, RC8A, COBOTTA",
+        "CaoProv.DENSO.VRC9": "RC9, COBOTTA PRO",
+        "CaoProv.DENSO.RC8": "provider for a PC; refused over b-CAP with E_INVALIDARG",
+        "CaoProv.DENSO.EVP2": "EVP2 vision",
+        "CaoProv.DENSO.ESC11PCI": "electric hand ESC11",
+        "CaoProv.Canon.N10-W02": "Canon camera",
+    }
+)
+"""bstrProvider of Controller_Connect."""
+
+
+def sys_state_texts(value: int) -> tuple[str, ...]:
+    """Name the bits that are set in a result of SysState, lowest first; reserved bits as `bit 9`."""
+    return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
+
+
+def result_meanings(function_id: int, command: str, value: int) -> tuple[str, ...]:
+    """Tell what a number that a command returns stands for; () where it is but a number."""
+    key = function_id, command.casefold()
+    if key == (_CONTROLLER_EXECUTE, "sysstate"):
+        return sys_state_texts(value)
+    text = _RESULT_MEANINGS.get(key, {}).get(value)
+    return () if text is None else (text,)
+
+
+def pass_motion_text(value: int) -> str:
+    """Write how a motion passes its goal, as in `@E`."""
+    return PASS_MOTIONS.get(value, f"@{value}")
+
+
+def option_meanings(text: str, is_move: bool) -> dict[str, str]:
+    """Tell what the keys in an option string stand for, those that are known, without regard to case.
+
+    Args:
+        text: keys, each perhaps with a value behind `=`, set apart by commas.
+        is_move: it is that of Robot_Move; otherwise that of a function that opens something.
+    """
+    known = MOVE_OPTIONS if is_move else OBJECT_OPTIONS
+    keys = {part.partition("=")[0].strip().casefold() for part in text.split(",")}
+    return {key: meaning for key, meaning in known.items() if key.casefold() in keys}
+
+
+def provider_meaning(name: str) -> str | None:
+    """Tell what a provider name stands for, without regard to case; None where not known."""
+    return _MEANING_BY_PROVIDER.get(name.casefold())
+
+
+_CONTROLLER_EXECUTE, _TASK_EXECUTE = 17, 87
+_RESULT_MEANINGS: Mapping[tuple[int, str], Mapping[int, str]] = MappingProxyType(
+    {(_TASK_EXECUTE, "getstatus"): TASK_STATES, (_CONTROLLER_EXECUTE, "getautomode"): AUTO_MODES}
+)
+_MEANING_BY_PROVIDER = {name.casefold(): text for name, text in PROVIDERS.items()}

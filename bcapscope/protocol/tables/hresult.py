@@ -1,0 +1,239 @@
+"""HRESULT: what the code of a reply means, and what its digits tell where the code is not known.
+
+A result is 32 bits at offset 9 of a reply; clients print it signed or unsigned, both are taken here. Codes of
+RC8 and later controllers have the form 8 L S nnnnn: L is the level in all 7687 codes of the list in
+nkawa/Denso_CobottaPro900_MQTT_Control (src/vendor/denso_cobotta/error_list.xlsx), S the part of the
+controller. How RC7 packs its four-digit codes into 32 bits is documented nowhere; 0000600B and 8000600B are
+both read as RC7's 600B and marked as a guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from bcapscope.protocol.tables.hresult_table import (
+    AXIS_FAMILIES,
+    CODE_RANGES,
+    NAMED_CODES,
+    RC7_CODES,
+    RC7_LEVELS,
+    SLAVE_MODE_CODES,
+    STATE_CODES,
+    CodeRange,
+    HresultEntry,
+)
+
+S_OK = 0x00000000
+S_FALSE = 0x00000001
+S_EXECUTING = 0x00000900
+S_BUF_FULL = 0x0F200501
+E_NOTIMPL = 0x80004001
+E_FAIL = 0x80004005
+E_ACCESSDENIED = 0x80070005
+E_HANDLE = 0x80070006
+E_INVALIDARG = 0x80070057
+E_ROBOTISBUSY = 0x80010004
+E_CAO_COLLECTION_REGISTERED = 0x80000205
+E_TIMEOUT = 0x80000900
+E_NOT_CONNECTED = 0x80000902
+E_MAX_OBJECT = 0x80000905
+E_TOO_MUCH_DATA = 0x80000909
+E_BUSY = 0x809100AA
+"""The C server's answer while an earlier call of the connection runs; the name is ours, DENSO prints none."""
+E_NOT_IN_SLAVE_MODE = 0x83500121
+E_REFUSED_IN_SLAVE_MODE = 0x83501032
+E_SLAVE_UNDERFLOW = 0x84201482
+E_SLAVE_OVERFLOW = 0x83201483
+E_ARM_NOT_TAKEN = 0x83501024
+
+LEVELS: tuple[str, ...] = (
+    "notice",
+    "operation refused",
+    "stopped, may go on",
+    "program stopped",
+    "all axes stopped, motor off",
+    "fatal",
+)
+"""Error levels by number; 2 and 3 are read from the texts of the list, not printed there."""
+
+_ENDS_SLAVE_MODE = 3
+
+SUBSYSTEMS: dict[int, str] = {
+    2: "motion and path",
+    4: "servo and safety",
+    5: "system",
+    6: "user programs",
+    8: "pendant and project",
+}
+"""Part of the controller by the third hex digit."""
+
+
+@dataclass(frozen=True, slots=True)
+class HresultInfo:
+    """What is known about a result.
+
+    Attributes:
+        code: unsigned, 32 bits.
+        name: the vendor's symbol, or None.
+        text: meaning, one clause.
+        advice: what to do, one clause, or None.
+        level: 0..5, or None where the code has none.
+        subsystem: part of the controller in words, or None.
+        axis: 1..8 where the code names an axis.
+        rc7: the four-digit code of RC7 with the same meaning, or None.
+        is_listed: the code stands in our tables; False when `text` is only read off digits or a range.
+        is_guess: `text` rests on an assumption that no paper confirms.
+    """
+
+    code: int
+    name: str | None
+    text: str
+    advice: str | None = None
+    level: int | None = None
+    subsystem: str | None = None
+    axis: int | None = None
+    rc7: str | None = None
+    is_listed: bool = False
+    is_guess: bool = False
+
+
+def is_failure(code: int) -> bool:
+    """Tell whether a result, signed or unsigned, reports a failure.
+
+    That is the top bit, and also a bare four-digit number such as 0000600B: on RC7 any result but S_OK is an
+    error (DENSO Wave 2009, How to use the Slave mode), and no success code has that form.
+    """
+    return bool(code & 0x80000000) or 0x1000 <= code & 0xFFFFFFFF <= 0xFFFF
+
+
+def ends_slave_mode(code: int) -> bool:
+    """Tell whether a result, signed or unsigned, is an error of the controller that switches slave mode off.
+
+    Any error of level 3 and above does; on an RC7, with its four-digit codes, any error (DENSO Wave 2009, How
+    to use the Slave mode). A buffer that is too full does not.
+    """
+    code &= 0xFFFFFFFF
+    if not is_failure(code) or code == E_SLAVE_OVERFLOW:
+        return False
+    level = describe_hresult(code).level
+    return code <= 0xFFFF or (level is not None and level >= _ENDS_SLAVE_MODE)
+
+
+def is_success(code: int) -> bool:
+    """Tell whether a result, signed or unsigned, is not a failure; S_EXECUTING and S_BUF_FULL are none."""
+    return not is_failure(code)
+
+
+@lru_cache(maxsize=4096)
+def hresult_name(code: int) -> str:
+    """Name a result for people: `S_OK`, or `0x83500121` where no symbol is known."""
+    return describe_hresult(code).name or f"0x{code & 0xFFFFFFFF:08X}"
+
+
+@lru_cache(maxsize=4096)
+def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
+    """Tell what a result means.
+
+    Args:
+        code: signed or unsigned; only the low 32 bits count.
+        rc7: the controller is known to be an RC7, so that a code that is not known may also carry a
+            four-digit code in its low 16 bits.
+    """
+    code &= 0xFFFFFFFF
+    known = _KNOWN.get(code)
+    if known is not None:
+        return known
+    if rc7 and code & 0xFFFF in _RC7:
+        return _info_as_rc7(code)
+    for span in CODE_RANGES:
+        if span.first <= code <= span.last:
+            return _info_from_range(code, span)
+    if _has_rc7_form(code):
+        return _info_as_rc7(code)
+    if code & 0x80000000 and _has_level_digits(code):
+        return _info_from_digits(code)
+    return HresultInfo(
+        code, None, "failure that is not known" if is_failure(code) else "success that is not known"
+    )
+
+
+def _has_level_digits(code: int) -> bool:
+    level, part = code >> 24 & 0xF, code >> 20 & 0xF
+    return code >> 28 == 8 and level < len(LEVELS) and (level, part) != (0, 0) and code >> 16 != 0x8091
+
+
+def _level_and_subsystem(code: int) -> tuple[int | None, str | None]:
+    """Return level and subsystem, None where the digits do not say."""
+    if not _has_level_digits(code):
+        return None, None
+    return code >> 24 & 0xF, SUBSYSTEMS.get(code >> 20 & 0xF)
+
+
+def _axis_digit(code: int) -> int | None:
+    """Return the axis in the last digit, where the code looks like the axis families of motion and servo."""
+    axis = code & 0xF
+    return axis if code >> 20 & 0xF in (2, 4) and code >> 12 & 0xF == 4 and 1 <= axis <= 8 else None
+
+
+def _info_from_digits(code: int) -> HresultInfo:
+    level, subsystem = _level_and_subsystem(code)
+    axis = _axis_digit(code)
+    parts = [f"controller error of level {level} ({LEVELS[level or 0]})"]
+    parts += [subsystem] if subsystem else []
+    parts += [f"axis J{axis}"] if axis else []
+    text = ", ".join(parts) + "; not in our table, read off the digits"
+    return HresultInfo(code, None, text, level=level, subsystem=subsystem, axis=axis, is_guess=True)
+
+
+def _info_from_range(code: int, span: CodeRange) -> HresultInfo:
+    level, subsystem = _level_and_subsystem(code)
+    text = span.text.format(number=code & 0xFFFF)
+    return HresultInfo(code, None, text, span.advice, level=level, subsystem=subsystem)
+
+
+def _has_rc7_form(code: int) -> bool:
+    return code >> 16 in (0, 0x8000) and code & 0xFFFF >= 0x1000
+
+
+def _info_as_rc7(code: int) -> HresultInfo:
+    low = code & 0xFFFF
+    found = _RC7.get(low)
+    if found is not None:
+        return replace(found, code=code, is_guess=True)
+    return HresultInfo(
+        code, None, f"perhaps RC7's {low:04X}, which is not in our table", rc7=f"{low:04X}", is_guess=True
+    )
+
+
+def _info_from_entry(entry: HresultEntry) -> HresultInfo:
+    level, subsystem = _level_and_subsystem(entry.code)
+    return HresultInfo(
+        entry.code, entry.name, entry.text, entry.advice, level, subsystem, rc7=entry.rc7, is_listed=True
+    )
+
+
+def _build_table() -> dict[int, HresultInfo]:
+    table = {entry.code: _info_from_entry(entry) for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES)}
+    for family in AXIS_FAMILIES:
+        for axis in range(1, 9):
+            entry = HresultEntry(family.base + axis, None, f"J{axis}: {family.text}", family.advice)
+            table[entry.code] = replace(_info_from_entry(entry), axis=axis)
+    return table
+
+
+def _build_rc7_table() -> dict[int, HresultInfo]:
+    """Map four-digit codes to their meaning; the first RC8 code with that equivalent stands for all."""
+    table: dict[int, HresultInfo] = {}
+    for entry in RC7_CODES:
+        axis = entry.code & 0xF if entry.code & 0xFFF0 == 0x6410 else None
+        level = RC7_LEVELS.get(entry.code)
+        table[entry.code] = replace(_info_from_entry(entry), level=level, axis=axis)
+    for result in _KNOWN.values():
+        if result.rc7 is not None:
+            table.setdefault(int(result.rc7, 16), result)
+    return table
+
+
+_KNOWN = _build_table()
+_RC7 = _build_rc7_table()

@@ -1,0 +1,154 @@
+"""Variables of controller, robot and task objects: their names, types and what writing them can do.
+
+Sources: ShoheiKobata/orin_bcap_python_samples and its documentation, DENSORobot/denso_robot_ros2, DENSO Wave
+2009, How to use the Slave mode, and public robot code. Numbered variables are a letter and a number (`I5`),
+or `*` with the number in the option. Vector types are R4 arrays on RC7 and may be R8 arrays on RC8.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.function_table import ObjectClass
+
+
+@dataclass(frozen=True, slots=True)
+class VariableKind:
+    """One variable, or a numbered family of them.
+
+    Attributes:
+        owner: class of the object that it belongs to.
+        name: as the vendor writes it; without the number for a family.
+        is_numbered: a number or `*` follows the name.
+        types: of its value, such as `VT_R4|VT_ARRAY`; () where nobody says.
+        type_inferred: the type was printed nowhere and only follows from the meaning.
+        text: what it holds, one clause.
+        effect: the most that writing it can do.
+    """
+
+    owner: ObjectClass
+    name: str
+    is_numbered: bool
+    types: tuple[str, ...]
+    type_inferred: bool
+    text: str
+    effect: CallEffect
+
+
+SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
+
+_R4S, _R8S = "VT_R4|VT_ARRAY", "VT_R8|VT_ARRAY"
+_CONTROLLER, _ROBOT, _TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
+
+# Values can steer a running program, but nothing starts by writing one; an output switches at once.
+_NUMBERED: tuple[tuple[str, tuple[str, ...], str, CallEffect], ...] = (
+    ("I", ("VT_I4",), "integer", CallEffect.CHANGES),
+    ("F", ("VT_R4",), "single-precision number", CallEffect.CHANGES),
+    ("D", ("VT_R8",), "double-precision number", CallEffect.CHANGES),
+    ("V", (_R4S, _R8S), "vector: X, Y, Z", CallEffect.CHANGES),
+    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig", CallEffect.CHANGES),
+    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]", CallEffect.CHANGES),
+    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig", CallEffect.CHANGES),
+    ("S", ("VT_BSTR",), "text", CallEffect.CHANGES),
+    ("IO", ("VT_BOOL",), "I/O bit", CallEffect.MOVES),
+    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits", CallEffect.MOVES),
+    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits", CallEffect.MOVES),
+    ("IOD", ("VT_I4",), "32 I/O bits", CallEffect.MOVES),
+    ("IOF", ("VT_R4",), "32 I/O bits as a number", CallEffect.MOVES),
+    ("TOOL", (), "tool definition (RC7)", CallEffect.CHANGES),
+    ("WORK", (), "work definition (RC7)", CallEffect.CHANGES),
+)
+
+# Owner, names, types, inferred, text.
+_NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], bool, str], ...] = (
+    (_CONTROLLER, "@MODE", ("VT_I4",), False, "1 manual, 2 teach check, 3 automatic"),
+    (_CONTROLLER, "@ERROR_CODE", ("VT_I4",), False, "code of the active error"),
+    (_CONTROLLER, "@ERROR_DESCRIPTION", ("VT_BSTR",), False, "text of the active error"),
+    (_CONTROLLER, "@VERSION", ("VT_BSTR",), False, "software version"),
+    (_CONTROLLER, "@FIRMWARE", ("VT_BSTR",), True, "firmware version"),
+    (_CONTROLLER, "@CURRENT_TIME", ("VT_DATE",), True, "controller's clock"),
+    (_CONTROLLER, "@LOCK", ("VT_BOOL", "VT_I4"), True, "machine lock"),
+    (_CONTROLLER, "@EMERGENCY_STOP", ("VT_BOOL", "VT_I4"), True, "emergency stop"),
+    (_CONTROLLER, "@BUSY_STATUS", ("VT_BOOL", "VT_I4"), True, "a program is running"),
+    (_CONTROLLER, "@IO_ALLOC_MODE", ("VT_BOOL", "VT_I4"), True, "allocation of I/O"),
+    (_CONTROLLER, "@NORMAL_STATUS", ("VT_BOOL", "VT_I4"), True, "no error is active"),
+    (_CONTROLLER, "@AUTO_ENABLE", ("VT_BOOL", "VT_I4"), True, "automatic enable"),
+    (_CONTROLLER, "_ITP", (), False, "seen on RC7, meaning not known"),
+    *((_CONTROLLER, f"@VAR_{x}_LEN", ("VT_I4",), False, f"number of {x} variables") for x in "IFDVPJTS"),
+    (_ROBOT, "@CURRENT_POSITION", (_R8S, _R4S), False, "position now: X, Y, Z, Rx, Ry, Rz, Fig"),
+    (_ROBOT, "@CURRENT_ANGLE", (_R8S, _R4S), False, "joints now: J1..J8"),
+    (_ROBOT, "@HIGH_CURRENT_POSITION", (_R8S, _R4S), False, "position now, read faster"),
+    (_ROBOT, "@HIGH_CURRENT_ANGLE", (_R8S, _R4S), False, "joints now, read faster"),
+    (_ROBOT, SERVO_ON, ("VT_BOOL",), False, "motor on; writing TRUE switches it on, FALSE off"),
+    (_ROBOT, "@BUSY_STATUS", ("VT_BOOL",), False, "robot moves"),
+    (_ROBOT, "@SPEED", ("VT_R4",), False, "internal speed of the tool tip"),
+    (_ROBOT, "@ACCEL", ("VT_R4",), False, "internal acceleration of the tool tip"),
+    (_ROBOT, "@DECEL", ("VT_R4",), False, "internal deceleration of the tool tip"),
+    (_ROBOT, "@JSPEED", ("VT_R4",), False, "internal speed of the joints"),
+    (_ROBOT, "@JACCEL", ("VT_R4",), False, "internal acceleration of the joints"),
+    (_ROBOT, "@JDECEL", ("VT_R4",), False, "internal deceleration of the joints"),
+    (_ROBOT, "@EXTSPEED", ("VT_R4",), False, "external speed"),
+    (_ROBOT, "@EXTACCEL", ("VT_R4",), False, "external acceleration"),
+    (_ROBOT, "@EXTDECEL", ("VT_R4",), False, "external deceleration"),
+    (_ROBOT, "@TYPE", ("VT_I4",), True, "number of the robot type; read it before the first motion"),
+    (_ROBOT, "@TYPE_NAME", ("VT_BSTR",), False, "name of the robot type"),
+    (_ROBOT, "@CURRENT_TOOL", ("VT_I4",), True, "tool number"),
+    (_ROBOT, "@CURRENT_WORK", ("VT_I4",), True, "work number"),
+    (_TASK, "@STATUS", ("VT_I4",), False, "state of the task"),
+    (_TASK, _START, ("VT_I4",), False, "starts the task when written"),
+    (_TASK, _STOP, ("VT_I4",), False, "stops the task when written"),
+)
+
+_WRITE_EFFECTS = {
+    _START: CallEffect.MOVES,
+    SERVO_ON: CallEffect.ENERGISES,
+    **dict.fromkeys(("@EXTSPEED", "@EXTACCEL", "@EXTDECEL"), CallEffect.ENERGISES),
+}
+"""The most that writing a variable can do, where that is more than to change a value."""
+
+VARIABLES: tuple[VariableKind, ...] = (
+    *(
+        VariableKind(_CONTROLLER, name, True, types, False, text, effect)
+        for name, types, text, effect in _NUMBERED
+    ),
+    *(
+        VariableKind(owner, name, False, types, inferred, text, _WRITE_EFFECTS.get(name, CallEffect.CHANGES))
+        for owner, name, types, inferred, text in _NAMED
+    ),
+)
+"""All known variables."""
+
+_BY_KEY = {(kind.owner, kind.name.casefold(), kind.is_numbered): kind for kind in VARIABLES}
+_NUMBERED_NAME = re.compile(r"([a-z]+)(?:[0-9]+|\*)")
+
+
+def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
+    """Look a variable up by its object's class and its name in any case; None where not known."""
+    folded = name.casefold()
+    match = _NUMBERED_NAME.fullmatch(folded)
+    if match:
+        return _BY_KEY.get((owner, match[1], True))
+    return _BY_KEY.get((owner, folded, False))
+
+
+def write_effect(name: str, value: Variant) -> CallEffect:
+    """Return the most that writing a variable can do.
+
+    A running program may wait for any value, so only what switches off or stops counts as less than moving.
+
+    Args:
+        name: as the client asked for it, in any case; "" where that is not known.
+        value: to be written.
+    """
+    folded = name.casefold()
+    if folded == SERVO_ON.casefold():
+        return CallEffect.CHANGES if _is_false(value) else CallEffect.ENERGISES
+    return CallEffect.CHANGES if folded == _STOP.casefold() else CallEffect.MOVES
+
+
+def _is_false(value: Variant) -> bool:
+    return value.value is False or integer_value(value) == 0

@@ -1,0 +1,134 @@
+"""Where a proxy listens, where what comes there goes to, and whose it may be."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from bcapscope.errors import BcapError
+from bcapscope.protocol.number_parsing import parse_integer
+from bcapscope.protocol.text_format import shortened
+from bcapscope.traffic.observation import Endpoint, Transport
+
+BOTH = (Transport.UDP, Transport.TCP)
+
+Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+_TRANSPORTS = {"udp": (Transport.UDP,), "tcp": (Transport.TCP,), "both": BOTH}
+_IPV6 = frozenset("0123456789abcdefABCDEF:.")
+
+
+class ListenerSpecError(BcapError):
+    """A listener is described in a way that makes no sense; the message names the part."""
+
+
+@dataclass(frozen=True, slots=True)
+class ListenerSpec:
+    """One address to listen on for one controller.
+
+    Attributes:
+        listen: an IP address of this machine; port 0 takes one that is free.
+        to: the controller, by address or name.
+        transports: what to listen on.
+        allow: where clients may be; () for anywhere.
+    """
+
+    listen: Endpoint
+    to: Endpoint
+    transports: tuple[Transport, ...] = BOTH
+    allow: tuple[Network, ...] = ()
+
+    def allows(self, host: str) -> bool:
+        """Tell whether a client may be at this IP address."""
+        if not self.allow:
+            return True
+        address = ipaddress.ip_address(host.partition("%")[0])
+        return any(address in network for network in self.allow)
+
+
+def parse_listener_specs(
+    listen: Sequence[str], to: Sequence[str], transport: str = "both", allow: Sequence[str] = ()
+) -> tuple[ListenerSpec, ...]:
+    """Pair what is said of each listener.
+
+    Args:
+        listen: ``HOST:PORT`` each, ``[HOST]:PORT`` for IPv6; ``udp:`` or ``tcp:`` before it for one of them.
+        to: as many controllers, in the same order and notation, without transport.
+        transport: ``udp``, ``tcp`` or ``both`` for those that do not say.
+        allow: addresses or networks in CIDR notation.
+
+    Raises:
+        SpecError: something is missing, twice there, or no address.
+    """
+    if not listen:
+        raise ListenerSpecError("there is nothing to listen on: --listen HOST:PORT --to HOST:PORT")
+    if len(listen) != len(to):
+        raise ListenerSpecError(
+            f"each --listen needs its --to: there are {len(listen)} and {len(to)} of them"
+        )
+    networks = tuple(map(_network, allow))
+    listeners = []
+    for own, controller in zip(listen, to, strict=True):
+        address, transports = _address(own, transport)
+        target = _endpoint(controller, "--to")
+        if not target.port:
+            raise ListenerSpecError(f"--to {controller}: port 0 is nobody's")
+        listeners.append(ListenerSpec(address, target, transports, networks))
+    _check_conflicts(listeners)
+    return tuple(listeners)
+
+
+def _check_conflicts(listeners: Sequence[ListenerSpec]) -> None:
+    taken: set[tuple[Endpoint, Transport]] = set()
+    for listener in listeners:
+        if (listener.listen, listener.to) in ((each.to, each.listen) for each in listeners):
+            raise ListenerSpecError(f"--listen {listener.listen} would send to itself")
+        for transport in listener.transports:
+            if listener.listen.port and (listener.listen, transport) in taken:
+                raise ListenerSpecError(f"--listen {listener.listen} is there twice for {transport.upper()}")
+            taken.add((listener.listen, transport))
+
+
+def _address(text: str, transport: str) -> tuple[Endpoint, tuple[Transport, ...]]:
+    """Read what to listen on."""
+    word, colon, rest = text.partition(":")
+    if colon and word.lower() in _TRANSPORTS:
+        transport, text = word.lower(), rest
+    endpoint = _endpoint(text, "--listen")
+    host = "127.0.0.1" if endpoint.host == "localhost" else endpoint.host
+    try:
+        ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        raise ListenerSpecError(f"--listen {text}: {host!r} is no IP address of this machine") from None
+    return Endpoint(host, endpoint.port), _TRANSPORTS[transport]
+
+
+def _endpoint(text: str, option: str) -> Endpoint:
+    """Read ``HOST:PORT``."""
+    host, colon, number = text.rpartition(":")
+    if not colon:
+        example = f"127.0.0.1:{text}" if text.isdecimal() else f"{text or '192.168.0.1'}:5007"
+        raise ListenerSpecError(f"{option} {text}: the port is missing, as in {example}")
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1]
+    elif ":" in host:
+        bare = _IPV6.issuperset(host.partition("%")[0])
+        why = "an IPv6 address stands in brackets, as in [::1]:5007" if bare else f"{host!r} is no host"
+        raise ListenerSpecError(f"{option} {text}: {why}")
+    if not host or not host.isprintable() or any(char in " []/" for char in host):
+        raise ListenerSpecError(f"{option} {text}: {host!r} is no host")
+    port = parse_integer(number, 0, 0xFFFF)
+    if port is None:
+        raise ListenerSpecError(
+            f"{option} {shortened(text, 80)}: {shortened(number, 40)!r} is not a port from 0 to 65535"
+        )
+    return Endpoint(host, port)
+
+
+def _network(text: str) -> Network:
+    try:
+        return ipaddress.ip_network(text)
+    except ValueError as error:
+        raise ListenerSpecError(f"--allow {text}: no address and no network ({error})") from None

@@ -1,0 +1,45 @@
+"""Opening what listeners say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bcapscope.proxy.listener_spec import BOTH, ListenerSpec
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.sockets import ProxyListenError
+from bcapscope.proxy.tcp_listener import TcpListener
+from bcapscope.proxy.udp_listener import EXPIRE_AFTER_NS, UdpListener
+from bcapscope.traffic.observation import Endpoint, Transport
+
+_TRIES = 20
+
+
+def open_listeners(
+    relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
+) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
+    """Listen; return where, and the ports, which take clients when the relay is given them.
+
+    Port 0 takes one that is free, on both transports if both are wanted.
+
+    Raises:
+        ListenError: it cannot be listened on.
+        NoWay: the controller's name is unknown.
+    """
+    for last in range(_TRIES - 1, -1, -1):
+        ports: list[TcpListener | UdpListener] = []
+        address = spec.listen
+        try:
+            if Transport.TCP in spec.transports:
+                ports.append(TcpListener(relay, spec))
+                address = ports[0].address
+            if Transport.UDP in spec.transports:
+                ports.append(UdpListener(relay, replace(spec, listen=address), forget_after))
+                address = ports[-1].address
+            return address, ports
+        except ProxyListenError:
+            for port in ports:
+                port.close()
+                port.release()
+            if spec.listen.port or spec.transports != BOTH or not last:
+                raise
+    raise AssertionError("one of the tries returns or raises")

@@ -1,0 +1,102 @@
+"""TCP clients between their connection and their first frame, which decides whether they get a place."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from typing import Protocol, TypeAlias
+
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of
+from bcapscope.traffic.observation import Endpoint
+from bcapscope.transport.first_frame_queue import FirstFrameQueue
+from bcapscope.transport.tcp_link import close_with_reset
+
+Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
+"""Takes a client, its address, the bytes that it has sent, and when the last of them came, ns since 1970."""
+
+_AT_ONCE = 4096
+"""Bytes that are read at a time."""
+
+
+class ConnectionHost(Protocol):
+    """The part of the relay that is needed here."""
+
+    now: int
+
+    def watch(self, descriptor: int, handler: Callable[[int], None]) -> None:
+        """Call `handler` whenever a file descriptor can be read."""
+
+    def unwatch(self, descriptor: int) -> None:
+        """Forget a file descriptor."""
+
+    def deny(self, client: Endpoint, why: str) -> None:
+        """Count a client that does not get a place, and tell the user now and then."""
+
+
+class PendingConnections:
+    """Clients that have connected and not sent a complete frame yet; the controller does not know them."""
+
+    def __init__(self, host: ConnectionHost) -> None:
+        self._host = host
+        self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
+        self._clients: dict[int, tuple[socket.socket, SocketAddress, Admit]] = {}
+
+    def __len__(self) -> int:
+        return len(self._clients)
+
+    def add(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
+        """Take a client that has just connected; `admit` is called when its first frame is complete."""
+        client.setblocking(False)
+        descriptor = client.fileno()
+        dropped = self._lobby.add(descriptor, address[0])
+        if dropped is not None:
+            self._refuse(dropped, "was silent, and others want to connect")
+        self._clients[descriptor] = client, address, admit
+        self._host.watch(descriptor, lambda _: self._read(descriptor))
+        self._read(descriptor)
+
+    def drop_lowest_priority(self) -> bool:
+        """End the client with the lowest priority; return whether there was one."""
+        dropped = self._lobby.drop_one()
+        if dropped is None:
+            return False
+        self._refuse(dropped, "was silent, and there are no file descriptors left")
+        return True
+
+    def sweep(self, now: int) -> None:
+        """End clients whose first frame takes too long."""
+        for descriptor in self._lobby.drop_overdue(now):
+            self._refuse(descriptor, "did not complete its first frame in time")
+
+    def close(self) -> None:
+        """End all."""
+        while (descriptor := self._lobby.drop_one()) is not None:
+            close_with_reset(self._remove(descriptor)[0])
+
+    def _read(self, descriptor: int) -> None:
+        client, address, admit = self._clients[descriptor]
+        try:
+            data = client.recv(_AT_ONCE)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        came = time.time_ns()
+        if not data:
+            self._lobby.remove(descriptor)
+            self._remove(descriptor)[0].close()
+            return
+        first = self._lobby.feed_bytes(descriptor, data, self._host.now)
+        if first is not None:
+            self._remove(descriptor)
+            admit(client, address, first, came)
+
+    def _remove(self, descriptor: int) -> tuple[socket.socket, SocketAddress, Admit]:
+        self._host.unwatch(descriptor)
+        return self._clients.pop(descriptor)
+
+    def _refuse(self, descriptor: int, why: str) -> None:
+        client, address, _ = self._remove(descriptor)
+        close_with_reset(client)
+        self._host.deny(endpoint_of(address), why)

@@ -1,0 +1,198 @@
+"""From what the relay tells to observations: what each client said and was told.
+
+Observed is the clients' side: requests as they came, replies as they were sent on. What the rules lost on
+the way to the controller was still said; what they lost on the way back was not heard.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame import parse_datagram
+from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
+from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
+from bcapscope.traffic.observation import (
+    Conversation,
+    Direction,
+    Endpoint,
+    Flow,
+    Observation,
+    Transport,
+)
+
+_MAX_MARKS = 256
+"""Pieces of one unfinished frame whose times are kept apart."""
+
+
+class ClientEndpoints(NamedTuple):
+    """A client of the relay.
+
+    Attributes:
+        transport: UDP or TCP.
+        client: where it is.
+        listen: where it came to.
+        upstream: our end towards the controller.
+        controller: where that is.
+    """
+
+    transport: Transport
+    client: Endpoint
+    listen: Endpoint
+    upstream: Endpoint
+    controller: Endpoint
+
+
+def read_endpoints(record: RingRecord) -> ClientEndpoints:
+    """Read a record of the kind `OPENED`."""
+    transport, *ends = json.loads(record.data)
+    client, listen, upstream, controller = (Endpoint(host, port) for host, port in ends)
+    return ClientEndpoints(Transport(transport), client, listen, upstream, controller)
+
+
+class _DirectionStream:
+    """One direction of a client's conversation."""
+
+    def __init__(self, conversation: Conversation, direction: Direction, budget: ByteBudget) -> None:
+        self.flow = Flow(conversation, direction)
+        self.splitter = StreamSplitter(budget=budget)
+        self.size = 0
+        self.arrival_times: list[tuple[int, int]] = [
+            (0, 0)
+        ]  # offset in the stream, and when what is there came
+
+
+class _Client:
+    def __init__(self, endpoints: ClientEndpoints, received_at: int, budget: ByteBudget) -> None:
+        self.last_heard = received_at
+        conversation = Conversation(endpoints.client, endpoints.controller, endpoints.transport, "the proxy")
+        self.conversation = conversation
+        self.is_stream = endpoints.transport is Transport.TCP
+        response, request = Direction.RESPONSE, Direction.REQUEST
+        self.directions = (
+            _DirectionStream(conversation, response, budget),
+            _DirectionStream(conversation, request, budget),
+        )
+
+    def on_end(self, up: bool, reset: bool, time: int) -> None:
+        """Note that an end closed the connection."""
+        self.conversation.record_end(self.directions[up].flow.direction, reset, time)
+
+
+class RecordDecoder:
+    """Follows all clients.
+
+    Attributes:
+        observation_count: observations so far.
+    """
+
+    def __init__(self) -> None:
+        self.observation_count = 0
+        self._clients: dict[int, _Client] = {}
+        self._budget = ByteBudget()
+        self._closed_clients: list[tuple[Conversation, str]] = []
+
+    @property
+    def client_numbers(self) -> dict[Conversation, int]:
+        """The relay's number of each client that is there."""
+        return {client.conversation: number for number, client in self._clients.items()}
+
+    @property
+    def last_heard(self) -> dict[Conversation, int]:
+        """When each client that is there was heard last, ns since 1970."""
+        return {client.conversation: client.last_heard for client in self._clients.values()}
+
+    def pop_closed_clients(self) -> list[tuple[Conversation, str]]:
+        """Return who has gone since this was asked last, and why: words from the relay."""
+        gone, self._closed_clients = self._closed_clients, []
+        return gone
+
+    def decode(self, records: Iterable[RingRecord]) -> Iterator[tuple[Observation, str]]:
+        """Yield what was said, with what a rule did to it."""
+        clients = self._clients
+        for record in records:
+            kind, up, number, came, left, data, note = record
+            if kind is RingRecordKind.CLIENT_OPENED:
+                clients[number] = _Client(read_endpoints(record), came, self._budget)
+                continue
+            client = clients.get(number)
+            if client is None:
+                continue
+            if kind is RingRecordKind.DATA:
+                time = came if up else left
+                if not time:
+                    continue
+                if up:
+                    client.last_heard = time
+                way = client.directions[up]
+                if client.is_stream:
+                    yield from self._decode_stream(way, data, time, note)
+                    continue
+                for item in parse_datagram(data):
+                    self.observation_count += 1
+                    yield Observation(self.observation_count, time, time, way.flow, item, 0), note
+            else:
+                yield from self._decode_event(client, record)
+
+    def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[tuple[Observation, str]]:
+        """Yield what anything but data brings to light."""
+        kind = record.kind
+        if kind is RingRecordKind.HOLE:
+            if record.up and record.received_at:
+                client.last_heard = record.received_at
+            yield from self._decode_hole(client.directions[record.up], record)
+        elif kind in (RingRecordKind.END, RingRecordKind.RESET):
+            yield from self._decode_end(client, record)
+        elif kind is RingRecordKind.CLIENT_CLOSED:
+            del self._clients[record.client]
+            self._closed_clients.append((client.conversation, record.data.decode("utf-8", "replace")))
+            for way in client.directions:
+                yield from self._flush_direction(way, record.received_at)
+
+    def _decode_stream(
+        self, way: _DirectionStream, data: bytes, time: int, note: str
+    ) -> Iterator[tuple[Observation, str]]:
+        way.arrival_times.append((way.size, time))
+        way.size += len(data)
+        yield from self._make_observations(way, way.splitter.feed(data), time, note)
+        if len(way.arrival_times) > _MAX_MARKS:
+            del way.arrival_times[1 : _MAX_MARKS // 2]
+
+    def _decode_hole(self, way: _DirectionStream, record: RingRecord) -> Iterator[tuple[Observation, str]]:
+        came, left = hole_sizes(record)
+        size, when = (came, record.received_at) if record.up else (left, record.sent_at)
+        if size:
+            way.arrival_times.append((way.size, when))
+            way.size += size
+            yield from self._make_observations(way, way.splitter.add_gap(size), when, "")
+
+    def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[tuple[Observation, str]]:
+        _, up, _, came, left, *_ = record
+        if came:  # else it is the proxy that ends it
+            client.on_end(up, record.kind is RingRecordKind.RESET, came)
+        if time := came if up else left:
+            yield from self._flush_direction(client.directions[up], time)
+
+    def _flush_direction(self, way: _DirectionStream, time: int) -> Iterator[tuple[Observation, str]]:
+        yield from self._make_observations(way, way.splitter.close(), time, "")
+
+    def _make_observations(
+        self, way: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: str
+    ) -> Iterator[tuple[Observation, str]]:
+        for start, stop, item in pieces:
+            place = bisect_right(way.arrival_times, start, key=_offset) - 1
+            self.observation_count += 1
+            yield (
+                Observation(
+                    self.observation_count, time, way.arrival_times[place][1] or time, way.flow, item, 0
+                ),
+                note,
+            )
+            del way.arrival_times[: max(bisect_right(way.arrival_times, stop, key=_offset) - 1, 0)]
+
+
+def _offset(mark: tuple[int, int]) -> int:
+    return mark[0]

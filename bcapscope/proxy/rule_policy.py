@@ -1,0 +1,484 @@
+"""The relay's policy: scripts, intercept, faults and guard, in this order.
+
+The guard comes last, right before the controller, so it sees what the others made of a message.
+
+Nothing here reads a clock or a socket. A stream is cut into frames only while something must see them; else
+its bytes pass as they come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from msgspec.structs import replace
+
+from bcapscope.faults.fault import CloseMode
+from bcapscope.faults.fault_injector import FaultInjector
+from bcapscope.faults.reply_factory import ReplyFactory
+from bcapscope.faults.wire_message import FaultOutput, WireMessage
+from bcapscope.faults.wire_message import SendBytes as Sent
+from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
+from bcapscope.proxy.direction_state import (
+    ClientActivity,
+    DecisionBuilder,
+    DirectionState,
+    UndecidedMessage,
+    join_untouched_bytes,
+    split_held_requests,
+)
+from bcapscope.proxy.intercept import HeldMessage, Intercept
+from bcapscope.proxy.policy import CloseAction, LateDecision, PolicyAction, PolicyDecision, SendAction
+from bcapscope.proxy.request_guard import RequestGuard
+from bcapscope.proxy.rule_report import names_with_counts, report_lines
+from bcapscope.proxy.script_bypass import is_stop_request, mark_overtaken, remove_motion
+from bcapscope.proxy.script_protocol import ScriptAnswer
+from bcapscope.proxy.script_queue import ScriptDecision, ScriptQueue
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.observation import Conversation, Direction, Flow
+
+
+class RulePolicy:
+    """Decides what happens to each message.
+
+    Attributes:
+        shaper: the faults.
+        guard: what requests it refuses; None for none.
+        intercept: what is held.
+        scripts: the user's own; None without.
+        refused_requests: requests that the guard has refused, motions while the scripts are off, and motions that
+            a stop has overtaken.
+        dropped_held: requests that were held until their client no longer waited, and were dropped.
+        notify: is given a line for the user.
+    """
+
+    def __init__(
+        self,
+        shaper: FaultInjector,
+        guard: RequestGuard | None = None,
+        intercept: Intercept | None = None,
+        scripts: ScriptQueue[UndecidedMessage] | None = None,
+        *,
+        epoch: int = 0,
+    ) -> None:
+        """Set them up.
+
+        Args:
+            shaper: with or without faults.
+            guard: refuses requests.
+            intercept: holds messages.
+            scripts: see messages.
+            epoch: what to add to the clock's ns for those since 1970.
+        """
+        self.shaper = shaper
+        self.guard = guard
+        self.intercept = intercept or Intercept()
+        self.scripts = scripts
+        self.refused_requests = 0
+        self.dropped_held = 0
+        self.notify: Callable[[str], None] = lambda text: None
+        self._epoch = epoch
+        self._directions: dict[int, dict[Direction, DirectionState]] = {}
+        self._since: dict[int, int] = {}
+        self._numbers: dict[Conversation, int] = {}
+        self._outbox: list[PolicyAction] = []
+        self._messages = 0
+        self._budget = ByteBudget()
+        self._recent_requests, self._manners = RecentRequests(), ReplyFactory()
+        self._tickets = 0
+
+    # as the relay's policy
+
+    def add_client(self, client: int, conversation: Conversation, now: int) -> None:
+        """Meet a client."""
+        self._directions[client] = {
+            side: DirectionState(client, Flow(conversation, side), self._budget) for side in Direction
+        }
+        self._numbers[conversation] = client
+        self._since[client] = now
+        if self.scripts is not None:
+            self.scripts.send_connected(client, conversation, now)
+
+    def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
+        """Decide about a datagram, or the next bytes of a stream."""
+        way = self._directions[client][direction]
+        way.piece_count += 1
+        way.last_piece_at = now
+        looks = self._inspects_frames
+        if not looks and way.splitter is None and self.shaper.is_idle(now):
+            way.has_begun = True
+            return PolicyDecision("", (SendAction(client, direction, data),))
+        work = DecisionBuilder()
+        for piece in way.cut_messages(data, looks or self.shaper.needs_frames(now)):
+            self._process(way, piece, now, work)
+        way.has_begun = True
+        actions = join_untouched_bytes(work.actions, way)
+        if work.waiting:
+            return PolicyDecision("", actions, work.ticket)
+        return PolicyDecision(work.note, actions)
+
+    def holds(self, client: int, direction: Direction) -> bool:
+        """Tell whether something of this direction is still to be sent; nothing of a client that is gone."""
+        if client not in self._directions:
+            return False
+        way = self._directions[client][direction]
+        return (
+            bool(way.splitter and way.splitter.pending_bytes)
+            or self.shaper.holds(way.flow)
+            or self.intercept.holds(way.flow)
+            or (self.scripts is not None and self.scripts.holds(way.flow))
+            or any(not isinstance(action, CloseAction) and action.client == client for action in self._outbox)
+        )
+
+    def is_full(self, client: int) -> bool:
+        """Return whether so much is held that the client's streams must not be read."""
+        return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
+
+    def on_stream_end(
+        self, client: int, direction: Direction, now: int
+    ) -> Sequence[SendAction | CloseAction]:
+        """Let go of a frame that breaks off where a stream has ended."""
+        way, work = self._directions[client][direction], DecisionBuilder()
+        way.has_ended = True
+        for piece in way.take_incomplete():
+            self._process(way, piece, now, work)
+        self._mark_abandoned(way)
+        return join_untouched_bytes(work.actions, way)
+
+    def hides_end(self, client: int) -> bool:
+        """Tell whether neither side of a client may hear of the other's end."""
+        ways = self._directions.get(client)
+        return ways is not None and not self.shaper.passes_close(ways[Direction.REQUEST].flow.conversation)
+
+    def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
+        """Give out what is still held of a client that is to end, or forget it.
+
+        Answers go on, and requests that stop the robot or let go of something; all other requests do not.
+        """
+        work = DecisionBuilder()
+        lost: list[Frame | bytes] = []
+        for action in self._outbox:
+            if action.client == client:
+                work.actions += action.actions if isinstance(action, LateDecision) else (action,)
+        self._outbox = [action for action in self._outbox if action.client != client]
+        for direction, way in self._directions[client].items():
+            held = self.shaper.pop_held(way.flow)
+            held += (each.data for each in self.intercept.remove_held(way.flow))
+            held += self.scripts.remove_messages(way.flow) if self.scripts is not None else ()
+            held += way.take_incomplete()
+            if self.hides_end(client):
+                continue
+            if direction is Direction.REQUEST and held:
+                held, left = split_held_requests(way, held)
+                lost += left
+            for data in held:
+                self._send_guarded(way, data, "sent on, as it ends", work)
+        if lost:
+            who = self._directions[client][Direction.REQUEST].flow.conversation.client
+            self.notify(f"{who} ended; held messages that were not sent: {names_with_counts(lost)}")
+            self.dropped_held += len(lost)
+        return work.actions
+
+    def remove_client(self, client: int, now: int) -> None:
+        """Forget a client."""
+        ways = self._directions.pop(client)
+        for way in ways.values():
+            self.intercept.remove_held(way.flow)
+        way = ways[Direction.REQUEST]
+        conversation = way.flow.conversation
+        del self._numbers[conversation], self._since[client]
+        self._manners.close_conversation(conversation)
+        self.shaper.close_conversation(conversation)
+        self.intercept.close_conversation(conversation)
+        self._recent_requests.close_conversation(conversation)
+        self._outbox = [action for action in self._outbox if action.client != client]
+        if self.scripts is not None:
+            for each in ways.values():
+                self.scripts.remove_messages(each.flow)
+            self.scripts.send_gone(client, now)
+
+    def due(self) -> int | None:
+        """Tell when `pop_due_actions` is to be called."""
+        if self._outbox:
+            return 0
+        times = [self.shaper.due(), self.intercept.due(), self.scripts.due() if self.scripts else None]
+        return min((time for time in times if time is not None), default=None)
+
+    def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
+        """Give out what is to be done by now."""
+        if self.scripts is not None:
+            self._apply_script_decisions(self.scripts.advance(now, now + self._epoch), now)
+        outbox, self._outbox = self._outbox, []
+        work = DecisionBuilder()
+        for held in self.intercept.pop_expired(now):
+            waited = f"intercept: nobody decided in {(held.until - held.since) / 1e9:g} s"
+            why = held.abandonment_reason(now)
+            note = f"{waited} and {why}, dropped" if why else f"{waited}, sent on unchanged"
+            self.notify(f"message {held.number}: {note}")
+            if why:
+                self.dropped_held += 1
+            else:
+                self._forward_held(held, held.data, note, now, work)
+        self._carry_out(self.shaper.advance(now), work)
+        return [*outbox, *work.actions]
+
+    def close(self, now: int) -> None:
+        """Let the scripts end, and wait until they have."""
+        if self.scripts is not None:
+            self.scripts.finish(now)
+
+    def report(self) -> Sequence[str]:
+        """Sum up what the rules did."""
+        return report_lines(self)
+
+    # for the process of the scripts
+
+    def on_script_data(self, data: bytes, now: int) -> None:
+        """Take what came from the scripts' process; `pop_due_actions` gives out what becomes of what waited."""
+        if self.scripts is not None:
+            self._apply_script_decisions(self.scripts.on_data(data, now), now)
+
+    def on_scripts_ended(self, now: int) -> None:
+        """Handle the end of the scripts' process."""
+        if self.scripts is not None:
+            self._apply_script_decisions(self.scripts.on_process_ended(now), now)
+
+    # for the control socket and the screen
+
+    def clients(self) -> Iterator[ClientActivity]:
+        """Yield who is there."""
+        for number, ways in self._directions.items():
+            up, down = ways[Direction.REQUEST], ways[Direction.RESPONSE]
+            counts = up.piece_count, up.last_piece_at, down.piece_count, down.last_piece_at
+            yield ClientActivity(number, up.flow.conversation, self._since[number], *counts)
+
+    def on_rules_changed(self, now: int) -> None:
+        """Take notice that faults or the intercept have changed; what was kept for them only goes on."""
+        if self._inspects_frames or self.shaper.needs_frames(now):
+            return
+        kept = [
+            way for ways in self._directions.values() for way in ways.values() if way.splitter is not None
+        ]
+        for way in kept:
+            work = DecisionBuilder()
+            for rest in way.cut_messages(b"", into_frames=False):
+                self._process(way, rest, now, work)
+            self._outbox += work.actions
+
+    def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
+        """Send on a message that is held, as it came or edited. The guard and the faults see it still.
+
+        Raises:
+            KeyError: nothing of this number is held.
+        """
+        held = self.intercept.release(number, now, data)
+        done = "sent on" if data is None or data == held.data else "edited"
+        note = f"intercept: {done} after {(now - held.since) / 1e9:.1f} s"
+        work = DecisionBuilder()
+        self._forward_held(held, held.data if data is None else data, note, now, work)
+        self._outbox += work.actions
+
+    def drop_held(self, number: int, now: int) -> None:
+        """Drop a message that is held, and its retries.
+
+        Raises:
+            KeyError: nothing of this number is held.
+        """
+        self.intercept.release(number, now, b"")
+
+    # messages
+
+    @property
+    def _inspects_frames(self) -> bool:
+        if self.scripts is not None and self.scripts.inspects_frames:
+            return True
+        return self.guard is not None or not self.intercept.is_idle
+
+    def _process(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
+        if self._inspects_frames:
+            self._messages += 1
+            message = WireMessage(self._messages, state.flow, data, now, now + self._epoch)
+            message.annotate(self._recent_requests)
+            self._manners.on_message(state.flow, data)
+            left = self._show_to_scripts(state, message, work)
+            if left is not None:
+                self._intercept_and_fault(state, left, now, work)
+        else:
+            self._apply_faults(state, data, now, work)
+
+    def _show_to_scripts(
+        self, state: DirectionState, message: WireMessage, work: DecisionBuilder
+    ) -> WireMessage | None:
+        """Show a message to the scripts; give what goes on of it now, without waiting for them."""
+        scripts = self.scripts
+        if scripts is None or not scripts.inspects_frames:
+            return message
+        if not scripts.is_on:
+            return self._pass_without_scripts(state, message, work)
+        decides = scripts.decides(state.flow.direction)
+        if not decides or is_stop_request(message):
+            if decides:
+                mark_overtaken(
+                    message, state, (ways[Direction.REQUEST] for ways in self._directions.values())
+                )
+            scripts.show_message(state.client, message, None)
+            return message
+        if message.is_datagram and not scripts.has_room(state.client):
+            work.notes.append("addon: dropped, too many messages wait")
+            return None
+        if not work.ticket:
+            self._tickets += 1
+            work.ticket = self._tickets
+        work.waiting += 1
+        scripts.show_message(state.client, message, UndecidedMessage(state, work))
+        return None
+
+    def _apply_script_decisions(
+        self, decisions: Iterable[ScriptDecision[UndecidedMessage]], now: int
+    ) -> None:
+        """Forward messages that the scripts have decided about, or failed to decide about in time."""
+        for decision in decisions:
+            (way, came), message, work = decision.token, decision.message, DecisionBuilder()
+            if decision.answer is None:
+                left = self._pass_without_scripts(way, message, work)
+            else:
+                left = self._apply_script_answer(way, message, decision.answer, work)
+                if left is not None and message.number < way.overtaken_by:
+                    left = self._without_motion(way, left, "overtaken by a stop: motion is refused", work)
+            if left is not None:
+                self._intercept_and_fault(way, left, now, work)
+            came.waiting -= 1
+            came.notes += work.notes
+            if came.waiting:
+                self._outbox += work.actions
+            else:
+                actions = join_untouched_bytes(work.actions, way)
+                self._outbox.append(LateDecision(way.client, came.ticket, came.note, actions))
+
+    def _apply_script_answer(
+        self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: DecisionBuilder
+    ) -> WireMessage | None:
+        """Give what the scripts leave of a message."""
+        for code in answer.results:
+            self._answer(state, message.frames, code, "addon: answered", work)
+        if answer.dropped:
+            work.notes.append("addon: answered" if answer.results else "addon: dropped")
+            return None
+        return (
+            message
+            if answer.data is None
+            else self._replace_message(message, answer.data, "addon: changed", work)
+        )
+
+    def _pass_without_scripts(
+        self, state: DirectionState, message: WireMessage, work: DecisionBuilder
+    ) -> WireMessage | None:
+        """Return the parts of a message that pass while the scripts are off: all but motion."""
+        if state.flow.direction is Direction.RESPONSE:
+            return message
+        return self._without_motion(state, message, "script is off: motion is refused", work)
+
+    def _without_motion(
+        self, state: DirectionState, message: WireMessage, note: str, work: DecisionBuilder
+    ) -> WireMessage | None:
+        """Refuse the motions in a request; give the rest of it."""
+        passing, refused = remove_motion(told.observation.item for told in message.annotated_frames)
+        if not refused:
+            return message
+        self.refused_requests += len(refused)
+        self._answer(state, refused, E_ACCESSDENIED, note, work)
+        if passing:
+            return self._replace_message(message, passing, note, work)
+        work.notes.append(note)
+        return None
+
+    def _replace_message(
+        self, message: WireMessage, data: bytes, note: str, work: DecisionBuilder
+    ) -> WireMessage:
+        """Make the message that goes on in place of another."""
+        work.notes.append(note)
+        changed = WireMessage(message.number, message.flow, data, message.now, message.time)
+        changed.annotate(self._recent_requests)
+        return changed
+
+    def _intercept_and_fault(
+        self, state: DirectionState, message: WireMessage, now: int, work: DecisionBuilder
+    ) -> None:
+        """Pass a message through the intercept and the faults."""
+        going = self._apply_intercept(state, message, work)
+        if going is not None:
+            self._apply_faults(state, going, now, work)
+
+    def _apply_intercept(
+        self, state: DirectionState, message: WireMessage, work: DecisionBuilder
+    ) -> bytes | None:
+        """Give what the intercept lets pass of a message now; None for nothing."""
+        considered = self.intercept.hold_or_pass(state.client, message)
+        self._mark_abandoned(state)
+        if considered is None:
+            return message.data
+        work.notes.append(considered.note)
+        return considered.data
+
+    def _forward_held(
+        self, held: HeldMessage, data: bytes, note: str, now: int, work: DecisionBuilder
+    ) -> None:
+        way = self._directions[held.client][held.flow.direction]
+        own = DecisionBuilder()
+        self._apply_faults(way, data, now, own)
+        work.actions += [
+            replace(action, note=note) if isinstance(action, SendAction) and not action.note else action
+            for action in own.actions
+        ]
+
+    def _mark_abandoned(self, state: DirectionState) -> None:
+        """Let the intercept know that a client that has ended its connection waits for nothing."""
+        if state.has_ended and state.flow.direction is Direction.REQUEST:
+            self.intercept.mark_abandoned(state.flow, "its client's connection has ended")
+
+    def _apply_faults(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
+        """Pass a message through the faults."""
+        taken = self.shaper.process_message(state.flow, data, now)
+        work.notes += taken.fault_notes
+        self._carry_out(taken.outputs, work)
+
+    def _send_guarded(self, state: DirectionState, data: bytes, note: str, work: DecisionBuilder) -> None:
+        """Send what is left of a message; what is for the controller as far as the guard lets it."""
+        number, direction = state.client, state.flow.direction
+        if self.guard is not None and direction is Direction.REQUEST:
+            data = self._apply_guard(self.guard, state, data, work)
+            if not data:
+                return
+        work.actions.append(SendAction(number, direction, data, note))
+
+    def _apply_guard(
+        self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
+    ) -> bytes:
+        """Give what the guard leaves of a request; the rest is answered in the controller's place."""
+        passing, refused, dropped = guard.filter_frames(data)
+        for frame, why in refused:
+            self.refused_requests += 1
+            work.notes.append(f"guard: {why}, answered with E_ACCESSDENIED")
+            self._answer(state, (frame,), E_ACCESSDENIED, f"guard: {why}", work)
+        if dropped:
+            work.notes.append("guard: dropped bytes that are no frame")
+        return passing
+
+    def _answer(
+        self, state: DirectionState, requests: Sequence[Frame], code: int, note: str, work: DecisionBuilder
+    ) -> None:
+        for request in requests:
+            raw = self._manners.make_reply(state.flow.conversation, request, code)
+            work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
+
+    def _carry_out(self, outputs: Sequence[FaultOutput], work: DecisionBuilder) -> None:
+        for output in outputs:
+            note = "; ".join(output.fault_notes)
+            if isinstance(output, Sent):
+                flow = output.flow
+                way = self._directions[self._numbers[flow.conversation]][flow.direction]
+                self._send_guarded(way, output.data, note, work)
+            else:
+                number = self._numbers[output.conversation]
+                work.actions.append(CloseAction(number, output.how is CloseMode.RESET, note))

@@ -1,0 +1,177 @@
+"""The process in which the scripts run: it takes orders from the proxy, calls the hooks and answers."""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import gc
+import os
+import signal
+import socket
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.proxy.addons import AddonClient, AddonRunner, load_addons
+from bcapscope.proxy.script_protocol import (
+    LONGEST_SENTENCE,
+    MOST_SENTENCES,
+    ClientConnected,
+    ClientGone,
+    ExpireCalls,
+    FinishScripts,
+    FrameUnpacker,
+    MessageShown,
+    ScriptAnswer,
+    ScriptError,
+    ScriptOrder,
+    ScriptsLoaded,
+    ScriptStatement,
+    ScriptsUnusable,
+    pack,
+)
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+
+_PR_SET_PDEATHSIG = 1
+_READ = 1 << 16
+
+
+class ScriptHost:
+    """Does what the orders say, without sockets or clocks of its own."""
+
+    def __init__(self, addons: AddonRunner) -> None:
+        """Take the addons; `tell` of them is taken over."""
+        self._addons = addons
+        self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
+        self._recent_requests = RecentRequests()
+        self._messages = 0
+        self._notices: list[str] = []
+        addons.notify = self._notices.append
+
+    def execute(self, order: ScriptOrder) -> ScriptAnswer:
+        """Do what an order says.
+
+        Raises:
+            KeyError: the order is about a client that is not known.
+        """
+        match order:
+            case MessageShown():
+                return self._show_message(order)
+            case ClientConnected():
+                self._add_client(order)
+            case ClientGone():
+                client, conversation = self._clients.pop(order.client)
+                self._recent_requests.close_conversation(conversation)
+                self._addons.client_gone(client, conversation)
+            case ExpireCalls():
+                self._addons.expire_calls(order.time)
+            case FinishScripts():
+                self._addons.proxy_ended()
+        return self._answer()
+
+    def _add_client(self, order: ClientConnected) -> None:
+        end, controller = (Endpoint(*each) for each in order.ends)
+        transport = Transport(order.transport)
+        client = AddonClient(order.client, end, controller, transport)
+        self._clients[order.client] = client, Conversation(end, controller, transport, "the proxy")
+        self._addons.client_connected(client)
+
+    def _show_message(self, order: MessageShown) -> ScriptAnswer:
+        client, conversation = self._clients[order.client]
+        self._messages += 1
+        direction = Direction.REQUEST if order.up else Direction.RESPONSE
+        message = WireMessage(
+            self._messages, Flow(conversation, direction), order.data, order.now, order.time
+        )
+        message.annotate(self._recent_requests)
+        passing = self._addons.run_message_hooks(client, message)
+        changed = None if passing.data == order.data else bytes(passing.data)
+        results = tuple(map(int, passing.answers))
+        return self._answer(data=changed, dropped=bool(passing.dropped), results=results)
+
+    def _answer(self, **verdict: Any) -> ScriptAnswer:
+        said = tuple(text[:LONGEST_SENTENCE] for text in self._notices[:MOST_SENTENCES])
+        self._notices.clear()
+        return ScriptAnswer(said, self._addons.errors, self._addons.has_open_calls, **verdict)
+
+
+def main(
+    descriptor: int | None, traces: int | None, parent: int, paths: Sequence[str], megabytes: int
+) -> None:
+    """Run scripts until the proxy ends; the entry of the process.
+
+    Args:
+        descriptor: of the socket to the proxy; None where standard input says how to make one.
+        traces: a file descriptor to which the place in the scripts is written on SIGUSR1; None for none.
+        parent: number of the proxy's process.
+        paths: of the scripts.
+        megabytes: that the process may allocate.
+    """
+    proxy = _shared_socket() if descriptor is None else socket.socket(fileno=descriptor)
+    try:
+        _isolate(traces, parent, megabytes)
+        _run(proxy, paths)
+    except (OSError, MemoryError):  # a script has closed the socket, or taken all memory: the proxy says that
+        proxy.detach()
+        sys.exit(1)
+
+
+def _run(proxy: socket.socket, paths: Sequence[str]) -> None:
+    try:
+        addons = AddonRunner([addon for path in paths for addon in load_addons(path)])
+    except ScriptError as error:
+        _send_statement(proxy, ScriptsUnusable(str(error)[:LONGEST_SENTENCE]))
+        return
+    _send_statement(proxy, ScriptsLoaded(addons.hooks))
+    gc.collect()
+    gc.freeze()  # what was loaded stays: looking through it for garbage would hold messages up
+    _serve(proxy, ScriptHost(addons))
+
+
+def _serve(proxy: socket.socket, host: ScriptHost) -> None:
+    """Carry out orders until the proxy closes the connection."""
+    orders: FrameUnpacker[ScriptOrder] = FrameUnpacker(ScriptOrder)
+    while data := proxy.recv(_READ):
+        orders.feed_bytes(data)
+        while (order := orders.next_frame()) is not None:
+            _send_statement(proxy, host.execute(order))
+
+
+def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
+    proxy.sendall(pack(statement))
+
+
+def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
+    """Make sure that the process ends with the proxy, keeps its memory limit, and can report where it is."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it ended before it could have been noticed
+            sys.exit()
+    _limit_memory(megabytes << 20)
+    if traces is not None:
+        faulthandler.enable(traces, all_threads=False)
+        faulthandler.register(signal.SIGUSR1, traces, all_threads=False)
+    # What was printed is not lost if the process is killed.
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # nobody has replaced it yet
+
+
+def _limit_memory(size: int) -> None:
+    """Let allocating more fail; where the system has no such limit, there is none."""
+    if sys.platform == "win32":
+        return
+    import resource  # noqa: PLC0415 - there is none on Windows
+
+    # RLIMIT_DATA counts what can be written to, on Linux; RLIMIT_AS also what is only reserved.
+    kind = resource.RLIMIT_DATA if sys.platform == "linux" else resource.RLIMIT_AS
+    with suppress(ValueError, OSError):
+        resource.setrlimit(kind, (size, size))
+
+
+def _shared_socket() -> socket.socket:
+    """Take over the socket that the proxy shares, on Windows."""
+    return socket.fromshare(sys.stdin.buffer.read())  # type: ignore[attr-defined,no-any-return]  # there only

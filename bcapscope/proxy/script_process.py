@@ -1,0 +1,311 @@
+"""The proxy's handle on the process of the scripts: starts it, reads it, and ends it however the proxy
+ends."""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from bcapscope.proxy.control_socket import DescriptorWatcher
+from bcapscope.proxy.poller import READ, WRITE
+from bcapscope.proxy.rule_policy import RulePolicy
+from bcapscope.proxy.script_protocol import (
+    FrameUnpacker,
+    ScriptError,
+    ScriptsLoaded,
+    ScriptStatement,
+    ScriptsUnusable,
+    WireError,
+)
+
+DEFAULT_MEMORY_MB = 512
+"""Megabytes that the process may allocate by default. Python takes 20, NumPy on 4 processors 200
+and more on others, as its stacks count.
+"""
+
+LEAST_MEMORY, MOST_MEMORY = 64, 65536
+
+LOADS_WITHIN = 30.0
+"""Seconds that the scripts may take to load."""
+
+FINISHES_WITHIN = 3.0
+"""Seconds that they have at the end for what they have not seen yet, and for `done`."""
+
+_GLANCE = 0.05
+_LOOKS_BACK = 0.05
+_LONGEST_TRACE = 1 << 14
+_REAPED_WITHIN = 1.0
+_PLACE = re.compile(r'File "(.*)", line (\d+) in (.*)')
+_START = (
+    "import sys; sys.path[:] = {path!r}; sys.argv[:] = {argv!r}; "
+    "from bcapscope.proxy.script_host import main; main(*{arguments!r})"
+)
+
+
+class ScriptProcess:
+    """A process that runs scripts.
+
+    Attributes:
+        names: of the scripts, for the user.
+    """
+
+    def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
+        """Start it.
+
+        Raises:
+            ScriptError: no process can be started.
+        """
+        self.names = ", ".join(Path(path).name for path in paths)
+        self._is_interrupted: Callable[[], bool] = lambda: False
+        self._files = {Path(path).name for path in paths}
+        self._loads_until = time.monotonic() + LOADS_WITHIN
+        self._backlog = bytearray()
+        self._waits_to_write = False
+        self._rules: RulePolicy | None = None
+        self._relay: DescriptorWatcher | None = None
+        self._watcher: DescriptorWatcher | None = None
+        self._traces: int | None = None
+        try:
+            self._socket, other = socket.socketpair()
+            with other:
+                self._process = self._start(other, paths, megabytes)
+        except OSError as error:
+            raise ScriptError(f"{self.names}: cannot start a process: {error.strerror or error}") from None
+        self._socket.setblocking(False)
+        self._statements: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
+
+    def _start(self, other: socket.socket, paths: Sequence[str], megabytes: int) -> subprocess.Popen[bytes]:
+        def words(descriptor: int | None, traces: int | None) -> list[str]:
+            arguments = descriptor, traces, os.getpid(), [*paths], megabytes
+            return [
+                sys.executable,
+                "-c",
+                _START.format(path=sys.path, argv=sys.argv, arguments=arguments),
+            ]
+
+        if sys.platform == "win32":  # where a process inherits no sockets, and none is asked where it is
+            process = subprocess.Popen(words(None, None), stdin=subprocess.PIPE)
+            assert process.stdin is not None
+            with process.stdin:
+                process.stdin.write(other.share(process.pid))
+            return process
+        self._traces, traces = os.pipe()
+        os.set_blocking(self._traces, False)
+        try:
+            return subprocess.Popen(
+                words(other.fileno(), traces),
+                stdin=subprocess.DEVNULL,
+                pass_fds=(other.fileno(), traces),
+                start_new_session=True,  # Ctrl-C is for the proxy, which lets the scripts end in order
+            )
+        finally:
+            os.close(traces)
+
+    def load(self, seconds: float) -> bool:
+        """Wait until the scripts are loaded; return False if that takes longer. `attach` came before.
+
+        Raises:
+            ScriptError: they cannot be used.
+        """
+        until = time.monotonic() + seconds
+        while True:
+            try:
+                statement = self._statements.next_frame()
+            except WireError as error:
+                raise self._invalid_error(str(error)) from None
+            if isinstance(statement, ScriptsLoaded):
+                self._on_loaded(statement.hooks)
+                return True
+            if statement is not None:
+                if isinstance(statement, ScriptsUnusable):
+                    raise ScriptError(statement.reason)
+                raise self._invalid_error("an answer")
+            left = until - time.monotonic()
+            if left <= 0:
+                self._check_loading()
+                return False
+            self._read_statements(left)
+
+    def _invalid_error(self, what: str) -> ScriptError:
+        return ScriptError(f"{self.names}: its process sent the proxy an invalid message ({what})")
+
+    def _on_loaded(self, hooks: frozenset[str]) -> None:
+        assert self._rules is not None
+        assert self._rules.scripts is not None
+        assert self._relay is not None
+        self._rules.scripts.on_loaded(hooks)
+        self._watcher = self._relay
+        self._relay.watch(self._socket.fileno(), self._on_ready)
+
+    def _read_statements(self, seconds: float) -> None:
+        if not select.select([self._socket], [], [], seconds)[0]:
+            return
+        data = self._receive()
+        if data is None:
+            return
+        if not data:
+            time.sleep(_LOOKS_BACK)  # until its exit code is known
+            raise ScriptError(f"{self.names}: its process ended while it was loaded{self.end()}")
+        self._statements.feed_bytes(data)
+
+    def _check_loading(self) -> None:
+        if time.monotonic() > self._loads_until:
+            self.locate()
+            time.sleep(_LOOKS_BACK)
+            raise ScriptError(f"{self.names} did not load within {LOADS_WITHIN:g} s{self.end()}")
+
+    def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
+        """Let the process be heard while the relay runs, once it is loaded.
+
+        Args:
+            rules: that get what the scripts decide.
+            relay: waits for the socket.
+            is_interrupted: asked at the end, whether the user does not want to wait any more.
+        """
+        self._rules = rules
+        self._relay = relay
+        self._is_interrupted = is_interrupted
+
+    # as the rules' link
+
+    def send(self, frame: bytes) -> None:
+        """Send an order, now or as soon as the process takes it."""
+        self._backlog += frame
+        self._flush()
+
+    def receive(self) -> bytes:
+        """Return what has come and was not read yet, or nothing; `attach` has its end noticed."""
+        return self._receive() or b""
+
+    def locate(self) -> None:
+        """Ask the process where in the scripts it is."""
+        if self._traces is not None and self._exit_code() is None:
+            os.kill(self._process.pid, signal.SIGUSR1)
+
+    def end(self) -> str:
+        """End the process at once; return what is known about its end and its place in the scripts."""
+        code = self._exit_code()
+        self._kill()
+        return "".join(f"; {text}" for text in (_exit_text(code), self._script_location()) if text)
+
+    def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
+        """Send the last order and wait until `is_done` returns True for what came; return False if that takes
+        too long.
+        """
+        self._unwatch()
+        self.send(frame)
+        until = time.monotonic() + FINISHES_WITHIN
+        while time.monotonic() < until and not self._is_interrupted():
+            writers = [self._socket] if self._backlog else []
+            readable, writable, _ = select.select([self._socket], writers, [], _GLANCE)
+            if writable:
+                self._flush()
+            if readable and (data := self._receive()) is not None:
+                if not data:
+                    return False
+                if is_done(data):
+                    return True
+        return False
+
+    def close(self) -> None:
+        """End the process, if it still runs, and free its resources."""
+        self._kill()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_REAPED_WITHIN)
+        if self._traces is not None:
+            os.close(self._traces)
+            self._traces = None
+
+    def _on_ready(self, happened: int) -> None:
+        if happened & WRITE:
+            self._flush()
+        if happened & ~WRITE:
+            data = self._receive()
+            now = time.monotonic_ns()
+            assert self._rules is not None
+            if data:
+                self._rules.on_script_data(data, now)
+            elif data is not None:
+                self._unwatch()
+                self._rules.on_scripts_ended(now)
+
+    def _receive(self) -> bytes | None:
+        """Read available bytes; return b"" at the end, None if there are none yet."""
+        try:
+            return self._socket.recv(1 << 16)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b""
+
+    def _flush(self) -> None:
+        """Write what the process takes, and wait for the rest."""
+        try:
+            while self._backlog:
+                del self._backlog[: self._socket.send(self._backlog)]
+        except BlockingIOError:
+            pass
+        except OSError:  # it is gone, which is noticed where it is read
+            self._backlog.clear()
+        if self._watcher is not None and self._waits_to_write is not bool(self._backlog):
+            self._waits_to_write = bool(self._backlog)
+            self._watcher.change(self._socket.fileno(), READ | WRITE if self._waits_to_write else READ)
+
+    def _unwatch(self) -> None:
+        if self._watcher is not None:
+            self._watcher.unwatch(self._socket.fileno())
+            self._watcher = None
+
+    def _kill(self) -> None:
+        """End the process and all that it has started in its session."""
+        self._unwatch()
+        self._socket.close()
+        if self._process.returncode is None:  # else its number may be another's
+            if hasattr(os, "killpg"):
+                with suppress(OSError):  # it has just begun, or has gone into another group
+                    os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.kill()
+
+    def _exit_code(self) -> int | None:
+        """Return how the process has ended, as `subprocess` has it; None while it runs."""
+        if not hasattr(os, "waitid") or self._process.returncode is not None:
+            return self._process.poll()
+        # Its number stays its own, as it is not reaped.
+        ended = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if ended is None:
+            return None
+        return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
+
+    def _script_location(self) -> str:
+        """Return where in the scripts the process was when that was asked, or when it crashed."""
+        if self._traces is None:
+            return ""
+        try:
+            trace = os.read(self._traces, _LONGEST_TRACE).decode("utf-8", "replace")
+        except OSError:
+            return ""
+        for path, line, function in _PLACE.findall(trace):
+            if Path(path).name in self._files:
+                return f"{Path(path).name} line {line} in {function}"
+        return ""
+
+
+def _exit_text(code: int | None) -> str:
+    """Return how a process ended on its own; "" if it did not."""
+    if code is None:
+        return ""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"

@@ -1,0 +1,172 @@
+"""What the proxy and the process of the scripts send each other: a length of four bytes, then MessagePack.
+
+The process runs the user's code, so nothing that it sends is trusted: types and lengths are checked here, and
+nothing in it can run code.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Generic, TypeAlias, TypeVar
+
+import msgspec
+
+from bcapscope.errors import BcapError
+
+T = TypeVar("T")
+
+LARGEST_FRAME_SIZE = 32 << 20
+"""Bytes of one frame: the largest b-CAP frame that can be read, twice."""
+
+MOST_SENTENCES, LONGEST_SENTENCE = 32, 2000
+"""How much one answer may say to the user: sentences, and characters of each."""
+
+_HEAD = 4
+
+_Sentence = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
+_Result = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)]
+
+
+class ScriptError(BcapError):
+    """A script cannot be used; the message gives the file and the reason."""
+
+
+class WireError(BcapError):
+    """The bytes are not a frame of this protocol; the message gives the reason."""
+
+
+class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    pass
+
+
+class ClientConnected(_WireFrame, frozen=True):
+    """A client was heard for the first time.
+
+    Attributes:
+        client: its number.
+        ends: host and port of the client and of the controller.
+        transport: as `Transport` has it.
+    """
+
+    client: int
+    ends: tuple[tuple[str, int], tuple[str, int]]
+    transport: str
+
+
+class MessageShown(_WireFrame, frozen=True):
+    """A message on its way.
+
+    Attributes:
+        client: number of the client.
+        up: it is for the controller.
+        data: the datagram, or a frame or other bytes of a stream.
+        now: ns of the relay's clock.
+        time: the same since 1970.
+    """
+
+    client: int
+    up: bool
+    data: bytes
+    now: int
+    time: int
+
+
+class ClientGone(_WireFrame, frozen=True):
+    """A client has gone."""
+
+    client: int
+
+
+class ExpireCalls(_WireFrame, frozen=True):
+    """It is `time`, in ns since 1970: calls may have settled."""
+
+    time: int
+
+
+class FinishScripts(_WireFrame, frozen=True):
+    """The proxy ends."""
+
+
+ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
+"""What the proxy sends; each order has one answer, in the same sequence."""
+
+
+class ScriptsLoaded(_WireFrame, frozen=True):
+    """The scripts can be used.
+
+    Attributes:
+        hooks: names of those that they have.
+    """
+
+    hooks: frozenset[str]
+
+
+class ScriptsUnusable(_WireFrame, frozen=True):
+    """A script cannot be used; `reason` names it and says why."""
+
+    reason: _Sentence
+
+
+class ScriptAnswer(_WireFrame, frozen=True):
+    """What came of an order.
+
+    Attributes:
+        notices: sentences for the user.
+        errors: how often something has gone wrong in the scripts so far.
+        has_open_calls: calls are open, so `ExpireCalls` is to be sent from time to time.
+        data: bytes that go on in place of those of the message; None for those.
+        dropped: the message does not go on.
+        results: what the client gets in place of the controller's answer.
+    """
+
+    notices: Annotated[tuple[_Sentence, ...], msgspec.Meta(max_length=MOST_SENTENCES)] = ()
+    errors: int = 0
+    has_open_calls: bool = False
+    data: bytes | None = None
+    dropped: bool = False
+    results: Annotated[tuple[_Result, ...], msgspec.Meta(max_length=64)] = ()
+
+
+ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
+"""What the process of the scripts sends: first whether they can be used, then answers."""
+
+_encoder = msgspec.msgpack.Encoder()
+
+
+def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
+    """Return the bytes of a frame."""
+    body = _encoder.encode(frame)
+    return len(body).to_bytes(_HEAD, "little") + body
+
+
+class FrameUnpacker(Generic[T]):
+    """Cuts frames out of bytes that come in any pieces."""
+
+    def __init__(self, kinds: Any) -> None:
+        """Take frames of these kinds: a union such as `ScriptOrder`."""
+        self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kinds)
+        self._buffer = bytearray()
+
+    def feed_bytes(self, data: bytes) -> None:
+        """Take in the bytes that came next."""
+        self._buffer += data
+
+    def next_frame(self) -> T | None:
+        """Return the next frame; None until more bytes come.
+
+        Raises:
+            WireError: the bytes are not a frame.
+        """
+        buffer = self._buffer
+        if len(buffer) < _HEAD:
+            return None
+        size = int.from_bytes(buffer[:_HEAD], "little")
+        if size > LARGEST_FRAME_SIZE:
+            raise WireError(f"a frame of {size} bytes")
+        if len(buffer) < _HEAD + size:
+            return None
+        body = bytes(buffer[_HEAD : _HEAD + size])
+        del buffer[: _HEAD + size]
+        try:
+            return self._decoder.decode(body)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise WireError(str(error)) from None

@@ -1,0 +1,418 @@
+"""Messages that wait for the scripts, and what happens to them when the scripts take too long.
+
+Nothing here reads a clock or a socket. Times are ns of a clock that does not go back.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
+
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.proxy.script_protocol import (
+    ClientConnected,
+    ClientGone,
+    ExpireCalls,
+    FinishScripts,
+    FrameUnpacker,
+    MessageShown,
+    ScriptAnswer,
+    ScriptOrder,
+    ScriptStatement,
+    WireError,
+    pack,
+)
+from bcapscope.traffic.observation import Conversation, Direction, Flow
+
+T = TypeVar("T")
+
+TIME_LIMIT_NS = 100_000_000
+"""ns that the scripts have for one message by default."""
+
+SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
+"""ns. A process that is woken takes a share of a millisecond; a motion that is older than some seconds does
+harm, as its client waits no longer."""
+
+LONGEST_WAIT = 1_000_000_000
+"""ns that a message waits in all, behind others; a limit that is longer counts instead."""
+
+MAX_WAITING = 64
+"""Datagrams of one client; a client makes one call at a time and tries it eight times at most."""
+
+MAX_BYTES = 1 << 16
+"""Bytes of one client that wait. Beyond it a stream is not read, and datagrams are dropped."""
+
+MAX_BYTES_IN_ALL = 1 << 22
+"""The same of all clients. What the scripts are only shown is not shown when so much waits."""
+
+_LATE = 20_000_000
+"""ns. A relay that looks at the time so late was held up itself, and the scripts may have been, too."""
+
+_LOOKS_BACK = 50_000_000
+"""ns between knowing that the scripts are to be stopped and ending their process, which tells its place."""
+
+_EXPIRE_INTERVAL_NS = 50_000_000
+"""ns between looks for calls that have settled, as the tracker itself has it."""
+
+_MOST_NOTICES = 200
+"""Sentences of the scripts that the proxy reports."""
+
+_OFF_CONSEQUENCE = (
+    "stops pass, motion is refused, everything else passes unchanged; restart the proxy to let motion pass"
+)
+
+
+class ScriptLink(Protocol):
+    """The process of the scripts. None of the methods may raise or wait, but for `finish`."""
+
+    def send(self, frame: bytes) -> None:
+        """Send it an order."""
+
+    def receive(self) -> bytes:
+        """Return what has come from it and was not read yet, or nothing."""
+
+    def locate(self) -> None:
+        """Ask it where in the scripts it is."""
+
+    def end(self) -> str:
+        """End it at once; return what is known about its end and its place in the scripts, or nothing."""
+
+    def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
+        """Send the last order and wait until `is_done` returns True for what came; return False if that takes
+        too long.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class PendingOrder(Generic[T]):
+    """An order to the scripts that has no answer yet.
+
+    Attributes:
+        hook: what is called for it.
+        sent_at: when it was sent to the scripts; ns.
+        client: whose it is.
+        size: bytes that are kept for it.
+        message: that is shown; None where it is about something else.
+        token: what the message is to who asked; None where it does not wait.
+    """
+
+    hook: str
+    sent_at: int
+    client: int = 0
+    size: int = 0
+    message: WireMessage | None = None
+    token: T | None = None
+
+    def __str__(self) -> str:
+        """Name the hook, and what it was called for."""
+        names = [call_name(each.code, each.variants) for each in self.message.frames] if self.message else []
+        if self.hook != "request" or not names:
+            return self.hook
+        return f"{self.hook} ({names[0][:80]})"
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptDecision(Generic[T]):
+    """What was decided about a message.
+
+    Attributes:
+        message: itself.
+        token: what it is to who asked.
+        answer: of the scripts; None where they are off and have given none.
+    """
+
+    message: WireMessage
+    token: T
+    answer: ScriptAnswer | None
+
+
+class ScriptQueue(Generic[T]):
+    """Shows messages to the scripts, in order, and gives out what they decide.
+
+    Scripts that take longer than `limit` for one message are switched off, and so are those whose process
+    ends or sends invalid data.
+
+    Attributes:
+        names: of the scripts, for messages to the user.
+        is_on: whether messages are shown.
+        off_because: why not; "" while they are.
+        errors: how often something went wrong in the scripts.
+        notify: called with a sentence for the user.
+    """
+
+    def __init__(self, names: str, link: ScriptLink, limit: int = TIME_LIMIT_NS) -> None:
+        """Wait for `on_loaded`.
+
+        Args:
+            names: of the scripts.
+            link: their process.
+            limit: ns for one message.
+        """
+        self.names = names
+        self.is_on = True
+        self.off_because = ""
+        self.errors = 0
+        self.notify: Callable[[str], None] = lambda text: None
+        self._link = link
+        self._limit = limit
+        self._hooks: frozenset[str] = frozenset()
+        self._queue: deque[PendingOrder[T]] = deque()
+        self._answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
+        self._usage: dict[int, _ClientUsage] = {}
+        self._size = self._decided_size = 0
+        self._head_since = 0
+        self._relay_delay = 0  # while the relay stood still
+        self._was_late = False
+        self._has_open_calls = False
+        self._expire_at = 0
+        self._end_at: int | None = None
+        self._notice_count = 0
+        self._is_ending = self._is_end_reported = False
+
+    def on_loaded(self, hooks: Iterable[str]) -> None:
+        """Handle that the scripts are loaded and have these hooks."""
+        self._hooks = frozenset(hooks)
+
+    @property
+    def status(self) -> str:
+        """Whether the scripts are on, and else why not."""
+        return "on" if self.is_on else f"off: {self.off_because}"
+
+    @property
+    def inspects_frames(self) -> bool:
+        """Whether it has to see messages: to show them, or since the scripts are off."""
+        return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
+
+    def decides(self, direction: Direction) -> bool:
+        """Return whether messages of a direction wait for the scripts."""
+        return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
+
+    # what the scripts are sent
+
+    def send_connected(self, client: int, conversation: Conversation, now: int) -> None:
+        """Report a client to the scripts."""
+        ends = conversation.client, conversation.server
+        self._send_order(
+            ClientConnected(client, ends, conversation.transport), PendingOrder("connected", now, client)
+        )
+
+    def show_message(self, client: int, message: WireMessage, token: T | None) -> None:
+        """Show a message.
+
+        Args:
+            client: number of the client.
+            message: itself.
+            token: is given back with what is decided; None where the message does not wait for that.
+        """
+        up = message.flow.direction is Direction.REQUEST
+        if token is None:
+            unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
+            if unwanted or self._size > MAX_BYTES_IN_ALL:
+                return
+        hook, size = "request" if up else "reply", len(message.data)
+        self._send_order(
+            MessageShown(client, up, message.data, message.now, message.time),
+            PendingOrder(hook, message.now, client, size, message, token),
+        )
+
+    def send_gone(self, client: int, now: int) -> None:
+        """Tell that a client has gone, of which nothing waits any more."""
+        self._send_order(ClientGone(client), PendingOrder("gone", now, client))
+
+    def finish(self, now: int) -> None:
+        """Tell that the proxy ends, wait until the scripts have seen all, and end their process."""
+        self._is_ending = True
+        if self.is_on:
+            self._enqueue(PendingOrder("done", now))
+            if not self._link.finish(pack(FinishScripts()), self._is_finished) and self.is_on:
+                self._switch_off(f"its process took too long at the end for {self._queue[0]}", now)
+        self._end_process()
+
+    # what comes of it
+
+    def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision[T]]:
+        """Take in bytes from the scripts' process; yield what is decided."""
+        if not self.is_on:
+            return
+        self._answers.feed_bytes(data)
+        try:
+            while (answer := self._answers.next_frame()) is not None:
+                if not isinstance(answer, ScriptAnswer) or not self._queue:
+                    raise WireError("an unexpected answer")
+                yield from self._on_answer(answer, now)
+        except WireError as error:
+            self._switch_off(f"its process sent the proxy an invalid message ({error})", now)
+            yield from self._flush_undecided()
+
+    def on_process_ended(self, now: int) -> Iterator[ScriptDecision[T]]:
+        """Handle that the scripts' process has ended, or has closed its connection."""
+        if self.is_on:
+            during = f"during {self._queue[0]}" if self._queue else "between two messages"
+            self._switch_off(f"its process ended {during}", now)
+            yield from self._flush_undecided()
+
+    def due(self) -> int | None:
+        """Return when to call `advance`."""
+        if not self.is_on:
+            return self._end_at
+        if self._queue:
+            longest = self._queue[0].sent_at + max(LONGEST_WAIT, self._limit)
+            return min(self._head_since + self._limit, longest) + self._relay_delay
+        return self._expire_at if self._has_open_calls else None
+
+    def advance(self, now: int, time: int) -> Iterator[ScriptDecision[T]]:
+        """Do what is due; yield what is decided.
+
+        Args:
+            now: ns.
+            time: the same since 1970.
+        """
+        due = self.due()
+        if due is None or now < due:
+            return
+        if not self.is_on:
+            self._end_process()
+        elif not self._queue:
+            self._expire_at = now + _EXPIRE_INTERVAL_NS
+            self._send_order(ExpireCalls(time), PendingOrder("settled", now))
+        else:
+            # What came in time counts, though the relay has not read it: it had other things to do.
+            yield from self.on_data(self._link.receive(), now)
+            yield from self._check_time_limit(now)
+
+    def _check_time_limit(self, now: int) -> Iterator[ScriptDecision[T]]:
+        """Switch the scripts off if they take too long, unless the relay itself may have held them up."""
+        due = self.due()
+        if not self.is_on or not self._queue or due is None or now < due:
+            return
+        if now - due > _LATE and not self._was_late:
+            self._was_late = True
+            self._relay_delay += now - due + self._limit
+        else:
+            self._switch_off(self._slow_reason(now), now)
+            yield from self._flush_undecided()
+
+    # for who asks
+
+    def holds(self, flow: Flow) -> bool:
+        """Return whether a message of a flow waits."""
+        return any(_is_of(each, flow) for each in self._queue)
+
+    def is_full(self, client: int) -> bool:
+        """Return whether so much of a client waits that nothing more of a stream is to be read."""
+        kept = self._usage.get(client)
+        return (kept is not None and kept.size > MAX_BYTES) or self._decided_size > MAX_BYTES_IN_ALL
+
+    def has_room(self, client: int) -> bool:
+        """Return whether one more datagram of a client may wait."""
+        kept = self._usage.get(client)
+        return not self.is_full(client) and (kept is None or kept.count < MAX_WAITING)
+
+    def remove_messages(self, flow: Flow) -> list[bytes]:
+        """Remove the messages of a flow and return them; later decisions about them are ignored."""
+        found: list[bytes] = []
+        for place, each in enumerate(self._queue):
+            if each.message is not None and _is_of(each, flow):
+                found.append(each.message.data)
+                self._release(each)
+                self._queue[place] = replace(each, token=None)
+        return found
+
+    def _send_order(self, order: ScriptOrder, waiting: PendingOrder[T]) -> None:
+        if self.is_on:
+            self._enqueue(waiting)
+            self._link.send(pack(order))
+
+    def _enqueue(self, waiting: PendingOrder[T]) -> None:
+        waiting = (
+            replace(waiting, sent_at=waiting.sent_at - self._relay_delay) if self._relay_delay else waiting
+        )
+        if not self._queue:
+            self._head_since = waiting.sent_at
+        self._queue.append(waiting)
+        self._size += waiting.size
+        if waiting.token is not None:
+            kept = self._usage.setdefault(waiting.client, _ClientUsage())
+            kept.count += 1
+            kept.size += waiting.size
+            self._decided_size += waiting.size
+
+    def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision[T]]:
+        waiting = self._queue.popleft()
+        self._size -= waiting.size
+        self._release(waiting)
+        self._head_since = now - self._relay_delay
+        self._was_late = False
+        self._has_open_calls = answer.has_open_calls
+        self.errors = max(self.errors, answer.errors)
+        for text in answer.notices:
+            self._notice_count += 1
+            if self._notice_count <= _MOST_NOTICES:
+                self.notify(text)
+        yield from _decided(waiting, answer)
+
+    def _release(self, waiting: PendingOrder[T]) -> None:
+        """Count a message no more among those that wait for a decision."""
+        if waiting.token is not None:
+            kept = self._usage[waiting.client]
+            kept.count -= 1
+            kept.size -= waiting.size
+            self._decided_size -= waiting.size
+            if not kept.count:
+                del self._usage[waiting.client]
+
+    def _flush_undecided(self) -> Iterator[ScriptDecision[T]]:
+        """Yield everything that waits."""
+        self._usage.clear()
+        self._size = self._decided_size = 0
+        while self._queue:
+            yield from _decided(self._queue.popleft(), None)
+
+    def _slow_reason(self, now: int) -> str:
+        if now - self._relay_delay - self._head_since >= self._limit:
+            return f"it took longer than {self._limit / 1e6:g} ms for {self._queue[0]}"
+        waited = max(LONGEST_WAIT, self._limit) / 1e9
+        return f"it cannot keep up, messages have waited for {waited:g} s"
+
+    def _switch_off(self, why: str, now: int) -> None:
+        self.is_on = False
+        self.off_because = why
+        self._end_at = now + _LOOKS_BACK
+        self._link.locate()
+
+    def _end_process(self) -> None:
+        """End the process; tell why, if it was stopped."""
+        self._end_at = None
+        where = self._link.end()
+        if self.off_because and not self._is_end_reported:
+            self._is_end_reported = True
+            self.off_because += where
+            head = f"script {self.names} is switched off: {self.off_because}"
+            self.notify(head if self._is_ending else f"{head}; {_OFF_CONSEQUENCE}")
+
+    def _is_finished(self, data: bytes) -> bool:
+        for _ in self.on_data(data, self._head_since + self._relay_delay):
+            pass  # its clients have gone
+        return not self._queue
+
+
+class _ClientUsage:
+    """What is kept of one client: how many messages, and their bytes."""
+
+    __slots__ = ("count", "size")
+
+    def __init__(self) -> None:
+        self.count = self.size = 0
+
+
+def _is_of(waiting: PendingOrder[T], flow: Flow) -> bool:
+    """Return whether a message of a flow waits."""
+    return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
+
+
+def _decided(waiting: PendingOrder[T], answer: ScriptAnswer | None) -> Iterator[ScriptDecision[T]]:
+    if waiting.message is not None and waiting.token is not None:
+        yield ScriptDecision(waiting.message, waiting.token, answer)

@@ -1,0 +1,134 @@
+"""The socket that TCP clients connect to, and which of them become clients of the controller."""
+
+from __future__ import annotations
+
+import errno
+import socket
+
+from bcapscope.protocol.first_frame import first_frame_stops
+from bcapscope.proxy.admission import ClientSlot
+from bcapscope.proxy.listener_spec import ListenerSpec
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, os_error_text, resolve
+from bcapscope.proxy.tcp_session import TcpSession
+from bcapscope.traffic.observation import Transport
+from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, accept_connection, is_out_of_descriptors
+from bcapscope.transport.tcp_link import close_with_reset
+
+_MAX_ACCEPTED = 16
+"""Clients that are accepted before other sockets have their turn."""
+
+
+class TcpListener:
+    """A socket that clients connect to.
+
+    Attributes:
+        relay: whose it is.
+        address: where it listens.
+        controller: address family and address of the controller.
+        to: the same as the user typed it.
+    """
+
+    def __init__(self, relay: Relay, spec: ListenerSpec) -> None:
+        """Listen.
+
+        Raises:
+            ListenError: the address cannot be used.
+        """
+        self.relay = relay
+        self.controller = resolve(spec.to, Transport.TCP)
+        self.to = endpoint_of(self.controller[1])
+        self._socket = listen_on(spec.listen, Transport.TCP)
+        self.address = endpoint_of(self._socket.getsockname())
+        self._spec = spec
+        self._is_pause_reported = False
+
+    def open(self) -> None:
+        """Begin to take clients."""
+        self.relay.watch(self._socket.fileno(), self._on_acceptable)
+
+    def close(self) -> None:
+        """Take no more clients."""
+        self.relay.unwatch(self._socket.fileno())
+        self._socket.close()
+
+    def release(self) -> None:
+        """Do nothing: the socket is closed by now."""
+
+    def sweep(self, now: int) -> None:
+        """Do nothing."""
+
+    def _on_acceptable(self, _: int) -> None:
+        for _ in range(_MAX_ACCEPTED):
+            if not self._accept():
+                return
+
+    def _accept(self) -> bool:
+        """Take a client; return whether another one may be waiting."""
+        relay = self.relay
+        try:
+            accepted = accept_connection(self._socket, relay.free_newcomer_descriptor)
+        except OSError as error:
+            self._pause_accepting(error)
+            return False
+        if accepted is None:
+            return False
+        client, address = accepted
+        self._is_pause_reported = False
+        if self._spec.allows(address[0]):
+            relay.pending_connections.add(client, address, self._admit)
+        else:
+            close_with_reset(client)
+            relay.deny(endpoint_of(address), "is not allowed")
+        return True
+
+    def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, came: int) -> None:
+        """Give a client that has sent its first frame a place and a connection to the controller."""
+        relay = self.relay
+        places, is_stop = relay.slots[Transport.TCP], first_frame_stops(first)
+        place = places.find_slot(address[0], relay.now, is_stop)
+        if place is ClientSlot.NONE:
+            self._refuse(client, address, "is one client too many")
+            return
+        try:
+            server = self._new_socket(is_stop)
+        except OSError as error:
+            self._refuse(client, address, f"cannot be accepted: {os_error_text(error)}")
+            return
+        if not relay.spares.refill():
+            place = ClientSlot.RESERVED
+            if not is_stop:
+                server.close()
+                self._refuse(client, address, f"cannot be accepted: {OUT_OF_DESCRIPTORS_TEXT}")
+                return
+        server.setblocking(False)
+        problem = server.connect_ex(self.controller[1])
+        session = TcpSession(relay, self.to, (client, server), address, (first, came))
+        places.occupy(session, place, is_fresh=False)
+        if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
+            session.fail(problem)
+
+    def _refuse(self, client: socket.socket, address: SocketAddress, why: str) -> None:
+        close_with_reset(client)
+        self.relay.spares.refill()
+        self.relay.deny(endpoint_of(address), why)
+
+    def _new_socket(self, is_stop: bool) -> socket.socket:
+        """Open a socket, for a stop at the expense of others.
+
+        Raises:
+            OSError: there is no file descriptor, or the like.
+        """
+        while True:
+            try:
+                return socket.socket(self.controller[0], socket.SOCK_STREAM)
+            except OSError as error:
+                if not is_stop or not is_out_of_descriptors(error) or not self.relay.free_descriptor():
+                    raise
+
+    def _pause_accepting(self, error: OSError) -> None:
+        """Accept no clients for a while; reports this once, until one can be accepted again."""
+        if not self._is_pause_reported:
+            self._is_pause_reported = True
+            self.relay.notify(f"cannot accept clients on {self.address} TCP: {os_error_text(error)}")
+        self.relay.pause(self._socket.fileno())

@@ -1,0 +1,419 @@
+"""Streams: half-close, reset and back-pressure pass through."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import time
+from contextlib import suppress
+
+from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
+from bcapscope.proxy.relay import Relay, client_conversation
+from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive, os_error_text
+from bcapscope.traffic.observation import Endpoint, Transport
+from bcapscope.transport.first_frame_queue import source_network
+from bcapscope.transport.tcp_link import close_with_reset
+
+CONNECT_TIMEOUT_NS = 10_000_000_000
+"""ns."""
+
+REPLY_TIMEOUT_NS = 200_000_000_000
+"""ns for which a client that has ended its side may wait for a reply: a call may run 180 s, the default of
+InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+STUCK_AFTER_NS = 10_000_000_000
+"""ns without a byte after which a connection ends of which only the controller's side has, and after which a
+connection that is half closed, or does not read, gives its place to a new client."""
+
+ANSWERED_IDLE_NS = 1_000_000_000
+"""The same where the client has ended its side and something has come for it since."""
+
+MAX_PENDING = 1 << 18
+"""Bytes that rules may hand over for a peer that does not read, before nothing more is read for it. Without
+rules it is what one read gave."""
+
+_AT_ONCE = 1 << 16
+
+_RESETS = errno.ECONNRESET, errno.EPIPE
+"""What the system says of a connection that its peer has reset."""
+
+
+class _HalfConnection:
+    """One direction of a connection.
+
+    Attributes:
+        up: from client to controller.
+        source: what is read.
+        sink: what is written.
+        pending: what could not be written yet.
+        source_ended: the source has ended.
+        sink_shut: and the sink was told.
+    """
+
+    __slots__ = ("pending", "sink", "sink_shut", "source", "source_ended", "up")
+
+    def __init__(self, up: bool, source: socket.socket, sink: socket.socket) -> None:
+        self.up = up
+        self.source = source
+        self.sink = sink
+        self.pending = bytearray()
+        self.source_ended = self.sink_shut = False
+
+
+class TcpSession:
+    """A client and its connection to the controller.
+
+    Attributes:
+        number: of the client.
+        conversation: between the client and the controller.
+        source: where the client comes from.
+        last_heard: `Relay.now` when the client was last heard.
+    """
+
+    def __init__(
+        self,
+        relay: Relay,
+        to: Endpoint,
+        ends: tuple[socket.socket, socket.socket],
+        address: SocketAddress,
+        first: tuple[bytes, int],
+    ) -> None:
+        """Take in a client.
+
+        Args:
+            relay: whose it is.
+            to: the controller as the user names it.
+            ends: the client's connection, and the one to the controller, which is being made.
+            address: of the client.
+            first: what it has sent so far, and when that came, ns since 1970.
+        """
+        client, server = ends
+        for sock in ends:
+            sock.setblocking(False)
+            with suppress(OSError):  # on macOS a client that has gone by now has no options any more
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                keep_alive(sock)
+        self.number = relay.next_number()
+        self.conversation = client_conversation(endpoint_of(address), to, Transport.TCP)
+        self.source = source_network(address[0])
+        self.last_heard = self._last_activity = relay.now
+        self._first = first
+        self._relay = relay
+        self._to = to
+        self._client = client
+        self._controller = server
+        self._up = _HalfConnection(True, client, server)
+        self._down = _HalfConnection(False, server, client)
+        self._connected = self._closed = self._is_half_open = self._is_ending = self._is_answered = False
+        self._masks: dict[int, int | None] = {client.fileno(): 0, server.fileno(): WRITE}
+        relay.watch(client.fileno(), self._on_client_ready, 0)
+        relay.watch(server.fileno(), self._on_controller_ready, WRITE)
+        places = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
+        relay.add_client(self, (*places, to), first[1])
+
+    @property
+    def upstream_state(self) -> str:
+        """How the connection to the controller is."""
+        if self._is_half_open:
+            return "half-open"
+        return "connected" if self._connected else "connecting"
+
+    def fail(self, problem: int) -> None:
+        """Give up: the controller cannot be reached."""
+        text = os_error_text(OSError(problem, ""))
+        self._relay.notify(f"{self.conversation.client}: no connection to {self._to} over TCP: {text}")
+        self.close(True, "the controller cannot be reached")
+
+    def send(self, up: bool, data: bytes) -> int:
+        """Send what rules give; return when, 0 if not all of it went out yet."""
+        if self._closed:
+            return 0
+        half = self._up if up else self._down
+        left, sent = self._write(half, memoryview(data))
+        if 0 < sent < len(data):
+            self._relay.ring.write_record(up, self.number, 0, left, data[:sent])
+        return left if sent == len(data) else 0
+
+    def on_nothing_held(self, up: bool) -> None:
+        """Pass the end of a direction on, if it has ended; else read on what was not read meanwhile."""
+        self._shut_sink_when_flushed(self._up if up else self._down)
+        self._update_masks()
+
+    def resume_reading(self) -> None:
+        """Read what was not read while rules held too much."""
+        self._update_masks()
+
+    def close(self, reset_both: bool, why: str) -> None:
+        """Close both connections, after what rules still give out of what they held."""
+        self._close(reset_both, why, why.encode())
+
+    def _close(self, reset_both: bool, why: str, cause: bytes = b"") -> None:
+        """Close; `cause` goes with the ends of those directions that were not ended by their sources."""
+        if self._is_ending:
+            return
+        self._is_ending = True
+        spoke = self._relay.release_held(self)
+        self._closed = True
+        for half in (self._up, self._down):
+            if half.pending and not reset_both:
+                self._send_last(half)
+            self._close_sink(half, reset_both and not (spoke and half.up), cause)  # or that would be lost
+        self._relay.remove_client(self, why)
+
+    def _close_sink(self, half: _HalfConnection, by_reset: bool, cause: bytes) -> None:
+        """Close the socket that a direction leads to, unless it is broken and was closed before."""
+        sock = half.sink
+        if sock.fileno() < 0:
+            return
+        self._relay.unwatch(sock.fileno())
+        if by_reset or not half.sink_shut:
+            self._record_end(
+                RingRecordKind.RESET if by_reset else RingRecordKind.END, half, cause, sent_at=time.time_ns()
+            )
+        if by_reset:
+            close_with_reset(sock)
+        else:
+            sock.close()
+
+    def _record_end(
+        self,
+        how: RingRecordKind,
+        half: _HalfConnection,
+        cause: bytes = b"",
+        *,
+        received_at: int = 0,
+        sent_at: int = 0,
+    ) -> None:
+        """Tell how a direction has ended."""
+        self._relay.record_undecided(self, half.up)
+        self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
+
+    def _send_last(self, half: _HalfConnection) -> None:
+        """Write what is pending, as far as it is taken at once."""
+        left, sent, when = len(half.pending), 0, time.time_ns()
+        with suppress(OSError):
+            sent = half.sink.send(half.pending)
+        if sent:
+            self._relay.ring.write_record(half.up, self.number, 0, when, bytes(half.pending[:sent]))
+        left -= sent
+        if left:
+            whose = "the controller" if half.up else "the client"
+            self._relay.notify(f"{self.conversation.client}: {left} bytes were not taken by {whose} any more")
+
+    def evictable_idle_ns(self, now: int) -> int | None:
+        """Return the ns for which nothing has moved, if that is too long for a connection that is stuck."""
+        quiet = now - self._last_activity
+        if self._up.source_ended and self._is_answered:
+            return quiet if quiet > ANSWERED_IDLE_NS else None
+        is_stuck = (
+            self._is_half_open
+            or self._up.source_ended
+            or self._down.source_ended
+            or self._up.pending
+            or self._down.pending
+        )
+        return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
+
+    def sweep(self, now: int) -> None:
+        """Give up a connection that is not made or has been half closed for too long; go on where rules held
+        too much, or have lost what they held before an end.
+        """
+        if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
+            self.fail(errno.ETIMEDOUT)
+        elif not self._is_half_open and self._is_expired(now - self._last_activity):
+            self._close(False, "half closed, and nothing more came")
+        elif self._relay.policy is not None:
+            for half in (self._up, self._down):
+                if half.source_ended and not half.sink_shut and not self._relay.holds(self, half.up):
+                    self._shut_sink_when_flushed(half)
+            self._update_masks()
+
+    def _is_expired(self, quiet: int) -> bool:
+        """Return whether one side has ended and the other has been quiet for longer than any call takes."""
+        if any(self._relay.holds(self, half.up) for half in (self._up, self._down)):
+            return False
+        if self._down.sink_shut:
+            return quiet > STUCK_AFTER_NS
+        return self._up.sink_shut and quiet > REPLY_TIMEOUT_NS
+
+    def _on_client_ready(self, happened: int) -> None:
+        self._handle(happened, self._client, self._up, self._down)
+
+    def _on_controller_ready(self, happened: int) -> None:
+        if not self._connected:
+            problem = self._controller.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            if problem:
+                self.fail(problem)
+            elif happened & WRITE:
+                self._connected = True
+                first, came = self._first
+                self._first = b"", 0
+                if first:
+                    self._on_bytes(self._up, first, came)
+                self._update_masks()
+        else:
+            self._handle(happened, self._controller, self._down, self._up)
+
+    def _handle(
+        self, happened: int, sock: socket.socket, incoming: _HalfConnection, outgoing: _HalfConnection
+    ) -> None:
+        """Do what can be done on one socket: read the half that begins there, write the other."""
+        problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
+        if problem:
+            self._on_source_broken(incoming, problem)
+            return
+        if happened & WRITE and outgoing.pending:
+            self._flush(outgoing)
+        if happened & (READ | HANG_UP) and not self._closed:
+            if self._may_read(incoming):
+                self._read(incoming)
+            elif happened & HANG_UP:  # or it would be told again and again
+                self._set_mask(sock, None)
+            else:
+                self._update_masks()
+
+    def _read(self, half: _HalfConnection) -> None:
+        relay = self._relay
+        try:
+            size = half.source.recv_into(relay.buffer)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._on_source_broken(half, error.errno or 0)
+            return
+        came = time.time_ns()
+        self._last_activity = relay.now
+        if half.up:
+            self.last_heard = relay.now
+        elif self._up.source_ended:
+            self._is_answered = True
+        if not size:
+            self._record_end(RingRecordKind.END, half, received_at=came)
+            self._on_source_end(half)
+        else:
+            self._on_bytes(half, memoryview(relay.buffer)[:size], came)
+
+    def _on_bytes(self, half: _HalfConnection, data: bytes | memoryview, received_at: int) -> None:
+        """Do with bytes that came what the rules say, or pass them on."""
+        relay = self._relay
+        if relay.policy is None:
+            self._forward_bytes(half, memoryview(data), received_at)
+            return
+        relay.apply_rules(self, half.up, bytes(data), received_at)
+        if relay.pauses_reading(self):
+            self._update_masks()
+
+    def _on_source_end(self, half: _HalfConnection) -> None:
+        """Take notice that the source of a direction says no more."""
+        half.source_ended = True
+        if self._relay.on_stream_end(self, half.up):
+            self._shut_sink_when_flushed(half)
+        if self._relay.hides_end(self) and self._up.source_ended and self._down.source_ended:
+            self._close(False, "ended by both sides, which did not hear of each other's end")
+        self._update_masks()
+
+    def _forward_bytes(self, half: _HalfConnection, data: memoryview, received_at: int) -> None:
+        ring = self._relay.ring
+        left, sent = self._write(half, data)
+        if sent == len(data):
+            ring.write_record(half.up, self.number, received_at, left, data)
+        else:
+            ring.write_record(half.up, self.number, received_at, 0, data)
+            if sent:
+                ring.write_record(half.up, self.number, 0, left, data[:sent])
+
+    def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
+        """Write what the sink takes and keep the rest; return when, and how many bytes it took."""
+        sent = 0
+        left = time.time_ns()
+        if not half.pending:
+            try:
+                sent = half.sink.send(data)
+            except BlockingIOError:
+                pass
+            except OSError as error:
+                self._on_source_broken(self._down if half.up else self._up, error.errno or 0)
+                return 0, 0
+        self._relay.counts[RelayCounter.BYTES_UP if half.up else RelayCounter.BYTES_DOWN] += sent
+        if sent < len(data):
+            half.pending += data[sent:]
+            self._update_masks()
+        return left, sent
+
+    def _flush(self, half: _HalfConnection) -> None:
+        """Write what is pending."""
+        data = bytes(half.pending[:_AT_ONCE])
+        half.pending, pending = bytearray(), half.pending
+        left, sent = self._write(half, memoryview(data))
+        if self._closed:
+            return
+        half.pending = pending
+        del half.pending[:sent]
+        if sent:
+            self._last_activity = self._relay.now
+            self._relay.ring.write_record(half.up, self.number, 0, left, data[:sent])
+        self._shut_sink_when_flushed(half)
+        self._update_masks()
+
+    def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
+        """Pass the end of a direction on, once all before it is out; let go when both are over."""
+        if half.pending or half.sink_shut or not half.source_ended or self._closed:
+            return
+        half.sink_shut = True
+        self._record_end(RingRecordKind.END, half, sent_at=time.time_ns())
+        with suppress(OSError):
+            half.sink.shutdown(socket.SHUT_WR)
+        if self._up.sink_shut and self._down.sink_shut:
+            self._close(False, "ended by both sides")
+
+    def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
+        """Pass on that the source of a direction is broken, unless the other side is not to hear of it."""
+        was_reset = problem in _RESETS
+        if was_reset:
+            self._record_end(RingRecordKind.RESET, half, received_at=time.time_ns())
+        self._relay.unwatch(half.source.fileno())
+        half.source.close()
+        if self._relay.hides_end(self):
+            self._is_half_open = True
+            self._on_source_end(half)
+            return
+        who = "the client" if half.up else "the controller"
+        why = f"{who}: {os_error_text(OSError(problem, ''))}"
+        self._close(True, why, b"" if was_reset else why.encode())
+
+    def _may_read(self, half: _HalfConnection) -> bool:
+        """Tell whether more may be read: never while a peer does not take what there is."""
+        policy = self._relay.policy
+        if self._relay.pauses_reading(self):
+            return False
+        most = 0 if policy is None else MAX_PENDING
+        if half.up and policy is not None and len(self._down.pending) > most:
+            return False  # what rules answer would pile up for a client that asks and does not listen
+        return self._connected and not half.source_ended and len(half.pending) <= most
+
+    def _update_masks(self) -> None:
+        """Tell the poller what is waited for now."""
+        if self._closed:
+            return
+        for sock, incoming, outgoing in (
+            (self._client, self._up, self._down),
+            (self._controller, self._down, self._up),
+        ):
+            self._set_mask(sock, READ * self._may_read(incoming) | WRITE * bool(outgoing.pending))
+
+    def _set_mask(self, sock: socket.socket, mask: int | None) -> None:
+        descriptor = sock.fileno()
+        if descriptor < 0:  # closed, and the other side does not know
+            return
+        known = self._masks[descriptor]
+        if mask == known:
+            return
+        self._masks[descriptor] = mask
+        if mask is None:
+            self._relay.unwatch(descriptor)
+        elif known is None:
+            handler = self._on_client_ready if sock is self._client else self._on_controller_ready
+            self._relay.watch(descriptor, handler, mask)
+        else:
+            self._relay.change(descriptor, mask)

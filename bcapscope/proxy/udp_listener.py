@@ -1,0 +1,433 @@
+"""Datagrams: each client gets a socket of its own, so that the controller tells them apart."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+
+from bcapscope.protocol.first_frame import first_frame_stops
+from bcapscope.protocol.tables.hresult import S_EXECUTING
+from bcapscope.proxy.admission import ClientSlot
+from bcapscope.proxy.listener_spec import ListenerSpec
+from bcapscope.proxy.relay import Handler, Relay, client_conversation
+from bcapscope.proxy.ring_buffer import BATCH_SIZE, RelayCounter
+from bcapscope.proxy.sockets import (
+    LARGEST_DATAGRAM,
+    SocketAddress,
+    connect_datagrams,
+    dropped_datagrams,
+    endpoint_of,
+    listen_on,
+    local_address_for,
+    os_error_text,
+    resolve,
+    should_report,
+)
+from bcapscope.traffic.observation import Transport
+from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, is_out_of_descriptors, wait_readable
+from bcapscope.transport.first_frame_queue import source_network
+from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
+
+EXPIRE_AFTER_NS = 600_000_000_000
+"""ns of silence after which a client is forgotten. It would then be another client to the controller, so this
+is long; its socket costs nothing."""
+
+EVICTABLE_AFTER_NS = 10_000_000_000
+"""ns of silence after which a client gives its place to a new one if all are taken, as in DENSO's C server
+(orin_bcap C/src/bcap_server.c)."""
+
+_MAX_OLD = 10_000
+_TRIES = 2
+_PATIENCE = 0.3
+"""Seconds for the answer to a try."""
+
+_STILL_EXECUTING = S_EXECUTING.to_bytes(4, "little")
+
+_MAX_STRANGERS = 256
+"""Addresses that are told to be refused, each once."""
+
+
+class UdpListener:
+    """A socket that clients send to.
+
+    Attributes:
+        relay: whose it is.
+        address: where it listens.
+        controller: address family and address of the controller.
+        to: the same as the user says it.
+        listening_socket: the socket.
+        refused: the user was told that the controller refuses datagrams.
+    """
+
+    def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
+        """Listen.
+
+        Raises:
+            ListenError: that cannot be done.
+        """
+        self.relay = relay
+        self.controller = resolve(spec.to, Transport.UDP)
+        self.listening_socket = listen_on(spec.listen, Transport.UDP)
+        self.address = endpoint_of(self.listening_socket.getsockname())
+        self.to = endpoint_of(self.controller[1])
+        self.refused = False
+        self._spec = spec
+        self._forget_after = forget_after
+        self._sessions: dict[SocketAddress, UdpSession] = {}
+        self._fresh_sessions: dict[SocketAddress, UdpSession] = {}
+        self._strangers: set[str] = set()
+        self._dropped = self._unreachable_count = 0
+
+    def open(self) -> None:
+        """Begin to take clients; what came before is as if nobody had listened, since it may be old."""
+        with suppress(OSError):
+            for _ in range(_MAX_OLD):
+                self.listening_socket.recv(LARGEST_DATAGRAM)
+        self.relay.watch(
+            self.listening_socket.fileno(),
+            self._forwarding_handler() if self.relay.policy is None else self._ruled_handler(),
+        )
+
+    def close(self) -> None:
+        """Take nothing more; what comes for clients is still sent to them."""
+        self._count_drops()
+        self.relay.unwatch(self.listening_socket.fileno())
+
+    def release(self) -> None:
+        """Close the socket."""
+        self.listening_socket.close()
+
+    def sweep(self, now: int) -> None:
+        """Forget who was silent for long; count what the system dropped."""
+        self._count_drops()
+        for session in (*self._sessions.values(), *self._fresh_sessions.values()):
+            if now - session.last_heard > self._forget_after:
+                session.close(False, f"silent for {self._forget_after // 1_000_000_000} s")
+
+    def remove_session(self, address: SocketAddress) -> None:
+        """Forget a client."""
+        self._sessions.pop(address, None)
+        self._fresh_sessions.pop(address, None)
+
+    def _forwarding_handler(self) -> Handler:
+        """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
+        receive, known, meet = receive_function(self.listening_socket), self._sessions.get, self._session_for
+        relay, ring, now = self.relay, self.relay.ring, time.time_ns
+        notes, note, flush = ring.pending_datagrams, ring.pending_datagrams.append, ring.flush
+
+        def take(_: int) -> None:
+            try:
+                data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
+            except OSError:  # nothing there after all; on Windows an earlier client's closed port
+                return
+            session = known(address) or meet(address, data)
+            if session is None:
+                return
+            session.last_heard = relay.now
+            left = now()
+            try:
+                session.send_up(data)
+            except OSError as error:
+                left = session.retry_send_up(data, error)
+            note((True, session.number, control, left, data))
+            if len(notes) >= BATCH_SIZE:
+                flush()
+
+        return take
+
+    def _ruled_handler(self) -> Handler:
+        """Make what asks the rules first."""
+        receive, relay = receive_function(self.listening_socket), self.relay
+
+        def take(_: int) -> None:
+            try:
+                data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
+            except OSError:
+                return
+            session = self._sessions.get(address) or self._session_for(address, data)
+            if session is not None:
+                session.last_heard = relay.now
+                relay.counts[RelayCounter.CAME_UP] += 1
+                relay.apply_rules(session, True, data, kernel_timestamp(control, 0))
+
+        return take
+
+    def _session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
+        """Return the session of a client that was heard once at most; None if it may not have one."""
+        session = self._fresh_sessions.pop(address, None)
+        if session is not None:
+            self._sessions[address] = session
+            self.relay.slots[Transport.UDP].mark_established(session.number)
+            return session
+        if not self._spec.allows(address[0]):
+            self._reject_stranger(address)
+            return None
+        return self._admit(address, first_frame_stops(data))
+
+    def _reject_stranger(self, address: SocketAddress) -> None:
+        relay = self.relay
+        relay.counts[RelayCounter.DENIED] += 1
+        if address[0] not in self._strangers and len(self._strangers) < _MAX_STRANGERS:
+            self._strangers.add(address[0])
+            relay.notify(f"{endpoint_of(address)} is not allowed; its datagrams are dropped")
+
+    def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
+        """Give a new client a place and a socket of its own towards the controller."""
+        relay = self.relay
+        places = relay.slots[Transport.UDP]
+        place = places.find_slot(address[0], relay.now, is_stop)
+        if place is ClientSlot.NONE:
+            self._refuse(address, "is one client too many")
+            return None
+        try:
+            upstream = self._new_socket(is_stop)
+        except OSError as error:
+            self._notify_unreachable(address, error)
+            return None
+        if not relay.spares.refill():
+            place = ClientSlot.RESERVED
+            if not is_stop:
+                upstream.close()
+                self._refuse(address, f"cannot be accepted: {OUT_OF_DESCRIPTORS_TEXT}")
+                return None
+        session = self._fresh_sessions[address] = UdpSession(self, address, upstream)
+        places.occupy(session, place, is_fresh=True)
+        return session
+
+    def _refuse(self, address: SocketAddress, why: str) -> None:
+        self.relay.spares.refill()
+        self.relay.deny(endpoint_of(address), why, "its datagrams are dropped")
+
+    def _new_socket(self, is_stop: bool) -> socket.socket:
+        """Open a socket towards the controller, for a stop at the expense of others.
+
+        Raises:
+            OSError: there is no way to the controller, or no file descriptor.
+        """
+        while True:
+            try:
+                return connect_datagrams(*self.controller)
+            except OSError as error:
+                if not is_stop or not is_out_of_descriptors(error) or not self.relay.free_descriptor():
+                    raise
+
+    def _notify_unreachable(self, address: SocketAddress, error: OSError) -> None:
+        self._unreachable_count += 1
+        if should_report(self._unreachable_count):
+            self.relay.notify(
+                f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {os_error_text(error)}"
+            )
+
+    def _count_drops(self) -> None:
+        dropped = dropped_datagrams(self.listening_socket)
+        self.relay.counts[RelayCounter.LOST] += dropped - self._dropped
+        self._dropped = dropped
+
+
+class UdpSession:
+    """A client and its socket.
+
+    Attributes:
+        number: of the client.
+        conversation: between the client and the controller.
+        source: where the client comes from.
+        last_heard: `Relay.now` when the client was last heard.
+        send_up: sends to the controller.
+    """
+
+    __slots__ = (
+        "_address",
+        "_dropped",
+        "_listener",
+        "_relay",
+        "_send_down",
+        "_upstream",
+        "conversation",
+        "last_heard",
+        "number",
+        "send_up",
+        "source",
+    )
+
+    def __init__(self, listener: UdpListener, address: SocketAddress, upstream: socket.socket) -> None:
+        """Take in a client that was heard for the first time."""
+        relay = listener.relay
+        client = endpoint_of(address)
+        self.number = relay.next_number()
+        self.conversation = client_conversation(client, listener.to, Transport.UDP)
+        self.source = source_network(address[0])
+        self.last_heard = relay.now
+        self.send_up = upstream.send
+        self._upstream = upstream
+        self._listener = listener
+        self._relay = relay
+        self._address = address
+        self._send_down = listener.listening_socket.sendto
+        self._dropped = 0
+        relay.watch(
+            upstream.fileno(), self._forwarding_handler() if relay.policy is None else self._ruled_handler()
+        )
+        ends = (
+            client,
+            local_address_for(listener.listening_socket, address),
+            endpoint_of(upstream.getsockname()),
+            listener.to,
+        )
+        relay.add_client(self, ends, time.time_ns())
+
+    @property
+    def upstream_state(self) -> str:
+        """How the way to the controller is, as far as datagrams can tell."""
+        return "refused" if self._listener.refused else "open"
+
+    def send(self, up: bool, data: bytes) -> int:
+        """Send a datagram; return when, 0 if the system would not."""
+        left = time.time_ns()
+        try:
+            if up:
+                self.send_up(data)
+            else:
+                self._send_down(data, self._address)
+        except OSError as error:
+            left = self.retry_send_up(data, error) if up else self._count_send_failure(data, error)
+        if left:
+            self._relay.counts[RelayCounter.LEFT_UP if up else RelayCounter.LEFT_DOWN] += 1
+        return left
+
+    def retry_send_up(self, data: bytes, error: OSError) -> int:
+        """Send up what the system did not take, if it only had to tell of an earlier datagram first."""
+        if not isinstance(error, ConnectionRefusedError):
+            return self._count_send_failure(data, error)
+        self._notify_refused()
+        left = time.time_ns()
+        try:
+            self.send_up(data)
+        except OSError as again:
+            return self._count_send_failure(data, again)
+        return left
+
+    def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
+        """Send requests in the client's place, each after the answer to the one before; return how many
+        were answered. It waits, so nothing else passes meanwhile; from `until`, seconds of `time.monotonic`,
+        nothing more is sent.
+        """
+        for count, request in enumerate(requests):
+            if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
+                return count
+        return len(requests)
+
+    def _request(self, request: bytes) -> bool:
+        """Send a request and wait for its answer."""
+        relay = self._relay
+        left = self.send(True, request)
+        relay.ring.write_record(True, self.number, 0, left, request, note=b"the proxy ends the session")
+        until = time.monotonic() + _PATIENCE
+        while (rest := until - time.monotonic()) > 0 and wait_readable(self._upstream.fileno(), rest):
+            try:
+                data, control, _, _ = receive_function(self._upstream)(LARGEST_DATAGRAM, ANCILLARY_SIZE)
+            except OSError:
+                return False
+            relay.ring.write_record(False, self.number, kernel_timestamp(control, time.time_ns()), 0, data)
+            if data[5:7] == request[5:7] and data[9:13] != _STILL_EXECUTING:
+                return True
+        return False
+
+    def evictable_idle_ns(self, now: int) -> int | None:
+        """Return the ns for which the client was silent, if that is too long when others want its place."""
+        silent = now - self.last_heard
+        return silent if silent >= EVICTABLE_AFTER_NS else None
+
+    def on_nothing_held(self, up: bool) -> None:
+        """Do nothing: datagrams have no end."""
+
+    def resume_reading(self) -> None:
+        """Do nothing: datagrams are always read."""
+
+    def close(self, reset: bool, why: str) -> None:
+        """Close the socket, after what rules still give out of what they held."""
+        self._relay.release_held(self)
+        if self._upstream.fileno() < 0:  # that ended it: a rule says so
+            return
+        self._count_drops()
+        self._relay.unwatch(self._upstream.fileno())
+        self._upstream.close()
+        self._listener.remove_session(self._address)
+        self._relay.remove_client(self, why)
+
+    def sweep(self, now: int) -> None:
+        """Count what the system dropped; who is silent is the port's business."""
+        self._count_drops()
+
+    def _forwarding_handler(self) -> Handler:
+        """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
+        receive, send, address, number = (
+            receive_function(self._upstream),
+            self._send_down,
+            self._address,
+            self.number,
+        )
+        ring, port, now = self._relay.ring, self._listener, time.time_ns
+        notes, note, flush = ring.pending_datagrams, ring.pending_datagrams.append, ring.flush
+
+        def take(_: int) -> None:
+            try:
+                data, control, _flags, _from = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
+            except OSError as error:
+                self._on_receive_error(error)
+                return
+            left = now()
+            try:
+                send(data, address)
+            except OSError as error:
+                left = self._count_send_failure(data, error)
+            note((False, number, control, left, data))
+            if len(notes) >= BATCH_SIZE:
+                flush()
+            if port.refused:
+                port.refused = False
+
+        return take
+
+    def _ruled_handler(self) -> Handler:
+        """Make what asks the rules first."""
+        receive, relay, port = receive_function(self._upstream), self._relay, self._listener
+
+        def take(_: int) -> None:
+            try:
+                data, control, _flags, _from = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
+            except OSError as error:
+                self._on_receive_error(error)
+                return
+            port.refused = False
+            relay.counts[RelayCounter.CAME_DOWN] += 1
+            relay.apply_rules(self, False, data, kernel_timestamp(control, 0))
+
+        return take
+
+    def _on_receive_error(self, error: OSError) -> None:
+        """Tell of a refusal by ICMP; anything else is no datagram, and that is all."""
+        if isinstance(error, ConnectionRefusedError):
+            self._notify_refused()
+
+    def _notify_refused(self) -> None:
+        """Tell once, until something comes from the controller again."""
+        if not self._listener.refused:
+            self._listener.refused = True
+            self._relay.notify(f"{self._listener.to} refuses datagrams: nobody listens on UDP there (ICMP)")
+
+    def _count_send_failure(self, data: bytes, error: OSError) -> int:
+        """Count what cannot be sent."""
+        relay = self._relay
+        relay.counts[RelayCounter.FULL] += 1
+        if should_report(relay.counts[RelayCounter.FULL]):
+            relay.notify(
+                f"{self.conversation.client}: {len(data)} bytes could not be sent: {os_error_text(error)}"
+            )
+        return 0
+
+    def _count_drops(self) -> None:
+        dropped = dropped_datagrams(self._upstream)
+        self._relay.counts[RelayCounter.LOST] += dropped - self._dropped
+        self._dropped = dropped

@@ -1,0 +1,265 @@
+"""A call as something to paste elsewhere: a `bcapscope call` line, a Python program, bytes in hex."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
+from bcapscope.protocol.tables.function_table import (
+    FUNCTIONS,
+    Function,
+    ObjectClass,
+    Param,
+    ResultKind,
+    function_name,
+)
+from bcapscope.render.escape import printable
+from bcapscope.render.notation_text import typed_text
+from bcapscope.traffic.handle_table import ObjectHandle
+
+_PORT = 5007
+_PROVIDER = "CaoProv.DENSO.VRC"
+"""What `bcapscope call` takes where nothing else is said."""
+
+_OWNERS_WITH_NAMES = frozenset(
+    (
+        ObjectClass.ROBOT,
+        ObjectClass.TASK,
+        ObjectClass.VARIABLE,
+        ObjectClass.FILE,
+        ObjectClass.EXTENSION,
+        ObjectClass.COMMAND,
+    )
+)
+_TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
+_WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
+
+
+class CallTarget(Protocol):
+    """A controller, and how it is reached, such as `client.target.Target`."""
+
+    @property
+    def host(self) -> str: ...
+    @property
+    def port(self) -> int: ...
+    @property
+    def tcp(self) -> bool: ...
+    @property
+    def provider(self) -> str: ...
+    @property
+    def service(self) -> str: ...
+
+
+def hex_text(raw: bytes) -> str:
+    """Write bytes in pairs of digits, blanks between, as every tool for hex reads them."""
+    return raw.hex(" ").upper()
+
+
+def shell_command(
+    target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
+) -> str | None:
+    """Write a call as a command line of ours.
+
+    Args:
+        target: the controller, and how it is reached.
+        function_id: what is called.
+        arguments: all of them, the handle first.
+        subject: what the handle stands for; the line opens it by its name. None to give the number.
+
+    Returns:
+        The line; None where an argument has no notation, where a terminal would obey something in it rather
+        than take it as pasted, or where there is no such function.
+    """
+    function = FUNCTIONS.get(function_id)
+    if function is None or len(arguments) != len(function.params):
+        return None
+    skipped = 1 if subject is not None and _is_opened_by_call(subject) else 0
+    pairs = list(zip(function.params, arguments, strict=True))[skipped:]
+    texts = [_word(param, argument) for param, argument in pairs]
+    if None in texts:
+        return None
+    names = _name_options(subject) if skipped else []
+    words = ["bcapscope", "call", target.host, *_target_options(target), *names, function.name]
+    line = shlex.join([*words, *_after_double_dash([text for text in texts if text is not None])])
+    return line if line == printable(line) else None
+
+
+def _after_double_dash(texts: list[str]) -> list[str]:
+    """Put what says that options have ended before words that look like some."""
+    return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
+
+
+def _target_options(target: CallTarget) -> Iterator[str]:
+    if target.port != _PORT:
+        yield from ("--port", str(target.port))
+    if target.tcp:
+        yield "--tcp"
+    if target.provider != _PROVIDER:
+        yield from ("--provider", target.provider)
+    if target.service:
+        yield from ("--service", target.service)
+
+
+def _is_opened_by_call(subject: ObjectHandle) -> bool:
+    """Tell whether `bcapscope call` opens this object by itself, from its name."""
+    if subject.kind is ObjectClass.CONTROLLER:
+        return True
+    parent = subject.parent
+    if (
+        subject.kind not in _OWNERS_WITH_NAMES
+        or not subject.opened_with
+        or parent is None
+        or any(subject.opened_with[1:])
+    ):
+        return False
+    return parent.kind is ObjectClass.CONTROLLER or (
+        subject.kind is ObjectClass.VARIABLE and _is_opened_by_call(parent)
+    )
+
+
+def _name_options(subject: ObjectHandle | None) -> list[str]:
+    words: list[str] = []
+    while subject is not None and subject.kind in _OWNERS_WITH_NAMES:
+        words += [f"--{subject.kind.lower()}", subject.opened_with[0]]
+        subject = subject.parent
+    return words
+
+
+def _word(param: Param, argument: Variant) -> str | None:
+    if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
+        return argument.value
+    return typed_text(argument)
+
+
+def python_program(
+    target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
+) -> str:
+    """Write a call as a program that makes it: connections first, everything let go at the end.
+
+    Args:
+        target: the controller, and how it is reached.
+        function_id: what is called; with an id that no function has, the program sends just that.
+        arguments: all of them, the handle first.
+        subject: what the handle stands for; the program opens it. None to give the number.
+
+    Returns:
+        The program, which is valid Python whatever the arguments are.
+    """
+    over = "over_tcp" if target.tcp else "over_udp"
+    option = f", {_literal(target.service)}" if target.service else ""
+    chain = _parents_and_self(subject)
+    steps = [*_opening_lines(chain), *_call_lines(function_id, arguments, chain)]
+    needs_variants = any("Variant(" in step or "Variant.array(" in step for step in steps)
+    lines = [
+        f"from bcapscope.client import Blocking, connect, {over}",
+        *(["from bcapscope.protocol.codec.variant import VT, Variant"] if needs_variants else []),
+        "",
+        "with Blocking() as wait:",
+        f"    service = wait.enter(connect({over}({_literal(target.host)}, {target.port}){option}))",
+        *(f"    {step}" for step in steps),
+    ]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _parents_and_self(subject: ObjectHandle | None) -> list[ObjectHandle]:
+    chain: list[ObjectHandle] = []
+    while subject is not None:
+        chain.insert(0, subject)
+        subject = subject.parent
+    return chain
+
+
+def _opening_lines(chain: Sequence[ObjectHandle]) -> Iterator[str]:
+    owner = "service"
+    for opened in chain:
+        name = str(opened.kind.lower())
+        verb = "connect" if opened.kind is ObjectClass.CONTROLLER else f"get_{name}"
+        yield f"{name} = wait({owner}.{verb}({', '.join(map(_literal, _name_arguments(opened)))}))"
+        owner = name
+
+
+def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
+    """Return as many strings as the method takes that opens the object, also if the request had others."""
+    match opened.kind:
+        case ObjectClass.MESSAGE:
+            return ()
+        case ObjectClass.CONTROLLER:
+            return opened.opened_with[:4]
+    return opened.opened_with[:2] or ("",)
+
+
+def _call_lines(
+    function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
+) -> Iterator[str]:
+    """Write the call itself: by its method where the arguments have the types of one, else by its number."""
+    function = FUNCTIONS.get(function_id)
+    subject = chain[-1].kind if chain else None
+    if function is None or subject is not function.owner or not _has_method_types(function, arguments):
+        yield from _call_by_number_lines(function_id, arguments, chain)
+        return
+    pairs = zip(function.params[1:], arguments[1:], strict=True)
+    call = f"wait({subject.lower()}.{method_name(function)}({', '.join(_argument_literal(*pair) for pair in pairs)}))"
+    yield call if function.result is ResultKind.NONE else f"print({call})"
+
+
+def _call_by_number_lines(
+    function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
+) -> Iterator[str]:
+    values = list(map(_variant_literal, arguments))
+    function = FUNCTIONS.get(function_id)
+    if chain and arguments and arguments[0].value == chain[-1].handle:
+        values[0] = f"Variant({_type(arguments[0].vt)}, {chain[-1].kind.lower()}.handle)"
+    elif function is not None and function.takes_handle:
+        yield f"# Unknown: how this {function.owner} was opened. Open it here and use its handle."
+    yield f"# {function_name(function_id)}"
+    yield f"print(wait(service.session.call({function_id}, [{', '.join(values)}])))"
+
+
+def _has_method_types(function: Function, arguments: Sequence[Variant]) -> bool:
+    return len(function.params) == len(arguments) and all(
+        param.type == "VARIANT" or argument.vt == _TYPES[param.type]
+        for param, argument in zip(function.params, arguments, strict=True)
+    )
+
+
+def method_name(function: Function) -> str:
+    """Name the method of `client.remote_objects` that calls a function."""
+    if function.releases is not None:
+        return "release"
+    return _WORD_BREAK.sub("_", function.name.partition("_")[2]).lower()
+
+
+def _argument_literal(param: Param, argument: Variant) -> str:
+    """Write an argument of a method, which gives it the type of the parameter."""
+    if param.type in _TYPES:
+        return _literal(argument.value)
+    return "None" if argument == EMPTY else _variant_literal(argument)
+
+
+def _variant_literal(variant: Variant) -> str:
+    """Write a VARIANT with its type."""
+    vt, value = variant.vt, variant.value
+    if vt & ARRAY and isinstance(value, (tuple, bytes)):
+        return f"Variant.array({_type(vt & ~ARRAY)}, {_literal(value)})"
+    return f"Variant({_type(vt)}, {_literal(value)})"
+
+
+def _type(vt: int) -> str:
+    return f"VT.{VT(vt).name}" if vt in VT.__members__.values() else hex(vt)
+
+
+def _literal(value: object) -> str:
+    """Write a constant of Python; strings with nothing in them that a terminal would obey."""
+    if isinstance(value, Variant):
+        return _variant_literal(value)
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else f'float("{value}")'
+    if isinstance(value, tuple):
+        inner = ", ".join(map(_literal, value))
+        return f"({inner},)" if len(value) == 1 else f"({inner})"
+    text = repr(value)
+    return text if text.isascii() else printable(text)

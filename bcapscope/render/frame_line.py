@@ -1,0 +1,160 @@
+"""One line a frame, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from bcapscope.protocol.codec.arguments import Problem
+from bcapscope.protocol.codec.frame import Frame, Framing, Malformed
+from bcapscope.protocol.codec.frame_template import FrameTemplate, numbers_of_arguments
+from bcapscope.protocol.tables.argument_names import request_param, result_param
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import S_EXECUTING, describe_hresult, hresult_name, is_failure
+from bcapscope.render.color_palette import PLAIN, Palette
+from bcapscope.render.escape import printable
+from bcapscope.render.line_template import LONGEST_STRING, LineTemplate, LineTemplateBuilder
+from bcapscope.render.timestamp import TimeFormat, timestamp_writer
+from bcapscope.render.tongue import Tongue, english
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Direction, Flow, Observation
+
+MOST_TEMPLATES = 4096
+"""Phrases and flow texts kept; when there are more, all are forgotten and made again."""
+
+MOST_RAW_BYTES = 48
+"""Bytes of a malformed item that its line shows."""
+
+
+class FrameLineRenderer:
+    """Writes frames as lines, in the order in which they were seen."""
+
+    def __init__(
+        self,
+        time_format: TimeFormat = TimeFormat.RELATIVE,
+        palette: Palette = PLAIN,
+        brief: bool = False,
+        write_endpoints: Callable[[Flow], str] | None = None,
+        tongue: Tongue = english,
+    ) -> None:
+        """Choose the looks.
+
+        Args:
+            time_format: how the time is told.
+            palette: colours.
+            brief: leave problems and comments to `remarks`.
+            write_endpoints: writes who spoke to whom, harmless; addresses, transport and kind unless given.
+            tongue: of the words.
+        """
+        self._palette = palette
+        self._write_endpoints = write_endpoints or _addresses
+        self._is_brief = brief
+        self._tongue = tongue
+        self._write_time = timestamp_writer(time_format)
+        self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], LineTemplate] = {}
+
+    def set_time_origin(self, time: int) -> None:
+        """Count relative times from `time`, not from the first line."""
+        self._write_time(time)
+
+    def line(
+        self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
+    ) -> str:
+        """Write one line, without its end.
+
+        Args:
+            observation: the frame or malformed bytes.
+            call_kind: what a request asks, or a reply answers where that was seen.
+            comments: that the capture has on it.
+        """
+        if comments and not self._is_brief:
+            remarks = "".join(f"  # {printable(comment)}" for comment in comments)
+            return f"{self.line(observation, call_kind)}{self._palette.dim}{remarks}{self._palette.reset}"
+        number, time, _, flow, item, _ = observation
+        if isinstance(item, Malformed):
+            return self._malformed_line(observation, item)
+        found = item.template_match
+        if found is None:
+            head = number, self._write_time(time), item.serial, item.reserved
+            return self._odd_template(flow, item, call_kind).fill(head, numbers_of_arguments(item.arguments))
+        layout, numbers = found
+        key = flow, layout, call_kind
+        phrase = self._templates.get(key) or self._make_template(key, item)
+        text, places = phrase.text, phrase.places
+        if len(places) == 1:  # nearly all frames that come by the million, so no call for them
+            where, write = places[0]
+            return text % (number, self._write_time(time), item.serial, item.reserved, write(numbers[where]))
+        return phrase.fill((number, self._write_time(time), item.serial, item.reserved), numbers)
+
+    def remarks(self, observation: Observation, comments: tuple[str, ...]) -> Iterator[str]:
+        """Write what stands at the end of a line that is not brief, a line each."""
+        color = self._palette
+        for comment in comments:
+            yield f"{color.dim}# {printable(comment)}{color.reset}"
+        for problem in observation.item.problems:
+            yield f"{color.problem}!! {self._reason(problem)}{color.reset} (at {problem.offset})"
+
+    def _reason(self, problem: Problem) -> str:
+        return printable(self._tongue(problem.reason))
+
+    def _make_template(self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame) -> LineTemplate:
+        if len(self._templates) >= MOST_TEMPLATES:
+            self._templates.clear()
+        self._templates[key] = phrase = self._template_builder(key[0], frame, key[2]).build()
+        return phrase
+
+    def _template_builder(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> LineTemplateBuilder:
+        builder = LineTemplateBuilder(f"%6d %s {self._endpoints_text(flow)} %5d %5d ")
+        function_id = call_kind.function_id if call_kind else None
+        if flow.direction is Direction.RESPONSE:
+            builder.add_text(self._result(frame.code))
+        if call_kind is not None:
+            builder.add_text(self._function(call_kind))
+        role = request_param if flow.direction is Direction.REQUEST else result_param
+        builder.add_arguments(frame.arguments, partial(role, function_id))
+        return builder
+
+    def _endpoints_text(self, flow: Flow) -> str:
+        color = self._palette
+        return f"{color.dim}{self._write_endpoints(flow)}{color.reset}".replace("%", "%%")
+
+    def _function(self, call_kind: CallKind) -> str:
+        color = self._palette
+        name = f" {color.name}{function_name(call_kind.function_id)}{color.reset}"
+        if call_kind.command is None:
+            return name
+        return f"{name} {color.name}{printable(call_kind.command[:LONGEST_STRING])}{color.reset}"
+
+    def _result(self, code: int) -> str:
+        color = self._palette
+        name = hresult_name(code)
+        if is_failure(code):
+            return f" {color.bad}{name} ({self._tongue(describe_hresult(code).text)}){color.reset}"
+        return f" {color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
+
+    def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> LineTemplate:
+        builder = self._template_builder(flow, frame, call_kind)
+        if frame.framing is not Framing.PLAIN:
+            builder.add_text(f" [{frame.framing.value}]")
+        if frame.problems and not self._is_brief:
+            reasons = "; ".join(
+                f"{self._reason(problem)} (at {problem.offset})" for problem in frame.problems
+            )
+            builder.add_text(f" {self._palette.problem}!! {reasons}{self._palette.reset}")
+        return builder.build()
+
+    def _malformed_line(self, observation: Observation, item: Malformed) -> str:
+        reasons = "; ".join(map(self._reason, item.problems))
+        shown = item.raw[:MOST_RAW_BYTES].hex(" ")
+        left = len(item.raw) - MOST_RAW_BYTES
+        more = f" … {self._tongue(f'{left} more bytes')}" if left > 0 else ""
+        ends = self._endpoints_text(observation.flow).replace("%%", "%")
+        head = f"{observation.number:>6} {self._write_time(observation.time)} {ends} {'-':>5} {'-':>5}"
+        if self._is_brief:
+            return f"{head}  {shown}{more}"
+        problem = f"{self._palette.problem}!! {reasons}{self._palette.reset}"
+        return f"{head}  {shown}{more}{' ' if shown else ''}{problem}"
+
+
+def _addresses(flow: Flow) -> str:
+    return printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport} {flow.direction:<8}")

@@ -1,0 +1,147 @@
+"""A frame as rows: every field with its place, its depth, its name and its meaning.
+
+What trees on paper and on screen share; how a row looks is theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from itertools import islice
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.arguments import Problem
+from bcapscope.protocol.codec.frame import Malformed
+from bcapscope.protocol.dissection.frame_field import HRESULT, FrameField, envelope_fields, frame_fields
+from bcapscope.protocol.tables.hresult import describe_hresult, is_failure
+from bcapscope.render.escape import printable
+from bcapscope.render.field_meaning import LONGEST_STRING, field_meaning
+from bcapscope.render.tongue import Tongue, english
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Direction, Observation
+
+MAX_ELEMENTS = 32
+"""Elements of an array that are shown unless all are asked for."""
+
+
+class FieldRowKind(Enum):
+    """What a row is."""
+
+    FIELD = "field"
+    """A field that consists of others, which follow."""
+    LEAF = "leaf"
+    """A field with bytes of its own."""
+    PROBLEM = "problem"
+    """What is wrong with the bytes of the row."""
+    NOTE = "note"
+    """What there is to say about the row above; no bytes."""
+
+
+class FieldRow(NamedTuple):
+    """One row.
+
+    Attributes:
+        kind: what it is.
+        depth: 0 for the fields of the frame itself.
+        start: offset of its first byte in the section.
+        stop: offset behind its last byte.
+        name: of the field; "" for problems and notes.
+        text: what it means, harmless to terminals.
+        failed: for an HRESULT, whether it is a failure; None for all else.
+    """
+
+    kind: FieldRowKind
+    depth: int
+    start: int
+    stop: int
+    name: str
+    text: str
+    failed: bool | None = None
+
+
+class FrameSection(NamedTuple):
+    """A run of bytes and the fields that stand in it.
+
+    Attributes:
+        caption: what stands above it; "" for nothing.
+        body: the bytes that the offsets of the fields mean.
+        fields: its fields.
+    """
+
+    caption: str
+    body: bytes
+    fields: tuple[FrameField, ...]
+
+
+def frame_sections(observation: Observation, call_kind: CallKind | None) -> tuple[FrameSection, ...]:
+    """Take an item apart: one section, two for a compressed frame.
+
+    Args:
+        observation: the frame or malformed bytes.
+        call_kind: for a reply, the request that it answers, where that was seen.
+    """
+    item = observation.item
+    if isinstance(item, Malformed):
+        # Of a hole in a stream there is nothing but the problem to show.
+        size = len(item.raw)
+        name, value = ("bytes", item.raw) if size else ("no bytes", None)
+        return (FrameSection("", item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)
+    is_request = observation.flow.direction is Direction.REQUEST
+    function_id, command = call_kind or (None, None)
+    whole = frame_fields(item, is_request, function_id, command)
+    wire = envelope_fields(item)
+    if not wire:
+        return (FrameSection("", item.raw, whole),)
+    inner = FrameSection("unpacked, the first 9 bytes and EOT as above:", item.body, whole[4:-1])
+    return (FrameSection("", item.raw, wire), inner)
+
+
+def field_rows(section: FrameSection, full: bool = False, tongue: Tongue = english) -> Iterator[FieldRow]:
+    """Yield the rows of a section in the order of its bytes, lazily.
+
+    Args:
+        section: one of `frame_sections`.
+        full: every character and every element, not only the first of many.
+        tongue: for what is said of a field; its name is the same in any.
+    """
+    for field in section.fields:
+        yield from _rows_of_field(field, 0, full, tongue)
+
+
+def _rows_of_field(field: FrameField, depth: int, full: bool, tongue: Tongue) -> Iterator[FieldRow]:
+    """Yield a field and what it consists of."""
+    kind = FieldRowKind.FIELD if field.children else FieldRowKind.LEAF
+    failed = is_failure(field.value) if field.name == HRESULT and isinstance(field.value, int) else None
+    text = field_meaning(field, None if full else LONGEST_STRING, tongue)
+    yield FieldRow(kind, depth, field.start, field.stop, field.name, text, failed)
+    if kind is FieldRowKind.LEAF:
+        yield from _rows_of_problems(field.start, field.stop, field.problems, depth, tongue)
+    yield from _rows_of_children(field, depth + 1, full, tongue)
+    if failed is not None and isinstance(field.value, int):
+        found = describe_hresult(field.value)
+        for note in filter(None, (found.advice, "the meaning is a guess" if found.is_guess else None)):
+            yield FieldRow(FieldRowKind.NOTE, depth + 1, field.start, field.start, "", tongue(note))
+
+
+def _rows_of_children(field: FrameField, depth: int, full: bool, tongue: Tongue) -> Iterator[FieldRow]:
+    count = len(field.value) if isinstance(field.value, tuple) and field.name == "data" else 0
+    if full or count <= MAX_ELEMENTS:
+        for child in field.children:
+            yield from _rows_of_field(child, depth, full, tongue)
+        return
+    start = field.start
+    for child in islice(field.children, MAX_ELEMENTS):
+        yield from _rows_of_field(child, depth, full, tongue)
+        start = child.stop
+    more = f"… {tongue(f'{count - MAX_ELEMENTS} more')}"
+    yield FieldRow(FieldRowKind.LEAF, depth, start, field.stop, more, "")
+    for problem in field.problems:
+        if problem.offset >= start:
+            yield from _rows_of_problems(problem.offset, problem.offset + 1, (problem,), depth, tongue)
+
+
+def _rows_of_problems(
+    start: int, stop: int, problems: Iterable[Problem], depth: int, tongue: Tongue
+) -> Iterator[FieldRow]:
+    for problem in problems:
+        yield FieldRow(FieldRowKind.PROBLEM, depth, start, stop, "", tongue(printable(problem.reason)))

@@ -1,0 +1,116 @@
+"""A frame as an indented tree: every field with its place, its bytes, its name and its meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bcapscope.render.color_palette import PLAIN, Palette
+from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection, field_rows, frame_sections
+from bcapscope.render.hexdump import Highlight, hexdump
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Observation
+
+BYTES_SHOWN = 8
+"""Bytes of a field that one line shows."""
+
+_HEX_WIDTH = 3 * BYTES_SHOWN
+_NAME_WIDTH = 20
+_INDENT = "  "
+
+
+class FrameTreeRenderer:
+    """Writes frames as trees.
+
+    Lines stay under 100 columns unless a text from the wire, or a reason, is longer.
+    """
+
+    def __init__(self, palette: Palette = PLAIN, full: bool = False, dump: bool = False) -> None:
+        """Choose what is shown.
+
+        Args:
+            palette: colours.
+            full: every byte, every character and every element, not only the first of many.
+            dump: a hexdump under each tree, with the bytes that have problems in the palette's style.
+        """
+        self._palette = palette
+        self._full = full
+        self._dump = dump
+
+    def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
+        """Write the tree of one item, line by line.
+
+        Args:
+            observation: the frame or malformed bytes.
+            call_kind: for a reply, the request that it answers, where that was seen.
+        """
+        for section in frame_sections(observation, call_kind):
+            if section.caption:
+                yield f"{self._palette.dim}{section.caption}{self._palette.reset}"
+            yield from self._section(section)
+
+    def _section(self, section: FrameSection) -> Iterator[str]:
+        page = _TreeSection(self._palette, self._full, section.body)
+        for row in field_rows(section, self._full):
+            yield from page.row_lines(row)
+        if self._dump and section.body:
+            yield ""
+            yield from hexdump(section.body, page.highlights, self._palette)
+
+
+class _TreeSection:
+    """The lines of one run of bytes; remembers which of them had problems."""
+
+    def __init__(self, palette: Palette, full: bool, body: bytes) -> None:
+        self._palette = palette
+        self._full = full
+        self._body = body
+        self._digits = len(str(len(body)))
+        self.highlights: list[Highlight] = []
+
+    def row_lines(self, row: FieldRow) -> Iterator[str]:
+        """Write a row: a line, and for all of a long field's bytes the lines that they need."""
+        color = self._palette
+        margin = " " * (self._offsets_width + _HEX_WIDTH + 3) + _INDENT * row.depth
+        if row.kind is FieldRowKind.PROBLEM:
+            self.highlights.append(Highlight(row.start, row.stop, color.problem))
+            yield f"{margin}{color.problem}!! {row.text}{color.reset}"
+        elif row.kind is FieldRowKind.NOTE:
+            yield f"{margin}{color.dim}{row.text}{color.reset}"
+        else:
+            yield from self._field_lines(row)
+
+    def _field_lines(self, row: FieldRow) -> Iterator[str]:
+        color = self._palette
+        shown = self._body[row.start : row.stop] if row.kind is FieldRowKind.LEAF else b""
+        name = f"{_INDENT * row.depth}{color.name}{row.name}{color.reset}"
+        padding = " " * (_NAME_WIDTH - len(_INDENT) * row.depth - len(row.name) if row.text else 0)
+        text = f"{' ' if row.text else ''}{colored_value(row, color)}"
+        yield f"{self._offsets_text(row.start, row.stop)}  {self._hex_text(shown)}  {name}{padding}{text}".rstrip()
+        if self._full:
+            for start in range(BYTES_SHOWN, len(shown), BYTES_SHOWN):
+                yield f"{' ' * self._offsets_width}  {self._hex_text(shown[start:])}".rstrip()
+
+    @property
+    def _offsets_width(self) -> int:
+        return 2 * self._digits + 2
+
+    def _offsets_text(self, start: int, stop: int) -> str:
+        """Write the offsets of the first and the last byte."""
+        last = f"..{stop - 1:<{self._digits}}" if stop - start > 1 else ""
+        text = f"{start:>{self._digits}}{last}" if stop > start else ""
+        return f"{self._palette.dim}{text:<{self._offsets_width}}{self._palette.reset}"
+
+    def _hex_text(self, data: bytes) -> str:
+        text = data[:BYTES_SHOWN].hex(" ")
+        if len(data) > BYTES_SHOWN and not self._full:
+            text = data[: BYTES_SHOWN - 1].hex(" ") + " …"
+        return f"{self._palette.hex}{text}{self._palette.reset}{' ' * (_HEX_WIDTH - 1 - len(text))}"
+
+
+def colored_value(row: FieldRow, palette: Palette) -> str:
+    """Write what a row means in its colour: results as good or bad, other values as numbers."""
+    if row.failed is not None:
+        return f"{palette.bad if row.failed else palette.good}{row.text}{palette.reset}"
+    if row.kind is FieldRowKind.LEAF and row.text:
+        return f"{palette.number}{row.text}{palette.reset}"
+    return row.text

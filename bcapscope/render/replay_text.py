@@ -1,0 +1,70 @@
+"""What came of calls that were made again after a recording: a line for people, an object for programs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import orjson
+
+from bcapscope.protocol.retry.requester import CallTimedOut
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.render.color_palette import PLAIN, Palette
+from bcapscope.render.escape import printable
+from bcapscope.render.reply_text import ReplyRenderer
+
+if TYPE_CHECKING:  # what makes calls reads a clock, and nothing here does
+    from bcapscope.replay.replay_script import ScriptCall
+    from bcapscope.replay.script_player import PlayedCall
+
+
+class ReplayRenderer:
+    """Writes calls as they were answered now, and beside that what was recorded where it is another thing."""
+
+    def __init__(self, palette: Palette = PLAIN) -> None:
+        self._palette = palette
+        self._answers = ReplyRenderer(palette)
+
+    def line(self, played: PlayedCall) -> str:
+        """Write a line: number, call, result, values, time, and what differs from the recording."""
+        color, line = self._palette, played.script_call
+        name = call_name(line.kind.function_id, played.arguments)
+        number = f"{color.number}{line.number:>6}{color.reset} "
+        if isinstance(played.result, CallTimedOut):
+            text = f"{color.name}{printable(name)}{color.reset}  {color.bad}no answer{color.reset}"
+        else:
+            settled = played.result
+            text = self._answers.line(
+                name, line.kind.function_id, settled.reply, settled.elapsed, settled.attempts
+            )
+        if played.differs:
+            return f"{number}{text}  {color.problem}recorded: {_recorded_text(line)}{color.reset}"
+        return f"{number}{text}{f'  {color.dim}recorded: other values{color.reset}' if played.values_differ else ''}"
+
+    def record(self, played: PlayedCall) -> bytes:
+        """Write a JSON object."""
+        line, settled = played.script_call, played.result
+        answer = None if isinstance(settled, CallTimedOut) else settled
+        return orjson.dumps(
+            {
+                "call": line.number,
+                "function": function_name(line.kind.function_id),
+                "function_id": line.kind.function_id,
+                "command": None if line.kind.command is None else printable(line.kind.command),
+                "recorded_hresult": line.hresult,
+                "hresult": answer.reply.code if answer else None,
+                "differs": played.differs,
+                "other_values": played.values_differ,
+                "late_ms": played.delay / 1e6,
+                "took_ms": answer.elapsed / 1e6 if answer else None,
+                "recorded_ms": None if line.hresult is None else line.duration / 1e6,
+                "tries": len(settled.attempts),
+            }
+        )
+
+
+def _recorded_text(line: ScriptCall) -> str:
+    if line.hresult is None:
+        return "no answer"
+    return f"{hresult_name(line.hresult)}, {describe_hresult(line.hresult).text}"

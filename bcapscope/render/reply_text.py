@@ -1,0 +1,67 @@
+"""The answer to a call that we made: a line for people, an object for programs."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from bcapscope.errors import Attempt
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.frame_template import numbers_of_arguments
+from bcapscope.protocol.tables.argument_names import result_param
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name, is_failure
+from bcapscope.protocol.text_format import counted
+from bcapscope.render.color_palette import PLAIN, Palette
+from bcapscope.render.escape import printable
+from bcapscope.render.frame_record import FrameRecordRenderer
+from bcapscope.render.line_template import LineTemplateBuilder
+from bcapscope.render.tongue import Tongue, english
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Observation
+
+
+class ReplyRenderer:
+    """Writes answers, with the time that they took and the tries that were needed."""
+
+    def __init__(self, palette: Palette = PLAIN, tongue: Tongue = english) -> None:
+        self._palette = palette
+        self._tongue = tongue
+        self._records = FrameRecordRenderer()
+
+    def line(
+        self, name: str, function_id: int, reply: Frame, took_ns: int, attempts: tuple[Attempt, ...]
+    ) -> str:
+        """Write a line: call, result, values, ms, retries.
+
+        Args:
+            name: of the call, such as `Robot_Execute slvMove`.
+            function_id: of the call.
+            reply: as it came.
+            took_ns: nanoseconds from the first try.
+            attempts: all tries.
+        """
+        color = self._palette
+        builder = LineTemplateBuilder(f"{color.name}{printable(name)}{color.reset} ".replace("%", "%%"))
+        result = hresult_name(reply.code)
+        if is_failure(reply.code):
+            builder.add_text(
+                f"{color.bad}{result} ({self._tongue(describe_hresult(reply.code).text)}){color.reset}"
+            )
+        else:
+            builder.add_text(f"{color.good}{result}{color.reset}")
+        builder.add_arguments(reply.arguments, partial(result_param, function_id))
+        retries = len(attempts) - 1
+        builder.add_text(f"  {color.dim}{took_ns / 1e6:.3f} ms{color.reset}")
+        if retries:
+            tries = f"after {counted(retries, 'retry', 'retries')}"
+            builder.add_text(f" {self._tongue(tries)}")
+        return builder.build().fill((), numbers_of_arguments(reply.arguments))
+
+    def record(
+        self, observation: Observation, call_kind: CallKind, took: int, attempts: tuple[Attempt, ...]
+    ) -> bytes:
+        """Write a JSON object: the reply as frames are written, then `took_ms` and `tries`."""
+        return b'%b,"took_ms":%b,"tries":%d}' % (
+            self._records.record(observation, call_kind)[:-1],
+            b"%.6f" % (took / 1e6),
+            len(attempts),
+        )

@@ -1,0 +1,450 @@
+"""Pictures of a stay in slave mode: the pace of the set points, and where they led."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import plotly.graph_objects as go
+
+from bcapscope.analysis.slave.motion_model import AxisMotion
+from bcapscope.analysis.slave.notable_set_points import SetPointFact
+from bcapscope.analysis.slave.plot_samples import PlotSample
+from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
+from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.render.report_figure import (
+    AMBER,
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    HistogramBars,
+    Picture,
+    axis_layout,
+    histogram_bars,
+    make_picture,
+    plotly_label,
+    rounded_numbers,
+)
+
+_MOST_DOTS = 400  # so many points can be told apart as dots on a line
+_LEAST_MOTION = 1e-9
+_COLUMNS = 2
+_COLUMN_GAP = 0.12
+_NOTABLE_LAG = 0.5
+
+
+def pace_picture(slave_session: SlaveSession, start: int) -> Picture | None:
+    """Draw cycle, reply time and the buffer's reserve over time; None for a stay without set points."""
+    samples = slave_session.samples
+    if not samples:
+        return None
+    times = _times(samples, start)
+    traces = [
+        *_cycles(slave_session, times),
+        *_replies(slave_session, times, start),
+        *_reserve(slave_session, times, start),
+        *_gaps(slave_session, start),
+    ]
+    timing = slave_session.timing
+    lines = [
+        _horizontal_line("y", timing.grid_ms, GRAY, "dash"),
+        _horizontal_line("y3", 0.0, ORANGE, "dash"),
+        *_end_line(slave_session, start),
+    ]
+    if timing.gaps:
+        lines.append(_horizontal_line("y", timing.slack_ms, ORANGE, "dot"))
+    return make_picture(
+        f"pace-{slave_session.number}",
+        f"Stay {slave_session.number}: pace of the set points",
+        f"Top: time since the set point before; the dashed line is the period of {timing.grid_ms:g} ms that "
+        f"the client should keep{_slack_note(slave_session)}. Middle: time from the first request to the reply. "
+        "Bottom: time that was left until the controller's buffer would have been empty, by a model of a "
+        f"buffer of {slave_session.buffer.slots}; below the dashed line it was."
+        f"{_sampling_note(samples)}{_marks_note(slave_session)}",
+        560,
+        traces,
+        hovermode="x unified",
+        hoversubplots="axis",
+        shapes=lines,
+        annotations=list(_end_annotations(slave_session, start)),
+        xaxis=axis_layout("time since the first frame, s", anchor="y3", hoverformat=".3f"),
+        yaxis=axis_layout("cycle, ms", domain=[0.70, 1.0], rangemode="tozero"),
+        yaxis2=axis_layout("reply after, ms", domain=[0.35, 0.64], rangemode="tozero"),
+        yaxis3=axis_layout("reserve, ms", domain=[0.0, 0.29]),
+    )
+
+
+def spread_picture(slave_session: SlaveSession) -> Picture | None:
+    """Draw histograms of cycles and reply times; None where there are neither."""
+    timing = slave_session.timing
+    found = [
+        ("cycle, ms", BLUE, timing.cycle),
+        ("time to the reply, ms", GREEN, timing.latency),
+    ]
+    drawn = [(title, color, each) for title, color, each in found if each is not None and each.bins]
+    if not drawn:
+        return None
+    made = [
+        (title, color, each, histogram_bars(each.bins, each.least, each.most)) for title, color, each in drawn
+    ]
+    layout: dict[str, Any] = {}
+    traces, shapes = [], []
+    for index, (title, color, _, bars) in enumerate(made):
+        number = "" if index == 0 else str(index + 1)
+        domain = _column(index, len(made))
+        kind = {"type": "log"} if bars.logarithmic else {}
+        layout[f"xaxis{number}"] = axis_layout(title, domain=domain, anchor=f"y{number}", **kind)
+        layout[f"yaxis{number}"] = axis_layout(
+            "set points", type="log", dtick=1, anchor=f"x{number}", range=_counts_range(bars)
+        )
+        traces.append(_bars(title, color, bars, number))
+        if index == 0 and slave_session.timing.cycle is not None:
+            shapes.append(_vertical_line(f"x{number}", f"y{number}", timing.grid_ms, GRAY))
+    return make_picture(
+        f"spread-{slave_session.number}",
+        f"Stay {slave_session.number}: how often which cycle and which reply time",
+        "How many set points came after which time, and were answered after which. Counts are on a "
+        "logarithmic axis, so that a single late one is seen beside thousands. The dashed line is the "
+        f"period of {timing.grid_ms:g} ms." + _log_axis_note(bars for *_, bars in made),
+        340,
+        traces,
+        shapes=shapes,
+        showlegend=False,
+        hovermode="closest",
+        margin={"l": 64, "r": 18, "t": 16, "b": 48},
+        **layout,
+    )
+
+
+def motion_picture(slave_session: SlaveSession, start: int) -> Picture | None:
+    """Draw commanded against returned poses, an axis beside the other; None where nothing moved."""
+    if slave_session.motion is None:
+        return None
+    moving = [
+        (index, each)
+        for index, each in enumerate(slave_session.motion.axes)
+        if each.most - each.least > _LEAST_MOTION or _returned_moves(slave_session.samples, index)
+    ]
+    if not moving:
+        return None
+    rows = math.ceil(len(moving) / _COLUMNS)
+    still = [each.name for each in slave_session.motion.axes if each not in [found for _, found in moving]]
+    traces: list[Any] = []
+    layout: dict[str, Any] = {"annotations": []}
+    times = _times(slave_session.samples, start)
+    for place, (index, each) in enumerate(moving):
+        number = "" if place == 0 else str(place + 1)
+        traces += _axis_lines(slave_session.samples, times, index, number, place == 0)
+        layout |= _axis_layout(place, rows, len(moving), each)
+        layout["annotations"].append(_axis_title(each, number))
+    return make_picture(
+        f"motion-{slave_session.number}",
+        f"Stay {slave_session.number}: commanded and returned pose",
+        "For each axis the commanded position and the one that came back with the reply. The returned one "
+        f"lags behind, since the robot needs time to follow{_lag_note(slave_session)}."
+        + (f" {', '.join(still)} did not move." if still else "")
+        + _sampling_note(slave_session.samples),
+        110 + 210 * rows,
+        traces,
+        hovermode="x unified",
+        margin={"l": 64, "r": 18, "t": 56, "b": 48},
+        **layout,
+    )
+
+
+def _times(samples: Sequence[PlotSample], start: int) -> list[float]:
+    return [round((sample.time - start) / 1e9, 6) for sample in samples]
+
+
+def _points_per_sample(samples: Sequence[PlotSample]) -> int:
+    return max(sample.points for sample in samples)
+
+
+def _sampling_note(samples: Sequence[PlotSample]) -> str:
+    most = _points_per_sample(samples)
+    return (
+        f" Each point stands for up to {most} set points: the shortest and longest times, the first pose."
+        * (most > 1)
+    )
+
+
+def _marks_note(slave_session: SlaveSession) -> str:
+    """Say how many of the moments that stand out have a mark."""
+    pairs = (
+        ("gaps", slave_session.timing.gaps, len(slave_session.timing.gap_list)),
+        (
+            "times that the buffer ran empty",
+            slave_session.buffer.underflows,
+            len(slave_session.buffer.underflow_list),
+        ),
+    )
+    return "".join(
+        f" The first {some} of {everything} {what} are marked."
+        for what, everything, some in pairs
+        if some < everything
+    )
+
+
+def _slack_note(slave_session: SlaveSession) -> str:
+    if not slave_session.timing.gaps:
+        return ""
+    return f", the dotted one the {slave_session.timing.slack_ms:g} ms that a full buffer lasts"
+
+
+def _log_axis_note(all_bars: Iterator[HistogramBars]) -> str:
+    return " Times that are far apart are on a logarithmic axis too." * any(b.logarithmic for b in all_bars)
+
+
+def _lag_note(slave_session: SlaveSession) -> str:
+    lag = None if slave_session.motion is None else slave_session.motion.lag_cycles
+    return "" if lag is None or lag < _NOTABLE_LAG else f"; here by about {lag:.1f} set points"
+
+
+def _line_trace(name: str, x: list[float], y: list[float | None], color: str, **more: Any) -> Any:
+    few = len(x) <= _MOST_DOTS
+    return go.Scatter(
+        name=name,
+        x=x,
+        y=y,
+        mode="lines+markers" if few else "lines",
+        line={"color": color, "width": 1.4},
+        marker={"color": color, "size": 4},
+        hovertemplate=f"{name} %{{y:.3f}} ms<extra></extra>",
+        **more,
+    )
+
+
+def _cycles(slave_session: SlaveSession, times: list[float]) -> Iterator[Any]:
+    longest = rounded_numbers((sample.cycle_most for sample in slave_session.samples), 4)
+    if _points_per_sample(slave_session.samples) == 1:
+        yield _line_trace("cycle", times, longest, BLUE)
+        return
+    shortest = rounded_numbers((sample.cycle_least for sample in slave_session.samples), 4)
+    yield _line_trace("shortest cycle", times, shortest, GREEN)
+    yield _line_trace("longest cycle", times, longest, BLUE, fill="tonexty")
+
+
+def _replies(slave_session: SlaveSession, times: list[float], start: int) -> Iterator[Any]:
+    values = rounded_numbers((sample.latency_most for sample in slave_session.samples), 4)
+    name = "reply" if _points_per_sample(slave_session.samples) == 1 else "slowest reply"
+    yield _line_trace(name, times, values, GREEN, yaxis="y2")
+    slow = [fact for fact in slave_session.timing.slowest if fact.latency_ms is not None]
+    if _points_per_sample(slave_session.samples) > 1:
+        yield _marker_trace(
+            "slowest of all", slow, [fact.latency_ms for fact in slow], start, color=PURPLE, y="y2"
+        )
+
+
+def _gaps(slave_session: SlaveSession, start: int) -> Iterator[Any]:
+    gaps = [fact for fact in slave_session.timing.gap_list if fact.cycle_ms is not None]
+    if gaps:
+        yield _marker_trace(
+            "longer than a full buffer lasts",
+            gaps,
+            [fact.cycle_ms for fact in gaps],
+            start,
+            color=ORANGE,
+            y="y",
+        )
+
+
+def _reserve(slave_session: SlaveSession, times: list[float], start: int) -> Iterator[Any]:
+    values = rounded_numbers((sample.slack_least for sample in slave_session.samples), 4)
+    name = "reserve" if _points_per_sample(slave_session.samples) == 1 else "smallest reserve"
+    yield _line_trace(name, times, values, AMBER, yaxis="y3")
+    starved = slave_session.buffer.underflow_list
+    if starved:
+        yield go.Scatter(
+            name="buffer ran empty",
+            mode="markers",
+            yaxis="y3",
+            x=[round((each.time - start) / 1e9, 6) for each in starved],
+            y=[0.0] * len(starved),
+            marker={"symbol": "x", "color": ORANGE, "size": 9},
+            customdata=[[each.missed_ticks, each.late_ms, each.late_frame] for each in starved],
+            hovertemplate="ran empty for %{customdata[0]} periods; the set point came "
+            "%{customdata[1]:.1f} ms late, in frame %{customdata[2]}<extra></extra>",
+        )
+
+
+def _marker_trace(
+    name: str,
+    found: Sequence[SetPointFact],
+    values: Sequence[float | None],
+    start: int,
+    *,
+    color: str,
+    y: str,
+) -> Any:
+    return go.Scatter(
+        name=name,
+        mode="markers",
+        yaxis=y,
+        x=[round((fact.time - start) / 1e9, 6) for fact in found],
+        y=[None if value is None else round(value, 4) for value in values],
+        marker={"symbol": "triangle-up-open", "color": color, "size": 10, "line": {"width": 2}},
+        customdata=[[fact.call, fact.request_frame] for fact in found],
+        hovertemplate=f"{name}: %{{y:.3f}} ms, call %{{customdata[0]}}, "
+        "frame %{customdata[1]}<extra></extra>",
+    )
+
+
+def _horizontal_line(y: str, value: float, color: str, dash: str) -> dict[str, Any]:
+    line = {"color": color, "width": 1.5, "dash": dash}
+    return {
+        "type": "line",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "yref": y,
+        "y0": value,
+        "y1": value,
+        "line": line,
+    }
+
+
+def _vertical_line(x: str, y: str, value: float, color: str) -> dict[str, Any]:
+    line = {"color": color, "width": 1.5, "dash": "dash"}
+    at = {"xref": x, "x0": value, "x1": value}
+    return {"type": "line", **at, "yref": f"{y} domain", "y0": 0, "y1": 1, "line": line}
+
+
+def _end_line(slave_session: SlaveSession, start: int) -> Iterator[dict[str, Any]]:
+    if slave_session.exit.reason not in (ExitReason.LEFT, ExitReason.CAPTURE_ENDED):
+        at = (slave_session.exit.time - start) / 1e9
+        line = {"color": ORANGE, "width": 1.5}
+        yield {"type": "line", "x0": at, "x1": at, "yref": "paper", "y0": 0, "y1": 1, "line": line}
+
+
+def _end_annotations(slave_session: SlaveSession, start: int) -> Iterator[dict[str, Any]]:
+    for line in _end_line(slave_session, start):
+        code = (
+            ""
+            if not slave_session.exit.hresult
+            else f", {plotly_label(hresult_name(slave_session.exit.hresult))}"
+        )
+        words = f"{slave_session.exit.reason.value}{code}"
+        yield {
+            "x": line["x0"],
+            "yref": "paper",
+            "y": 0.67,
+            "text": words,
+            "showarrow": False,
+            "xanchor": "right",
+            "xshift": -4,
+        }
+
+
+def _counts_range(bars: HistogramBars) -> list[float]:
+    return [math.log10(0.6), math.log10(max(bars.counts) * 1.6)]
+
+
+def _bars(title: str, color: str, bars: HistogramBars, number: str) -> Any:
+    middles = [
+        math.sqrt(low * high) if bars.logarithmic else (low + high) / 2
+        for low, high in zip(bars.lows, bars.highs, strict=True)
+    ]
+    return go.Bar(
+        name=title,
+        x=middles,
+        y=bars.counts,
+        width=[high - low for low, high in zip(bars.lows, bars.highs, strict=True)],
+        marker={"color": color, "line": {"color": color, "width": 1}},
+        xaxis=f"x{number}",
+        yaxis=f"y{number}",
+        customdata=[list(pair) for pair in zip(bars.lows, bars.highs, strict=True)],
+        hovertemplate="%{y} set points<br>%{customdata[0]:.4g} to %{customdata[1]:.4g} ms<extra></extra>",
+    )
+
+
+def _returned_moves(samples: Sequence[PlotSample], index: int) -> bool:
+    values = [s.returned[index] for s in samples if math.isfinite(s.returned[index])]
+    return bool(values) and max(values) - min(values) > _LEAST_MOTION
+
+
+def _axis_lines(
+    samples: Sequence[PlotSample], times: list[float], index: int, number: str, first: bool
+) -> list[Any]:
+    common: dict[str, Any] = {"x": times, "mode": "lines", "xaxis": f"x{number}", "yaxis": f"y{number}"}
+    return [
+        go.Scatter(
+            name="commanded",
+            legendgroup="commanded",
+            y=rounded_numbers(sample.commanded[index] for sample in samples),
+            line={"color": BLUE, "width": 2},
+            showlegend=first,
+            hovertemplate="commanded %{y:.4f}<extra></extra>",
+            **common,
+        ),
+        go.Scatter(
+            name="returned",
+            legendgroup="returned",
+            y=rounded_numbers(sample.returned[index] for sample in samples),
+            line={"color": ORANGE, "width": 2, "dash": "dot"},
+            showlegend=first,
+            hovertemplate="returned %{y:.4f}<extra></extra>",
+            **common,
+        ),
+    ]
+
+
+def _axis_layout(place: int, rows: int, count: int, each: AxisMotion) -> dict[str, Any]:
+    row, column = divmod(place, _COLUMNS)
+    number = "" if place == 0 else str(place + 1)
+    height = 1 / rows
+    top = 1 - row * height
+    lowest = place + _COLUMNS >= count
+    title = "time since the first frame, s" if lowest else ""
+    matches = {} if place == 0 else {"matches": "x"}
+    return {
+        f"xaxis{number}": axis_layout(
+            title,
+            domain=_column(column, min(_COLUMNS, count)),
+            anchor=f"y{number}",
+            hoverformat=".3f",
+            **matches,
+        ),
+        f"yaxis{number}": axis_layout(
+            f"{each.name}, {each.unit}" if each.unit else each.name,
+            domain=[top - height + 0.055, top - 0.05],
+            anchor=f"x{number}",
+        ),
+    }
+
+
+def _column(column: int, columns: int) -> list[float]:
+    """Return from where to where one of so many columns goes, with room for the axis between them."""
+    width = (1 - _COLUMN_GAP * (columns - 1)) / columns
+    left = column * (width + _COLUMN_GAP)
+    return [left, left + width]
+
+
+def _axis_title(each: AxisMotion, number: str) -> dict[str, Any]:
+    largest = each.largest_difference
+    words = f"<b>{each.name}</b>"
+    if largest is not None:
+        words += f"  apart by {largest.value:.3g} {each.unit} at most"
+    return {
+        "xref": f"x{number} domain",
+        "yref": f"y{number} domain",
+        "x": 0,
+        "y": 1,
+        "yanchor": "bottom",
+        "xanchor": "left",
+        "text": words,
+        "showarrow": False,
+    }
+
+
+def percentiles_text(found: DistributionSummary | None) -> str:
+    """Say how values in ms are spread, in one line."""
+    if found is None:
+        return "none"
+    return (
+        f"median {found.p50:.3f}, 90% {found.p90:.3f}, 99% {found.p99:.3f}, 99.9% {found.p999:.3f}, "
+        f"longest {found.most:.3f} ms"
+    )

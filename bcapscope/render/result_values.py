@@ -1,0 +1,65 @@
+"""The result of a call as b-CAP Tester shows it: values with five decimals, or in full."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
+from bcapscope.render.escape import printable
+from bcapscope.render.field_meaning import value_text
+
+DECIMALS = 5
+"""Digits behind the point in the screens of b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)."""
+
+MAX_ELEMENTS = 512
+"""Elements of an array that are shown."""
+
+LONGEST_STRING = 4000
+"""Characters that are shown of one string."""
+
+EMPTY_TEXT = "(EMPTY)"
+
+
+def reply_values_text(reply: Frame, full: bool = False) -> str:
+    """Write what came back: ``(EMPTY)`` for nothing, else the values."""
+    return "  ".join(variant_values_text(value, full) for value in reply.variants) or EMPTY_TEXT
+
+
+def variant_values_text(variant: Variant, full: bool = False) -> str:
+    """Write a value; nothing in it that a terminal would obey.
+
+    Args:
+        variant: the value.
+        full: every number with all digits that it has, else five behind the point.
+    """
+    vt, value = variant.vt, variant.value
+    if value is None:
+        return EMPTY_TEXT
+    if isinstance(value, bytes):
+        more = f" … {len(value) - MAX_ELEMENTS} more" if len(value) > MAX_ELEMENTS else ""
+        return value[:MAX_ELEMENTS].hex(" ").upper() + more
+    if not isinstance(value, tuple):
+        return _scalar(vt, value, full)
+    shown = value[:MAX_ELEMENTS]
+    more = f" … {len(value) - MAX_ELEMENTS} more" if len(value) > MAX_ELEMENTS else ""
+    if vt & ~ARRAY == VT.VARIANT:
+        return f"({'; '.join(_items(shown, full))}{more})"
+    return ", ".join(_scalar(vt & ~ARRAY, each, full) for each in _values(shown)) + more
+
+
+def _items(items: Iterable[object], full: bool) -> Iterable[str]:
+    return (variant_values_text(item, full) for item in items if isinstance(item, Variant))
+
+
+def _values(items: Sequence[Value | Variant]) -> Iterable[Value]:
+    return (item for item in items if not isinstance(item, Variant))
+
+
+def _scalar(vt: int, value: Value, full: bool) -> str:
+    if isinstance(value, str):
+        return printable(value[:LONGEST_STRING]) + ("…" if len(value) > LONGEST_STRING else "")
+    if isinstance(value, float) and not full and vt in (VT.R4, VT.R8):
+        text = f"{value:.{DECIMALS}f}"
+        return text if len(text) < 32 else f"{value:.{DECIMALS}e}"
+    return value_text(value, vt, None)

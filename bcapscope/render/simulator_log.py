@@ -1,0 +1,77 @@
+"""The simulator's log: one line a call."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name, is_failure
+from bcapscope.render.escape import printable
+from bcapscope.render.field_meaning import value_text
+from bcapscope.simulator.call_executor import CallReport
+from bcapscope.simulator.simulator import Peer
+from bcapscope.traffic.observation import Endpoint
+
+LONGEST_VALUE = 60
+"""Characters of each argument."""
+
+
+def call_log_line(peer: Peer, report: CallReport) -> str:
+    """Return a line: client, function, arguments, result and how long it took.
+
+    Args:
+        peer: transport and address of the client.
+        report: the call.
+    """
+    words = [_peer_text(peer), function_name(report.function_id)]
+    words += [_short_value_text(argument) for argument in report.arguments]
+    words += ["->", _result_text(report.result.hresult)]
+    if report.result.value is not None:
+        words.append(_short_value_text(report.result.value))
+    took = (report.ended - report.began) / 1e6
+    return " ".join([*words, f"{took:.1f} ms"] if took else words)
+
+
+def refusal_line(peer: Peer, report: CallReport) -> str:
+    """Return a line: client, and why its call was refused."""
+    return f"{_peer_text(peer)}: {printable(report.result.reason)}"
+
+
+def _peer_text(peer: Peer) -> str:
+    if not isinstance(peer, tuple):
+        return str(peer)
+    transport, (host, port, *_) = peer
+    return f"{transport} {Endpoint(host, port)}"
+
+
+def _result_text(code: int) -> str:
+    text = describe_hresult(code).text if is_failure(code) else ""
+    return f"{hresult_name(code)} ({text})" if text else hresult_name(code)
+
+
+def _short_value_text(variant: Variant) -> str:
+    text = printable(_full_value_text(variant))
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 1] + "…"
+
+
+def _full_value_text(variant: Variant) -> str:
+    value = variant.value
+    if value is None:
+        return "-"
+    if isinstance(value, bytes):
+        return f"[{value[:LONGEST_VALUE].hex(' ')}]"
+    if not isinstance(value, tuple):
+        return value_text(value, variant.vt, LONGEST_VALUE)
+    base = variant.vt & ~ARRAY
+    shown = value[:LONGEST_VALUE]
+    if base == VT.R8:
+        return repr([*shown])  # as one by one, but at once: every slvMove has two such rows
+    texts: list[str] = []
+    room = LONGEST_VALUE
+    for each in shown:
+        if room < 0:
+            break  # the rest would be cut off, and arrays in arrays can be many
+        texts.append(
+            _full_value_text(each) if isinstance(each, Variant) else value_text(each, base, LONGEST_VALUE)
+        )
+        room -= len(texts[-1])
+    return f"[{', '.join(texts)}]"

@@ -1,0 +1,197 @@
+"""Figures of calls, for people and for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import orjson
+
+from bcapscope.analysis.statistics.call_statistics import (
+    OTHER_CLIENTS,
+    OTHER_KINDS,
+    CallFigures,
+    Statistics,
+    StatisticsRow,
+)
+from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.protocol.text_format import counted
+from bcapscope.render.color_palette import PLAIN, Palette
+from bcapscope.render.columns import align_columns
+from bcapscope.render.escape import printable
+from bcapscope.render.frame_record import json_text
+from bcapscope.render.timestamp import epoch_text, utc_text
+from bcapscope.render.tongue import Tongue, english
+from bcapscope.traffic.call_kind import CallKind
+
+MAX_ROWS = 40
+"""Rows of a table for people, those that took most time; JSON has all."""
+
+_LONGEST_NAME = 40
+_HEADER = (
+    *("calls", "per s", "line time", "p50 ms", "p90 ms", "p99 ms", "p99.9 ms", "max ms"),
+    *("retries", "late", "refused", "unanswered"),
+)
+
+
+def call_kind_text(call_kind: CallKind) -> str:
+    """Name what was asked: function, and command where there is one."""
+    if call_kind is OTHER_KINDS:
+        return "(others)"
+    name = function_name(call_kind.function_id)
+    if call_kind.command is None:
+        return name
+    command = printable(call_kind.command)
+    return f"{name} {command if len(command) <= _LONGEST_NAME else command[: _LONGEST_NAME - 1] + '…'}"
+
+
+def statistics_lines(
+    statistics: Statistics, palette: Palette = PLAIN, tongue: Tongue = english
+) -> Iterator[str]:
+    """Write the figures of a time: in all, by client, by client and command."""
+    seconds = (statistics.end - statistics.start) / 1e9
+    yield f"{palette.name}{utc_text(statistics.start)}, {seconds:.3f} s{palette.reset}"
+    yield ""
+    rows = [(_client_text(row, tongue), row.figures) for row in statistics.clients]
+    if len(rows) > 1:
+        rows.insert(0, (_client_text(statistics.total, tongue), statistics.total.figures))
+    yield from _table(tongue("client"), rows, palette, tongue)
+    for client in statistics.clients[:MAX_ROWS]:
+        own = [row for row in statistics.commands if row.conversation is client.conversation]
+        yield ""
+        caption = tongue(f"by {_client_text(client, english)}")
+        questions = [(_translated_call_kind(row, tongue), row.figures) for row in own]
+        yield from _table(caption, questions, palette, tongue)
+    yield from _refusals(statistics, palette, tongue)
+    let_go = statistics.total.figures.not_followed
+    if let_go:
+        yield ""
+        text = f"not followed to the end, as too many were open: {counted(let_go, 'call')}"
+        yield f"{palette.dim}{tongue(text)}{palette.reset}"
+
+
+def _translated_call_kind(row: StatisticsRow, tongue: Tongue) -> str:
+    text = call_kind_text(row.call_kind or OTHER_KINDS)
+    return tongue(text) if row.call_kind in (None, OTHER_KINDS) else text
+
+
+def _client_text(row: StatisticsRow, tongue: Tongue) -> str:
+    conversation = row.conversation
+    if conversation is None:
+        return tongue("all clients")
+    if conversation is OTHER_CLIENTS:
+        return tongue("(other clients)")
+    return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
+
+
+def _table(
+    caption: str, rows: Sequence[tuple[str, CallFigures]], palette: Palette, tongue: Tongue
+) -> Iterator[str]:
+    cells = [
+        (caption, *map(tongue, _HEADER)),
+        *((name, *_cells(figures)) for name, figures in rows[:MAX_ROWS]),
+    ]
+    first, *others = align_columns(cells, "<" + ">" * len(_HEADER))
+    yield f"{palette.dim}{first}{palette.reset}"
+    yield from others
+    if len(rows) > MAX_ROWS:
+        yield tongue(f"… and {len(rows) - MAX_ROWS} more")
+
+
+def _cells(figures: CallFigures) -> tuple[str, ...]:
+    latency = figures.latency
+    times = (
+        ("", "", "", "", "") if latency is None else tuple(f"{value:.3f}" for value in _percentiles(latency))
+    )
+    return (
+        str(figures.calls),
+        "" if figures.calls_per_second is None else f"{figures.calls_per_second:.1f}",
+        "" if figures.line_time_share is None else f"{figures.line_time_share:.1%}",
+        *times,
+        *(
+            str(count or "")
+            for count in (figures.retries, figures.late_replies, figures.refused, figures.unanswered)
+        ),
+    )
+
+
+def _percentiles(latency: DistributionSummary) -> tuple[float, ...]:
+    return latency.p50, latency.p90, latency.p99, latency.p999, latency.most
+
+
+def _refusals(statistics: Statistics, palette: Palette, tongue: Tongue) -> Iterator[str]:
+    rows = [(_translated_call_kind(row, tongue), row.figures.refusal_codes) for row in statistics.kinds]
+    refused = [(str(count), hresult_name(code), name) for name, codes in rows for code, count in codes]
+    if refused:
+        yield ""
+        yield f"{palette.dim}{tongue('refusals')}{palette.reset}"
+        yield from align_columns(refused, "><<")
+
+
+def statistics_record(statistics: Statistics) -> bytes:
+    """Write the figures of a time as one JSON object, without a line end.
+
+    Times are in milliseconds, `start` and `end` in seconds since 1970, `share` is of 1.
+    """
+    head = b'{"start":%b,"end":%b,"total":%b,"clients":[%b],"commands":[%b]}'
+    return head % (
+        epoch_text(statistics.start).encode("ascii"),
+        epoch_text(statistics.end).encode("ascii"),
+        _record(statistics.total),
+        b",".join(map(_record, statistics.clients)),
+        b",".join(map(_record, statistics.commands)),
+    )
+
+
+def _record(row: StatisticsRow) -> bytes:
+    parts = []
+    if row.conversation is not None:
+        ends = (row.conversation.client, row.conversation.server, row.conversation.transport)
+        names = (b"client", b"server", b"transport")
+        parts += [b'"%b":%b' % (name, json_text(str(end))) for name, end in zip(names, ends, strict=True)]
+    if row.call_kind is not None:
+        others = row.call_kind is OTHER_KINDS
+        parts.append(
+            b'"function":%b' % json_text("others" if others else function_name(row.call_kind.function_id))
+        )
+        parts.append(b'"command":%b' % json_text(row.call_kind.command))
+    parts.append(orjson.dumps(figures_object(row.figures))[1:-1])
+    return b"{" + b",".join(parts) + b"}"
+
+
+def figures_object(figures: CallFigures) -> dict[str, object]:
+    """Say figures as JSON has them."""
+    latency = figures.latency
+    return {
+        "calls": figures.calls,
+        "answered": figures.answered,
+        "refused": figures.refused,
+        "unanswered": figures.unanswered,
+        "capture_ended": figures.open,
+        "not_followed": figures.not_followed,
+        "retries": figures.retries,
+        "retried_calls": figures.retried_calls,
+        "late_replies": figures.late_replies,
+        "executing": figures.executing,
+        "request_bytes": figures.request_bytes,
+        "calls_per_s": figures.calls_per_second,
+        "line_time_share": figures.line_time_share,
+        "latency_ms": None if latency is None else latency_object(latency),
+        "refusals": [
+            {"hresult": code, "name": hresult_name(code), "calls": n} for code, n in figures.refusal_codes
+        ],
+    }
+
+
+def latency_object(latency: DistributionSummary) -> dict[str, float]:
+    """Say a distribution as JSON has it."""
+    return {
+        "mean": latency.mean,
+        "min": latency.least,
+        "p50": latency.p50,
+        "p90": latency.p90,
+        "p99": latency.p99,
+        "p99.9": latency.p999,
+        "max": latency.most,
+    }

@@ -1,0 +1,62 @@
+"""Moments as text. A moment is an integer: nanoseconds since 1970-01-01 UTC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from enum import StrEnum
+
+_SECOND = 1_000_000_000
+
+
+class TimeFormat(StrEnum):
+    """How the time of a line is told."""
+
+    RELATIVE = "relative"
+    """Seconds since the first frame."""
+    DELTA = "delta"
+    """Seconds since the line before; of the first line, since the first frame."""
+    UTC = "utc"
+    """Date and time of day, UTC."""
+    EPOCH = "epoch"
+    """Seconds since 1970-01-01 UTC."""
+
+
+def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
+    """Return a function that writes one moment after the other as `time_format` says.
+
+    Relative ones count from the first moment that it is given.
+    """
+    if time_format is TimeFormat.UTC:
+        return utc_text
+    return epoch_text if time_format is TimeFormat.EPOCH else _elapsed_writer(time_format is TimeFormat.DELTA)
+
+
+def _elapsed_writer(since_last: bool) -> Callable[[int], str]:
+    reference: int | None = None
+
+    def write(time: int) -> str:
+        nonlocal reference
+        elapsed = 0 if reference is None else time - reference
+        if since_last or reference is None:
+            reference = time
+        if elapsed < 0:
+            return f"{'-' + epoch_text(-elapsed)[:-3]:>12}"
+        return "%5d.%06d" % divmod(elapsed // 1000, 1_000_000)
+
+    return write
+
+
+def epoch_text(time: int) -> str:
+    """Write seconds since 1970-01-01 UTC with nine digits behind the point."""
+    sign, time = ("-", -time) if time < 0 else ("", time)
+    return "%s%d.%09d" % (sign, *divmod(time, _SECOND))
+
+
+def utc_text(time: int) -> str:
+    """Write date and time of day in UTC, nine digits behind the point; `epoch_text` beyond year 9999."""
+    try:
+        date = datetime.fromtimestamp(time // _SECOND, UTC)
+    except (OverflowError, ValueError, OSError):
+        return epoch_text(time)
+    return f"{date:%Y-%m-%dT%H:%M:%S}.{time % _SECOND:09d}Z"

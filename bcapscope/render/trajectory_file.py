@@ -1,0 +1,163 @@
+"""Trajectories as files that can be played again: CSV, and JSON with what is known besides.
+
+The CSV is UTF-8 without a byte order mark, comma-separated, one header line, a set point a line, lines ending
+in LF, no comments and no quotes. A cell without a value is empty. Numbers are decimal, have a point, no
+thousands separators, and read back as the very number that was sent; `nan`, `inf` and `-inf` are possible.
+Columns, in this order:
+
+``time_s``
+    Seconds from the first request of the first set point to the first request of this one, nine digits.
+``J1_deg`` … ``J8_deg``, or ``X_mm``, ``Y_mm``, ``Z_mm``, ``Rx_deg``, ``Ry_deg``, ``Rz_deg``, ``Fig``, or
+``X_mm``, ``Y_mm``, ``Z_mm``, ``Ox``, ``Oy``, ``Oz``, ``Ax``, ``Ay``, ``Az``, ``Fig``
+    The commanded pose, as many axes as were sent. The part behind the underscore is the unit. Linear axes of
+    J type count in mm all the same; the robot's type decides, which no capture tells.
+``returned_J1_deg`` … and so on
+    The pose in the accepted reply; empty where none came back.
+``reply_s``
+    As ``time_s``, of the accepted reply; empty where none was seen.
+``controller_time_ms``
+    The controller's time stamp, a signed 32-bit number of ms or µs that wraps, in ms. The column is there
+    only where replies have time stamps.
+``retries``
+    How often the set point was sent again.
+``hresult``
+    Result in the reply, unsigned; empty where none was seen.
+``call``
+    Number of the call, as `calls` counts them.
+
+What a reader needs is ``time_s`` and the commanded pose; it finds columns by name.
+
+The JSON is one object. `columns` has the names as above and `rows` an array of values for each set point,
+null for none, NaN and infinities as strings; before them stands what is known of the stay, behind them
+`points`, their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import orjson
+
+from bcapscope.analysis.slave.captured_trajectory import CapturedTrajectory, TrajectoryStep
+from bcapscope.analysis.slave.slave_session import AcceptedFormat
+from bcapscope.protocol.slave_mode.poses import Axis
+from bcapscope.render.frame_record import json_number, json_text
+from bcapscope.render.number import number_text, numbers_text
+from bcapscope.render.timestamp import epoch_text, utc_text
+
+FORMAT = "bcapscope trajectory 1"
+"""Stands in the JSON, so that a reader can tell a later form."""
+
+
+class CsvTrajectoryWriter:
+    """Writes one trajectory as CSV: `head`, any number of `rows`, `tail`."""
+
+    def __init__(self, trajectory: CapturedTrajectory) -> None:
+        self._trajectory = trajectory
+        self._empty_pose = "," * (len(trajectory.axes) - 1)
+
+    def head(self) -> bytes:
+        """Write the header."""
+        return ",".join(column_names(self._trajectory)).encode("ascii") + b"\n"
+
+    def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
+        """Write a line a set point."""
+        return "".join(self._lines(steps)).encode("ascii")
+
+    def tail(self) -> bytes:
+        """Write nothing; a CSV just ends."""
+        return b""
+
+    def _lines(self, steps: Sequence[TrajectoryStep]) -> Iterator[str]:
+        start, stamped = self._trajectory.start, self._trajectory.has_stamps
+        for step in steps:
+            replied = "" if step.reply_time is None else epoch_text(step.reply_time - start)
+            returned = numbers_text(step.returned) if step.returned else self._empty_pose
+            stamp = f"{_csv_number(step.stamp)}," if stamped else ""
+            yield (
+                f"{epoch_text(step.time - start)},{numbers_text(step.commanded)},{returned},{replied},"
+                f"{stamp}{step.retries},{'' if step.hresult is None else step.hresult},{step.call}\n"
+            )
+
+
+class JsonTrajectoryWriter:
+    """Writes one trajectory as JSON: `head`, any number of `rows`, `tail`."""
+
+    def __init__(self, trajectory: CapturedTrajectory) -> None:
+        self._trajectory = trajectory
+        self._empty_pose = ",".join(["null"] * len(trajectory.axes)).encode("ascii")
+        self._point_count = 0
+
+    def head(self) -> bytes:
+        """Write all that is known beforehand, and open the rows."""
+        members = b",".join(
+            b'"%b":%b' % (name.encode(), value) for name, value in _header_members(self._trajectory)
+        )
+        return b"{" + members + b',"rows":['
+
+    def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
+        """Write an array a set point."""
+        begun, self._point_count = bool(self._point_count), self._point_count + len(steps)
+        text = b",\n".join(self._arrays(steps))
+        return (b",\n" if begun and text else b"\n" if text else b"") + text
+
+    def tail(self) -> bytes:
+        """Close the rows and the object."""
+        return b'\n],"points":%d}\n' % self._point_count
+
+    def _arrays(self, steps: Sequence[TrajectoryStep]) -> Iterator[bytes]:
+        start, stamped = self._trajectory.start, self._trajectory.has_stamps
+        for step in steps:
+            yield b"[%b,%b,%b,%b,%b%d,%b,%d]" % (
+                epoch_text(step.time - start).encode("ascii"),
+                json_number(step.commanded)[1:-1],
+                json_number(step.returned)[1:-1] if step.returned else self._empty_pose,
+                b"null" if step.reply_time is None else epoch_text(step.reply_time - start).encode("ascii"),
+                b"%b," % (b"null" if step.stamp is None else json_number(step.stamp)) if stamped else b"",
+                step.retries,
+                b"null" if step.hresult is None else b"%d" % step.hresult,
+                step.call,
+            )
+
+
+def column_names(trajectory: CapturedTrajectory) -> list[str]:
+    """List the columns in order."""
+    axes = [_axis_name(axis) for axis in trajectory.axes]
+    stamps = ["controller_time_ms"] if trajectory.has_stamps else []
+    returned = [f"returned_{name}" for name in axes]
+    return ["time_s", *axes, *returned, "reply_s", *stamps, "retries", "hresult", "call"]
+
+
+def _axis_name(axis: Axis) -> str:
+    return f"{axis.name}_{axis.unit}" if axis.unit else axis.name
+
+
+def _csv_number(value: float | None) -> str:
+    return "" if value is None else number_text(value)
+
+
+def _header_members(trajectory: CapturedTrajectory) -> Iterator[tuple[str, bytes]]:
+    conversation, mode = trajectory.conversation, trajectory.mode
+    yield "format", json_text(FORMAT)
+    yield "stay", orjson.dumps(trajectory.session_number)
+    yield "client", json_text(str(conversation.client))
+    yield "server", json_text(str(conversation.server))
+    yield "transport", json_text(conversation.transport)
+    yield "robot", orjson.dumps(trajectory.robot)
+    yield "start", epoch_text(trajectory.start).encode("ascii")
+    yield "start_utc", json_text(utc_text(trajectory.start))
+    yield "mode", orjson.dumps(mode.value)
+    yield "mode_text", json_text(None if mode.meaning is None else mode.meaning.text)
+    yield "mode_guessed", orjson.dumps(mode.guessed)
+    yield "pose_type", json_text(mode.pose_type)
+    yield "generation", json_text(mode.generation)
+    yield "generation_known_by", json_text(mode.generation_known_by or None)
+    yield "send_format", _format(trajectory.send_format)
+    yield "receive_format", _format(trajectory.receive_format)
+    yield "interval_ms", orjson.dumps(trajectory.grid_ms)
+    yield "axes", orjson.dumps([{"name": axis.name, "unit": axis.unit} for axis in trajectory.axes])
+    yield "columns", orjson.dumps(column_names(trajectory))
+
+
+def _format(found: AcceptedFormat | None) -> bytes:
+    return orjson.dumps(None if found is None else found.value)

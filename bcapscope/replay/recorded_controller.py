@@ -1,0 +1,318 @@
+"""The controller's side of a script: answers a client as the controller did when it was recorded.
+
+The handles are the recorded ones, as it is we who give them. No I/O and no clock; it can stand where a
+`Simulator` stands.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import TypeAlias
+
+from bcapscope.errors import LocalProtocolError, TooLargeError
+from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame, parse_datagram
+from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.retry.responder import RequestKind, Responder
+from bcapscope.protocol.tables.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA
+from bcapscope.replay.replay_script import ReplayScript, ScriptCall
+from bcapscope.simulator.call_executor import MAX_WAITING, CallReport
+from bcapscope.simulator.call_outcome import CallResult
+from bcapscope.simulator.simulator import LARGEST_REQUEST, MAX_CLIENTS, STOP_CLIENTS, Peer, SimulatorOutput
+from bcapscope.traffic.call_kind import CallKind, call_kind_of
+
+IDLE_CLIENT_NS = 2_000_000_000
+"""ns of silence after which a UDP client makes room for another: longer than between two tries of one that
+waits (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
+
+_SERVICE_START = CallKind(1, None)
+
+_AnsweredCallback: TypeAlias = Callable[[CallReport, bool], None]
+"""Is given each call that is answered, and whether there was a line for it."""
+
+
+class ScriptIndex:
+    """The lines of a script, by what was asked; all clients share it."""
+
+    def __init__(self, calls: Iterable[ScriptCall]) -> None:
+        self.calls: dict[CallKind, list[ScriptCall]] = {}
+        self.positions: dict[tuple[CallKind, tuple[Variant, ...]], list[int]] = {}
+        for line in calls:
+            question = _casefolded(line.kind)
+            known = self.calls.setdefault(question, [])
+            self.positions.setdefault((question, line.arguments), []).append(len(known))
+            known.append(line)
+
+
+class ScriptLookup:
+    """Finds the line that answers a request of one client.
+
+    That is the next one with the same function, command and arguments; where there is none any more, the
+    last of them that was; else the next with the same function and command. After the last recorded
+    Service_Start the next one begins from the top.
+    """
+
+    def __init__(self, index: ScriptIndex) -> None:
+        self._index = index
+        self._next: dict[CallKind, int] = {}
+
+    def find(self, kind: CallKind, arguments: tuple[Variant, ...]) -> ScriptCall | None:
+        """Return the line; None where nothing like it was recorded."""
+        question = _casefolded(kind)
+        lines = self._index.calls.get(question)
+        if lines is None:
+            return None
+        if question == _SERVICE_START and self._next.get(question) == len(lines):
+            self._next.clear()
+        begin = self._next.get(question, 0)
+        places = self._index.positions.get((question, arguments), [])
+        index = bisect_left(places, begin)
+        if index == len(places) > 0:
+            return lines[places[-1]]
+        place = places[index] if places else min(begin, len(lines) - 1)
+        self._next[question] = place + 1
+        return lines[place]
+
+
+def _casefolded(kind: CallKind) -> CallKind:
+    """Controllers do not tell capital letters from small ones in commands."""
+    command = kind.command
+    return kind if command is None else CallKind(kind.function_id, command.casefold())
+
+
+class _ReplayClient:
+    """What is said to one client, one call after another.
+
+    Attributes:
+        splitter: of what comes over TCP; None on UDP.
+        last_request_at: when it last sent something, ns.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        lookup: ScriptLookup,
+        responder: Responder,
+        *,
+        udp: bool,
+        delays: bool,
+        on_answered: _AnsweredCallback,
+    ) -> None:
+        self.splitter = None if udp else StreamSplitter(limit=LARGEST_REQUEST)
+        self.last_request_at = 0
+        self._number = number
+        self._delays = delays
+        self._on_answered = on_answered
+        self._lookup = lookup
+        self._responder = responder
+        self._waiting: deque[Frame] = deque()
+        self._frame: Frame | None = None
+        self._script_call: ScriptCall | None = None
+        self._began = 0
+        self._notice_offsets: deque[int] = deque()
+
+    def receive(self, frame: Frame, now: int) -> list[bytes]:
+        """Take a request; return the frames to send at once."""
+        self.last_request_at = now
+        decision = self._responder.receive_request(frame)
+        if decision.kind is RequestKind.BUSY and self._is_unanswered:
+            # A call that had no answer when it was recorded is over when its client goes on.
+            self._responder.abandon_call()
+            decision = self._responder.receive_request(frame)
+        if decision.kind is RequestKind.NEW:
+            self._start_call(frame, now)
+            return []
+        if decision.reply is not None:
+            return [decision.reply]
+        if decision.kind is RequestKind.BUSY:
+            if len(self._waiting) >= MAX_WAITING:
+                return [self._responder.reply_unremembered(frame, E_BUSY)]
+            self._waiting.append(frame)
+        return []
+
+    @property
+    def due(self) -> int | None:
+        """When `poll` has something to send, ns; None while there is no call."""
+        if self._frame is None:
+            return None
+        if self._notice_offsets:
+            return self._began + self._notice_offsets[0]
+        took = self._script_call.duration if self._script_call is not None and self._delays else 0
+        return None if self._is_unanswered else self._began + took
+
+    def poll(self, now: int) -> Iterator[bytes]:
+        """Yield the frames that are due."""
+        while (due := self.due) is not None and due <= now:
+            if self._notice_offsets:
+                self._notice_offsets.popleft()
+                yield self._responder.executing_notice()
+                continue
+            yield self._answer_call(now)
+            while self._waiting and (self._is_unanswered or not self._responder.is_call_running):
+                yield from self.receive(self._waiting.popleft(), now)
+
+    @property
+    def _is_unanswered(self) -> bool:
+        """Whether a call is under way that had no answer."""
+        return self._frame is not None and self._script_call is not None and self._script_call.hresult is None
+
+    def _start_call(self, frame: Frame, now: int) -> None:
+        arguments = frame.variants
+        self._frame, self._began = frame, now
+        self._script_call = self._lookup.find(call_kind_of(frame), arguments)
+        self._notice_offsets.clear()
+        if self._script_call is not None and self._delays:
+            self._notice_offsets.extend(self._script_call.notice_offsets)
+
+    def _answer_call(self, now: int) -> bytes:
+        frame, line = self._frame, self._script_call
+        assert frame is not None
+        self._frame = None
+        code: int = E_NOTIMPL
+        values: tuple[Variant, ...] = ()
+        known = line is not None
+        if line is not None and line.hresult is not None:
+            code, values = line.hresult, line.values
+        try:
+            raw = self._responder.answer_call(code, values)
+        except TooLargeError:  # it went over TCP when it was recorded
+            code, values = E_TOO_MUCH_DATA, ()
+            raw = self._responder.answer_call(code)
+        except LocalProtocolError:  # it was damaged when it was recorded
+            code, values, known = E_NOTIMPL, (), False
+            raw = self._responder.answer_call(code)
+        arguments = frame.variants
+        answer = CallResult(code, values[0] if values else None)
+        self._on_answered(CallReport(self._number, frame.code, arguments, answer, self._began, now), known)
+        return raw
+
+
+class RecordedController:
+    """Stands in for a controller that was recorded; every client hears the whole script.
+
+    Attributes:
+        dropped: datagrams that were no sound frame, or came from a client too many.
+        unknown_calls: calls of which nothing like them was recorded, or no answer that can be given again; they
+            are answered E_NOTIMPL.
+        runs_in_real_time: its time may stand still while it gets no processor.
+        has_running_calls: no call waits for anything but its delay.
+    """
+
+    runs_in_real_time = has_running_calls = False
+
+    def __init__(
+        self, script: ReplayScript, report: Callable[[Peer, CallReport], None], *, delays: bool = True
+    ) -> None:
+        """Begin.
+
+        Args:
+            script: what to answer.
+            report: called with the client and each call that is answered.
+            delays: answer after the time that the controller took, instead of at once.
+        """
+        self.dropped = 0
+        self.unknown_calls = 0
+        self._index = ScriptIndex(script.calls)
+        self._reply_reserved = script.reply_reserved
+        self._report = report
+        self._delays = delays
+        self._clients: dict[Peer, _ReplayClient] = {}
+        self._last_client_number = 0
+
+    def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Take a UDP datagram; return what to send."""
+        items = parse_datagram(data) if len(data) <= LARGEST_UDP_FRAME else ()
+        frame = items[0] if len(items) == 1 else None
+        if not isinstance(frame, Frame) or frame.problems:
+            self.dropped += 1
+            return []
+        part = self._clients.get(peer)
+        if part is None:
+            if not self._has_room(now):
+                self.dropped += 1
+                return []
+            part = self._add_client(peer, udp=True, now=now)
+        return self._outputs(peer, part, [frame], now)
+
+    def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
+        """Take a TCP connection; return False if there are too many, for the caller to close it."""
+        if len(self._clients_on(udp=False)) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
+            return False
+        self._add_client(peer, udp=False, now=now)
+        return True
+
+    def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Take bytes of a connection; return what to send. Bytes that are no sound frame are skipped."""
+        part = self._clients.get(peer)
+        if part is None or part.splitter is None:
+            return []
+        items = [piece.item for piece in part.splitter.feed(data)]
+        frames = [item for item in items if isinstance(item, Frame) and not item.problems]
+        return self._outputs(peer, part, frames, now)
+
+    def on_disconnect(self, peer: Peer, now: int) -> None:
+        """Forget a client that is gone."""
+        self._clients.pop(peer, None)
+
+    def reset(self, now: int) -> list[SimulatorOutput]:
+        """Forget every client; return what to send, which closes the connections."""
+        peers = [peer for peer, part in self._clients.items() if part.splitter is not None]
+        self._clients.clear()
+        return [SimulatorOutput(peer, b"") for peer in peers]
+
+    def advance(self, now: int) -> list[SimulatorOutput]:
+        """Let time pass; return what to send."""
+        return [each for peer, part in self._clients.items() for each in self._due_outputs(peer, part, now)]
+
+    def due(self, now: int) -> int | None:
+        """Return when `advance` is to be called next at the latest; None if nothing is under way."""
+        times = (part.due for part in self._clients.values())
+        return min((time for time in times if time is not None), default=None)
+
+    def _outputs(
+        self, peer: Peer, client: _ReplayClient, frames: list[Frame], now: int
+    ) -> list[SimulatorOutput]:
+        outputs: list[SimulatorOutput] = []
+        for frame in frames:
+            outputs += [SimulatorOutput(peer, raw) for raw in client.receive(frame, now)]
+            outputs += self._due_outputs(peer, client, now)
+        return outputs
+
+    def _due_outputs(self, peer: Peer, client: _ReplayClient, now: int) -> Iterator[SimulatorOutput]:
+        return (SimulatorOutput(peer, raw) for raw in client.poll(now))
+
+    def _on_answered(self, peer: Peer, report: CallReport, known: bool) -> None:
+        self.unknown_calls += not known
+        self._report(peer, report)
+
+    def _clients_on(self, udp: bool) -> dict[Peer, _ReplayClient]:
+        """Return the clients of a transport: those of one never take the room of the other's."""
+        return {peer: part for peer, part in self._clients.items() if (part.splitter is None) is udp}
+
+    def _has_room(self, now: int) -> bool:
+        """Tell whether there is room for a UDP client, perhaps after forgetting one that is silent."""
+        parts = self._clients_on(udp=True)
+        if len(parts) < MAX_CLIENTS:
+            return True
+        silent = min(parts, key=lambda peer: parts[peer].last_request_at)
+        if now - parts[silent].last_request_at < IDLE_CLIENT_NS:
+            return False
+        del self._clients[silent]
+        return True
+
+    def _add_client(self, peer: Peer, udp: bool, now: int) -> _ReplayClient:
+        self._last_client_number += 1
+        largest = LARGEST_UDP_FRAME if udp else LARGEST_FRAME
+        responder = Responder(
+            expects_retries=udp, reply_reserved=self._reply_reserved, largest_answer=largest
+        )
+        told, prompter = partial(self._on_answered, peer), ScriptLookup(self._index)
+        part = _ReplayClient(
+            self._last_client_number, prompter, responder, udp=udp, delays=self._delays, on_answered=told
+        )
+        self._clients[peer] = part
+        part.last_request_at = now
+        return part

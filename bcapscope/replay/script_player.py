@@ -1,0 +1,218 @@
+"""The client's side of a script, played to a controller, with the handles that this one gives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.errors import BcapError, ControllerError
+from bcapscope.player.channel import Channel
+from bcapscope.player.motion_checks import POSITION_TOLERANCE
+from bcapscope.player.robot_adapter import RobotAdapter, pose_distance
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.requester import CallAnswered, CallTimedOut, RequesterOutcome
+from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
+from bcapscope.protocol.slave_mode.poses import pose_numbers
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, ResultKind
+from bcapscope.protocol.tables.hresult import is_failure, is_success
+from bcapscope.replay.replay_script import ReplayScript, ScriptCall
+from bcapscope.replay.set_point_runs import command_of, mode_entered
+
+ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
+"""Numbers that differ by less, absolutely or relatively, are the same: mm, degrees and seconds that a robot
+comes back with are never equal to the last bit."""
+
+
+class NotAtStartError(BcapError):
+    """The robot is not where the recording needs it, as far as is known."""
+
+
+class PlayedCall(NamedTuple):
+    """A call that was made again.
+
+    Attributes:
+        script_call: as it was recorded.
+        arguments: as they were sent.
+        result: how it ended.
+        delay: ns that it was asked later than in the recording, since what came before took longer.
+        differs: ended with another result code, or without a reply, or with one where there had been none.
+        values_differ: ended with the same result code and other values, as a robot is never twice in the same place.
+    """
+
+    script_call: ScriptCall
+    arguments: tuple[Variant, ...]
+    result: RequesterOutcome
+    delay: int
+    differs: bool
+    values_differ: bool
+
+    @property
+    def failed(self) -> bool:
+        """Whether it succeeded when it was recorded, and now did not."""
+        then = self.script_call.hresult is not None and is_success(self.script_call.hresult)
+        return then and not isinstance(self.result, CallAnswered)
+
+    @property
+    def unanswered(self) -> bool:
+        """Whether it was answered when it was recorded, and now was not."""
+        return self.script_call.hresult is not None and isinstance(self.result, CallTimedOut)
+
+
+class ScriptPlayer:
+    """Plays a script.
+
+    What the recording uses and does not open, as its beginning was missed, is opened as `ObjectOpener` does; what it
+    leaves open is for the session to let go of.
+    """
+
+    def __init__(
+        self,
+        script: ReplayScript,
+        reach: ObjectOpener,
+        channel: Channel,
+        longest_pause: int,
+        anywhere: bool = False,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            script: to play.
+            reach: of a session in which nothing is open yet.
+            channel: whose clock and patience are used.
+            longest_pause: longer ones between two calls are cut to that many ns.
+            anywhere: enter slave mode wherever the robot stands.
+        """
+        self._script = script
+        self._reach = reach
+        self._channel = channel
+        self._longest_pause = longest_pause
+        self._anywhere = anywhere
+        self._handles: dict[tuple[ObjectClass, int], int] = {}
+
+    async def play(self, on_played: Callable[[PlayedCall], bool]) -> None:
+        """Play it to its end.
+
+        Args:
+            on_played: is given every call that was made; the end comes early when it returns False.
+
+        Raises:
+            ValueError: an object is needed that nobody told the name of.
+            FarAwayError: slave mode would begin far from where the robot stands; it is not entered.
+            BcapError: what was missing could not be opened, or a call cannot be sent.
+            OSError: the link is gone.
+        """
+        channel = self._channel
+        start = channel.now()
+        for place, (line, at) in enumerate(zip(self._script.calls, self._send_times(), strict=True)):
+            arguments = await self._current_arguments(line)
+            if arguments is None:
+                continue
+            if not self._anywhere:
+                await self._check_start(place)
+            channel.wait_until(start + at)
+            late = channel.now() - start - at
+            settled = await self._make_call(line, arguments)
+            self._learn_handle(line, settled)
+            if not on_played(
+                PlayedCall(
+                    line, arguments, settled, late, _differs(line, settled), _values_differ(line, settled)
+                )
+            ):
+                return
+
+    def _send_times(self) -> Iterator[int]:
+        """Yield when to ask each call, ns after the beginning."""
+        at = last = 0
+        for line in self._script.calls:
+            at += min(line.offset - last, self._longest_pause)
+            last = line.offset
+            yield at
+
+    async def _current_arguments(self, call: ScriptCall) -> tuple[Variant, ...] | None:
+        """Put the handle of here and now in the place of the recorded one; None to let go of what is not."""
+        function = FUNCTIONS.get(call.kind.function_id)
+        old = _first_number(call.arguments)
+        if function is None or not function.takes_handle or old is None:
+            return call.arguments
+        owner = function.owner
+        new = self._handles.get((owner, old))
+        if new is None and call.hresult is not None and is_failure(call.hresult):
+            return call.arguments  # perhaps refused for its handle, which nobody was ever given
+        if new is None and function.releases is not None:
+            return None
+        if new is None:
+            new = self._handles[owner, old] = await self._reach.handle_for(owner)
+        return (Variant(VT.I4, new), *call.arguments[1:])
+
+    async def _check_start(self, place: int) -> None:
+        """Before slave mode is entered, look whether the robot stands where its first set point is."""
+        mode = mode_entered(self._script.calls[place])
+        kind = None if mode is None else pose_type_of_mode(mode)
+        if kind is None:
+            return
+        moves = (line for line in self._script.calls[place + 1 :] if command_of(line) == "slvmove")
+        first = next(moves, None)
+        goal = None if first is None or len(first.arguments) < 3 else pose_numbers(first.arguments[2])
+        if first is None or goal is None:
+            return
+        try:
+            here = await RobotAdapter(self._reach, self._pause).read_pose(kind)
+        except ControllerError as error:
+            raise NotAtStartError(
+                f"slave mode was not entered, as nobody knows where the robot is: {error}"
+            ) from None
+        far = pose_distance(kind, here, goal)
+        if far > POSITION_TOLERANCE:
+            raise NotAtStartError(
+                f"call {first.number}, the first set point, is {far:.3g} (degrees or mm) from where the robot "
+                "stands: slave mode was not entered; bring the robot there first"
+            )
+
+    def _pause(self, length: int) -> None:
+        self._channel.wait_until(self._channel.now() + length)
+
+    async def _make_call(self, call: ScriptCall, arguments: tuple[Variant, ...]) -> RequesterOutcome:
+        function = FUNCTIONS.get(call.kind.function_id)
+        if function is None:
+            return await self._reach.session.perform_call(call.kind.function_id, arguments)
+        return await self._reach.perform_call(function, arguments)
+
+    def _learn_handle(self, call: ScriptCall, result: RequesterOutcome) -> None:
+        """Note which handle of here and now stands for the recorded one."""
+        function = FUNCTIONS.get(call.kind.function_id)
+        if function is None or function.creates is None or not isinstance(result, CallAnswered):
+            return
+        then = _first_number(call.values)
+        now = _first_number([argument.variant for argument in result.reply.arguments])
+        if then is not None and now is not None:
+            self._handles[function.creates, then] = now
+
+
+def _first_number(values: Sequence[Variant]) -> int | None:
+    value = values[0].value if values else None
+    return value if isinstance(value, int) else None
+
+
+def _differs(call: ScriptCall, result: RequesterOutcome) -> bool:
+    return call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
+
+
+def _values_differ(call: ScriptCall, result: RequesterOutcome) -> bool:
+    if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
+        return False
+    function = FUNCTIONS.get(call.kind.function_id)
+    if function is not None and function.result is ResultKind.HANDLE:
+        return False
+    return not _nearly_equal(call.values, tuple(argument.variant for argument in result.reply.arguments))
+
+
+def _nearly_equal(first: object, second: object) -> bool:
+    """Compare values; a `Variant` is compared as the tuple that it is."""
+    if isinstance(first, float) and isinstance(second, float):
+        same = math.isclose(first, second, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
+        return same or (math.isnan(first) and math.isnan(second))
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        return len(first) == len(second) and all(map(_nearly_equal, first, second))
+    return first == second

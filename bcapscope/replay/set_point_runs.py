@@ -1,0 +1,134 @@
+"""The set points of a script, as the player's pre-flight looks at trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.errors import BcapError
+from bcapscope.player.arm_limits import ArmLimits
+from bcapscope.player.preflight import PreflightResult, run_preflight
+from bcapscope.player.preflight_problem import PreflightProblem, interval_text, set_point_numbers
+from bcapscope.player.set_point_timing import find_gaps, timing_from_send_times
+from bcapscope.player.smooth_curve import Array
+from bcapscope.player.trajectory import MIN_COLUMNS, Trajectory, TrajectorySource
+from bcapscope.protocol.slave_mode.modes import PoseType, integer_value, pose_type_of_mode
+from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
+from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
+from bcapscope.protocol.text_format import counted
+from bcapscope.replay.replay_script import ReplayScript, ScriptCall
+
+_SHORTEST = 0.001
+"""Seconds that set points count as apart at least; no controller takes them faster."""
+
+
+class UnreadableSetPointError(BcapError):
+    """A set point cannot be read, so that nobody knows where it would send the robot."""
+
+
+class SetPointRun(NamedTuple):
+    """Set points that are sent without leaving slave mode in between.
+
+    Attributes:
+        first_call: number of the call of the first of them.
+        trajectory: where they go, whatever the recorded controller answered: all of them are sent again.
+        sent_at: seconds at which they were sent, from the first.
+    """
+
+    first_call: int
+    trajectory: Trajectory
+    sent_at: tuple[float, ...]
+
+
+def command_of(call: ScriptCall) -> str | None:
+    """Return the command of a line, in lower case."""
+    return call.kind.command.casefold() if call.kind.command is not None else None
+
+
+def mode_entered(call: ScriptCall) -> int | None:
+    """Return the slave mode that a line enters; None if it enters none."""
+    if command_of(call) != "slvchangemode" or len(call.arguments) < 3:
+        return None
+    return integer_value(call.arguments[2]) or None
+
+
+def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
+    """Yield the set points of a script.
+
+    Where slave mode was not entered, they count as joints.
+
+    Raises:
+        UnreadableError: one of them is no pose, or has another number of axes than the one before.
+    """
+    kind, points = PoseType.J, list[ScriptCall]()
+    for line in script.calls:
+        command = command_of(line)
+        if command == "slvmove":
+            points.append(line)
+        elif command == "slvchangemode":
+            if points:
+                yield _run_of(kind, points)
+            points = []
+            kind = pose_type_of_mode(mode_entered(line) or 0) or kind
+    if points:
+        yield _run_of(kind, points)
+
+
+def preflight_run(run: SetPointRun, limits: ArmLimits) -> PreflightResult:
+    """Look at a stretch as the player does at a trajectory, at the pace at which it was sent."""
+    trajectory = run.trajectory
+    found = run_preflight(trajectory, trajectory.period or _SHORTEST, limits)
+    more = tuple(_gap_findings(np.asarray(run.sent_at)))
+    rank = list(Severity)
+    every = sorted((*found.problems, *more), key=lambda finding: rank.index(finding.severity))
+    return replace(found, problems=tuple(every))
+
+
+def _run_of(kind: PoseType, calls: list[ScriptCall]) -> SetPointRun:
+    rows = [_pose_numbers(line, kind) for line in calls]
+    odd = next((line for line, row in zip(calls, rows, strict=True) if len(row) != len(rows[0])), None)
+    if odd is not None:
+        raise UnreadableSetPointError(
+            f"call {odd.number}, a set point, has another number of axes than the first"
+        )
+    sent = np.asarray([line.offset for line in calls]) / 1e9
+    timing = timing_from_send_times(sent)
+    usual = float(np.median(np.diff(sent))) if len(sent) > 1 else _SHORTEST
+    return SetPointRun(
+        calls[0].number,
+        Trajectory(
+            kind,
+            np.asarray(rows, dtype=np.float64),
+            TrajectorySource("", f"set points from call {calls[0].number} on"),
+            period=timing.period or max(usual, _SHORTEST),
+        ),
+        tuple((sent - sent[0]).tolist()),
+    )
+
+
+def _pose_numbers(call: ScriptCall, kind: PoseType) -> tuple[float, ...]:
+    parameter = call.arguments[2] if len(call.arguments) > 2 else None
+    row = None if parameter is None else pose_numbers(parameter)
+    if row is None and parameter is not None:
+        pose = parse_set_point(parameter, kind).pose
+        row = None if pose is None else pose.values
+    if row is None or len(row) < MIN_COLUMNS[kind]:
+        raise UnreadableSetPointError(f"call {call.number}, a set point, is no pose of type {kind}")
+    return tuple(row[: len(AXES[kind])])
+
+
+def _gap_findings(sent_at: Array) -> Iterator[PreflightProblem]:
+    if len(sent_at) < 2:
+        return
+    points, count = set_point_numbers(find_gaps(sent_at), 2)
+    if count:
+        steps = np.diff(sent_at)
+        sentence = (
+            f"{counted(count, 'pause')} between set points, the longest of {interval_text(float(steps.max()))} "
+            f"where {interval_text(float(np.median(steps)))} are usual"
+        )
+        yield PreflightProblem("gap", Severity.WARNING, sentence, "slave mode may end there", points, count)

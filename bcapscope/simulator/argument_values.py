@@ -1,0 +1,157 @@
+"""VARIANT values of the controller: making them, and reading them leniently.
+
+The C server hands arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c); how
+tolerant a real controller is, is not documented. Here any number goes where a number is wanted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant
+from bcapscope.protocol.tables.hresult import E_INVALIDARG
+from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.result_codes import TYPE_MISMATCH
+
+LARGEST_FLOAT = 3.4028234663852886e38
+
+
+def i2(number: int) -> Variant:
+    """Make a VT_I2 of the low 16 bits."""
+    return Variant(VT.I2, _signed(number, 16))
+
+
+def i4(number: int) -> Variant:
+    """Make a VT_I4 of the low 32 bits."""
+    return Variant(VT.I4, _signed(number, 32))
+
+
+def r4(number: float) -> Variant:
+    """Make a VT_R4; what is too large becomes the largest."""
+    return Variant(VT.R4, clip_to_r4(number))
+
+
+def r8(number: float) -> Variant:
+    """Make a VT_R8."""
+    return Variant(VT.R8, float(number))
+
+
+def bstr(text: str) -> Variant:
+    """Make a VT_BSTR."""
+    return Variant(VT.BSTR, text)
+
+
+def boolean(value: bool) -> Variant:
+    """Make a VT_BOOL."""
+    return Variant(VT.BOOL, value)
+
+
+def float_array(element: VT, values: Iterable[float]) -> Variant:
+    """Make an array of VT_R4 or VT_R8."""
+    numbers = tuple(map(clip_to_r4, values)) if element == VT.R4 else tuple(map(float, values))
+    return Variant.array(element, numbers)
+
+
+def variant_array(*items: Variant) -> Variant:
+    """Make an array of VARIANT."""
+    return Variant.array(VT.VARIANT, items)
+
+
+def bstr_array(items: Iterable[str]) -> Variant:
+    """Make an array of VT_BSTR."""
+    return Variant.array(VT.BSTR, tuple(items))
+
+
+def clip_to_r4(number: float) -> float:
+    """Bring a number into the range of a VT_R4."""
+    if math.isfinite(number):
+        return max(-LARGEST_FLOAT, min(LARGEST_FLOAT, float(number)))
+    return float(number)
+
+
+def _signed(number: int, bits: int) -> int:
+    low = number & (1 << bits) - 1
+    return low - (1 << bits) if low >> bits - 1 else low
+
+
+def number_of(variant: Variant) -> float | int:
+    """Read a number, a decimal text or the first number of an array.
+
+    Raises:
+        RefusedError: it is none.
+    """
+    found = _plain(variant.value)
+    if isinstance(found, tuple | bytes) and found:
+        found = _plain(found[0])
+    if isinstance(found, str):
+        found = _from_text(found)
+    if isinstance(found, int | float) and math.isfinite(found):
+        return found
+    raise RefusedError(TYPE_MISMATCH)
+
+
+def integer_of(variant: Variant) -> int:
+    """Read a whole number; fractions are cut off.
+
+    Raises:
+        RefusedError: it is no number.
+    """
+    return int(number_of(variant))
+
+
+def text_of(variant: Variant) -> str:
+    """Read a text; EMPTY and NULL are the empty one.
+
+    Raises:
+        RefusedError: it is something else.
+    """
+    if variant.value is None:
+        return ""
+    if isinstance(variant.value, str):
+        return variant.value
+    raise RefusedError(E_INVALIDARG)
+
+
+def items_of(variant: Variant) -> tuple[Variant, ...]:
+    """Take an array apart into its elements; a scalar is its only one, EMPTY has none."""
+    value = variant.value
+    if value is None:
+        return ()
+    if not isinstance(value, tuple | bytes):
+        return (variant,)
+    base = variant.vt & ~ARRAY
+    return tuple(item if isinstance(item, Variant) else Variant(base, item) for item in value)
+
+
+def numbers_of(variant: Variant) -> tuple[float, ...]:
+    """Read an array of finite numbers; a scalar is an array of one, EMPTY has none.
+
+    Raises:
+        RefusedError: one of its elements is no number.
+    """
+    return tuple(float(number_of(item)) for item in items_of(variant))
+
+
+def argument_at(items: Sequence[Variant], index: int) -> Variant:
+    """Return an argument.
+
+    Raises:
+        RefusedError: there are not as many.
+    """
+    if index >= len(items):
+        raise RefusedError(E_INVALIDARG)
+    return items[index]
+
+
+def _plain(value: Value) -> Value:
+    return value.value if isinstance(value, Variant) else value
+
+
+def _from_text(text: str) -> float | None:
+    if len(text) > 40:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return None

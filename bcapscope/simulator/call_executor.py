@@ -1,0 +1,189 @@
+"""One client's frames: requests in, replies out, one call after another.
+
+Keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, observed on loopback. There a
+stuck call blocks one connection on TCP and all clients on UDP; here it blocks its own client only.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from bcapscope.errors import TooLargeError
+from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame
+from bcapscope.protocol.codec.variant import EMPTY, Variant
+from bcapscope.protocol.retry.responder import RequestKind, Responder
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
+from bcapscope.protocol.tables.hresult import E_BUSY, E_NOTIMPL, E_TOO_MUCH_DATA
+from bcapscope.simulator.call_outcome import CallResult, RunningCall
+from bcapscope.simulator.client_session import ClientSession
+from bcapscope.simulator.machine import Machine
+from bcapscope.simulator.profile import NoArgument
+
+MAX_WAITING = 16
+"""Requests of one client that are held while a call runs; our bound."""
+
+MOST_KEPT_REPLIES = 8
+"""Answers kept for retries: more than the seven tries of any client, and each costs time in every call."""
+
+_ROBOT_EXECUTE = 64
+_NEW = RequestKind.NEW
+_FUNCTIONS_WITH_RESULT = frozenset(
+    each.id for each in FUNCTIONS.values() if each.result is not ResultKind.NONE
+)
+
+
+class CallReport(NamedTuple):
+    """A call that was answered.
+
+    Attributes:
+        client: number of the client.
+        function_id: of the request.
+        arguments: of the request.
+        result: the result.
+        began: when the request came, ns.
+        ended: when it was answered, ns.
+    """
+
+    client: int
+    function_id: int
+    arguments: tuple[Variant, ...]
+    result: CallResult
+    began: int
+    ended: int
+
+
+class CallExecutor:
+    """What one client says, and what it is answered.
+
+    Attributes:
+        session: its session.
+        last_heard: when it last sent something, ns.
+        running: the call that is under way; None if there is none.
+    """
+
+    def __init__(
+        self, machine: Machine, number: int, udp: bool, report: Callable[[CallReport], None]
+    ) -> None:
+        self.session = ClientSession(machine, number)
+        self.last_heard = 0
+        self.running: RunningCall | None = None
+        self._profile = machine.profile
+        self._report = report
+        self._responder = Responder(
+            expects_retries=udp,
+            reply_reserved=machine.profile.replies,
+            remembered=MOST_KEPT_REPLIES,
+            largest_answer=LARGEST_UDP_FRAME if udp else LARGEST_FRAME,
+            defects=machine.profile.defects,
+        )
+        self._waiting: deque[Frame] = deque()
+        self._request: tuple[int, tuple[Variant, ...], int] = (0, (), 0)
+        self._next_notice: int | None = None
+        self._is_timed_out = False
+
+    def on_request(self, frame: Frame, now: int) -> list[bytes]:
+        """Take a sound request; return the frames to send."""
+        self.last_heard = now
+        decision = self._responder.receive_request(frame)
+        if decision.kind is _NEW:
+            frames = self._execute(frame, now)
+            return frames + self._execute_waiting(now) if self._waiting else frames
+        if decision.reply is not None:
+            return [decision.reply]
+        if decision.kind is RequestKind.RUNNING:
+            return []
+        if self._is_timed_out or len(self._waiting) >= MAX_WAITING:
+            return [self._responder.reply_unremembered(frame, E_BUSY)]
+        self._waiting.append(frame)
+        return []
+
+    def poll(self, now: int) -> list[bytes]:
+        """Look whether the running call is done, or a notice is due; return the frames to send."""
+        if self.running is None:
+            return []
+        answer = self.running.poll(now)
+        if answer is None:
+            return self._due_notices(now)
+        self.running = None
+        reply = self._answer(answer, now)
+        stuck, self._is_timed_out = self._is_timed_out, False
+        return [*([] if stuck else [reply]), *self._execute_waiting(now)]
+
+    def due(self, now: int) -> int | None:
+        """Return when to poll next; None if no call runs."""
+        if self.running is None:
+            return None
+        due = self.running.due(now)
+        return due if self._next_notice is None else min(due, self._next_notice)
+
+    def close(self, now: int) -> None:
+        """End it: the client is gone, and what it asked for is answered no more."""
+        self.running = None
+        self._waiting.clear()
+        self._responder.reset()
+        self.session.end(now)
+
+    def _execute(self, frame: Frame, now: int) -> list[bytes]:
+        arguments = frame.variants
+        self._request = (frame.code, arguments, now)
+        outcome = self.session.call(frame.code, arguments, now)
+        if isinstance(outcome, CallResult):
+            return [self._answer(outcome, now)]
+        self.running = outcome
+        self._next_notice = None if self.session.wdt is None else now + self.session.wdt
+        return []
+
+    def _execute_waiting(self, now: int) -> list[bytes]:
+        frames: list[bytes] = []
+        while self._waiting and self.running is None:
+            frame = self._waiting.popleft()
+            decision = self._responder.receive_request(frame)
+            if decision.kind is RequestKind.NEW:
+                frames += self._execute(frame, now)
+            elif decision.reply is not None:
+                frames.append(decision.reply)
+        return frames
+
+    def _due_notices(self, now: int) -> list[bytes]:
+        if self._next_notice is None or now < self._next_notice or self.session.wdt is None:
+            return []
+        if now - self._request[2] >= self.session.invoke_timeout:
+            return self._time_out()
+        self._next_notice += self.session.wdt * ((now - self._next_notice) // self.session.wdt + 1)
+        return [self._responder.executing_notice()]
+
+    def _time_out(self) -> list[bytes]:
+        self._is_timed_out = True
+        self._next_notice = None
+        frames = [self._responder.reply_unremembered(frame, E_BUSY) for frame in self._waiting]
+        self._waiting.clear()
+        return frames
+
+    def _answer(self, answer: CallResult, now: int) -> bytes:
+        function_id, arguments, began = self._request
+        try:
+            raw = self._responder.answer_call(answer.hresult, self._reply_arguments(function_id, answer))
+        except TooLargeError:
+            answer = CallResult(E_TOO_MUCH_DATA)
+            raw = self._responder.answer_call(answer.hresult, self._reply_arguments(function_id, answer))
+        self._report(CallReport(self.session.number, function_id, arguments, answer, began, now))
+        return raw
+
+    def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
+        """Return the arguments of a reply: the value, EMPTY or none, as the profile has it."""
+        if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
+            return ()
+        if answer.value is not None:
+            return (answer.value,)
+        return () if self._has_no_argument(function_id) else (EMPTY,)
+
+    def _has_no_argument(self, function_id: int) -> bool:
+        """Return whether the profile sends no argument where the request has no value as its result."""
+        which = self._profile.no_argument
+        if which is not NoArgument.SLVCHANGEMODE:
+            return which is NoArgument.ALWAYS
+        arguments = self._request[1]
+        command = arguments[1].value if function_id == _ROBOT_EXECUTE and len(arguments) > 1 else None
+        return isinstance(command, str) and command.casefold() == "slvchangemode"

@@ -1,0 +1,210 @@
+"""One client of the simulated controller: its session, its handles, and what it may call when.
+
+Options of Service_Start and the limits: orin_bcap C/src/bCAPServer/bcap_server.c. That every other call needs
+Service_Start before it is assumed, and so is its answer without, E_NOT_CONNECTED. What slave mode refuses,
+and that the refusal ends it: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.guard import always_passes
+from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
+from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.hresult import (
+    E_CAO_COLLECTION_REGISTERED,
+    E_INVALIDARG,
+    E_NOT_CONNECTED,
+    E_NOTIMPL,
+    E_REFUSED_IN_SLAVE_MODE,
+)
+from bcapscope.simulator.argument_values import argument_at, i4, text_of
+from bcapscope.simulator.arm import MS
+from bcapscope.simulator.call_context import CallContext
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError
+from bcapscope.simulator.function_handlers import FUNCTION_HANDLERS
+from bcapscope.simulator.machine import Machine
+from bcapscope.simulator.object_table import ObjectTable
+
+SHORTEST_WDT = 80
+"""ms; so is the shortest InvokeTimeout."""
+
+DEFAULT_INVOKE_TIMEOUT = 180_000
+"""ms."""
+
+LONGEST_QUOTED = 60
+"""Characters of a client's text in a reason."""
+
+_START, _CONNECT = 1, 3
+_VARIABLE_PUT = 102
+_SLAVE_MODE_COMMANDS = frozenset(("slvchangemode", "slvmove", "handstop", "twofgstop"))
+_OTHER_CLIENTS_COMMANDS = frozenset(
+    (
+        *("handmovea", "handmover", "handmoveh", "handmoveah", "handmoverh", "handmovevh"),
+        *("handchuck", "handunchuck", "chuck", "unchuck"),
+    )
+)
+"""What a client may call while another one is in slave mode (orin_bcap_python_samples
+others/bcapslavemove_handmove_COBOTTA.py). That the client in slave mode may not is assumed (issue 13 of
+DENSORobot/denso_robot_ros: the hand cannot move while slave mode moves the arm)."""
+
+
+class ClientSession:
+    """A client between its first call and its last.
+
+    Attributes:
+        number: its own in this controller.
+        is_started: Service_Start was called.
+        wdt: ns between two S_EXECUTING; None for none.
+        invoke_timeout: ns that a call may run.
+        objects: what it has opened.
+    """
+
+    def __init__(self, machine: Machine, number: int) -> None:
+        self.machine = machine
+        self.number = number
+        self.is_started = False
+        self.wdt: int | None = None
+        self.invoke_timeout = DEFAULT_INVOKE_TIMEOUT * MS
+        self.objects = ObjectTable()
+
+    def call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
+        """Run a call; every input gives an outcome."""
+        self.machine.advance(now)
+        try:
+            return self._call(function_id, arguments, now)
+        except RefusedError as refusal:
+            return CallResult(refusal.hresult, reason=refusal.reason)
+
+    def end(self, now: int) -> None:
+        """Let go of everything, as the server does when a client goes (VRC parameters do not matter here)."""
+        self.is_started = False
+        self.wdt = None
+        self.objects.clear()
+        self.machine.open_objects.pop(self.number, None)
+        if self.machine.owner == self.number:
+            self.machine.owner = None
+            self.machine.equipment.brackets.clear()
+
+    def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
+        method = FUNCTION_HANDLERS.get(function_id)
+        if method is None or not self.is_started:
+            return self._call_without_object(function_id, arguments, now)
+        owner, handler = method
+        found = self.objects.find(owner, argument_at(arguments, 0))
+        if handler is None:
+            raise RefusedError(E_NOTIMPL)
+        machine = self.machine
+        if machine.slave.mode is not None and not is_allowed_in_slave_mode(
+            function_id, arguments, is_other=machine.owner != self.number
+        ):
+            machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
+        return handler(CallContext(machine, self.number, self.objects, found, now), arguments[1:])
+
+    def _call_without_object(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
+        """Run a call that needs no object, or refuse one."""
+        if function_id not in FUNCTIONS:
+            raise RefusedError(E_INVALIDARG)
+        if function_id == _START:
+            return self._start(arguments)
+        if not self.is_started:
+            raise RefusedError(E_NOT_CONNECTED)
+        if function_id == _CONNECT:
+            return self._connect(arguments)
+        self.end(now)
+        return DONE
+
+    def _start(self, arguments: tuple[Variant, ...]) -> CallOutcome:
+        options = parse_options(text_of(arguments[0]) if arguments else "")
+        wdt = _milliseconds(options.get("wdt"))
+        limit = _milliseconds(options.get("invoketimeout"))
+        self.wdt = None if wdt is None else wdt * MS
+        self.invoke_timeout = (DEFAULT_INVOKE_TIMEOUT if limit is None else limit) * MS
+        self.is_started = True
+        self.machine.open_objects[self.number] = self.objects
+        return DONE
+
+    def _connect(self, arguments: tuple[Variant, ...]) -> CallOutcome:
+        """Open the controller; RC7 ignores all four strings, the others need their provider.
+
+        A name is in use as long as any client has it, and one that has crashed has it until it is forgotten.
+        """
+        name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
+        providers = self.machine.profile.providers
+        if providers and provider.strip().casefold() not in map(str.casefold, providers):
+            raise RefusedError(E_INVALIDARG, _provider_reason(provider.strip(), providers))
+        open_already = self.objects.find_by_name(ObjectClass.CONTROLLER, name, None) if name else None
+        if "@ifnotmember" in option.casefold():
+            if open_already:
+                return CallResult(value=i4(open_already.handle))
+        elif (
+            name
+            and providers
+            and any(map(partial(_has_controller, name), self.machine.open_objects.values()))
+        ):
+            raise RefusedError(E_CAO_COLLECTION_REGISTERED)
+        return CallResult(value=i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle))
+
+
+def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
+    asked = f"provider {provider[:LONGEST_QUOTED]!r} is not simulated" if provider else "no provider is given"
+    return f"Controller_Connect is refused: {asked}. This profile simulates {' or '.join(providers)}"
+
+
+def _has_controller(name: str, objects: ObjectTable) -> bool:
+    return objects.find_by_name(ObjectClass.CONTROLLER, name, None) is not None
+
+
+def is_allowed_in_slave_mode(
+    function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
+) -> bool:
+    """Tell whether a call is accepted while slave mode is on.
+
+    Where no source says, reading is and everything else is not; what is no command is refused elsewhere.
+
+    Args:
+        function_id: of the call.
+        arguments: of the call, the handle first.
+        is_other: another client has the arm.
+    """
+    refused = _REFUSED_COMMANDS.get(function_id)
+    if refused is not None:
+        value = arguments[1].value if len(arguments) > 1 else None
+        name = value.casefold() if isinstance(value, str) else ""
+        return name not in refused or (is_other and name in _OTHER_CLIENTS_COMMANDS)
+    if always_passes(function_id, arguments) or function_id == _VARIABLE_PUT:
+        return True
+    return function_effect(function_id) < CallEffect.MOVES
+
+
+def _is_command_allowed(known: CommandSpec) -> bool:
+    if known.name.casefold() in _SLAVE_MODE_COMMANDS:
+        return True
+    return known.effect <= CallEffect.READS if known.in_slave_mode is None else known.in_slave_mode
+
+
+_REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
+    function_id: frozenset(
+        known.name.casefold() for known in commands_of(function_id) if not _is_command_allowed(known)
+    )
+    for function_id in (17, 28, 64, 87)
+}
+"""In slave mode, by the ..._Execute function, in lower case."""
+
+
+def parse_options(text: str) -> dict[str, str]:
+    """Read `,WDT=400,InvokeTimeout=180000`; keys become lower case, odd parts are left out."""
+    pairs = (part.partition("=") for part in text[:1024].split(","))
+    return {key.strip().casefold(): value.strip() for key, equals, value in pairs if equals}
+
+
+def _milliseconds(text: str | None) -> int | None:
+    if text is None:
+        return None
+    if not text.isascii() or not text.isdecimal() or len(text) > 9 or int(text) < SHORTEST_WDT:
+        raise RefusedError(E_INVALIDARG)
+    return int(text)

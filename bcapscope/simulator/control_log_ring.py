@@ -1,0 +1,70 @@
+"""The control log: a ring of joint records, one each 8 ms while it runs.
+
+The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
+others/Get_Syslog.py; a counter in ms, current and load computed from the acceleration are ours.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.simulator.argument_values import bstr, i4, r8, variant_array
+from bcapscope.simulator.kinematics import Joints
+
+PERIOD = 8_000_000
+"""ns."""
+
+MAX_RECORDS = 10_000
+
+
+class ControlLogRecord(NamedTuple):
+    """One record: time in ns since the controller's start, joints commanded and shown by the encoders."""
+
+    time: int
+    commanded: Joints
+    actual: Joints
+
+
+class ControlLog:
+    """The ring; the oldest record has the index 0.
+
+    Attributes:
+        records: what was recorded.
+        due: when the next record is, ns; None while it does not record.
+    """
+
+    def __init__(self) -> None:
+        self.records: deque[ControlLogRecord] = deque(maxlen=MAX_RECORDS)
+        self.due: int | None = None
+
+    def start(self, now: int) -> None:
+        """Begin, or go on, to record."""
+        self.due = now if self.due is None else self.due
+
+    def stop(self) -> None:
+        """Record no more."""
+        self.due = None
+
+    def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
+        """Take the records that have become due; after a long pause only as many as the ring holds."""
+        due = self.due
+        if due is None:
+            return
+        if now - due > MAX_RECORDS * PERIOD:
+            due += (now - due) // PERIOD * PERIOD - MAX_RECORDS * PERIOD
+        while due <= now:
+            self.records.append(sample(due))
+            due += PERIOD
+        self.due = due
+
+
+def log_record_variant(record: ControlLogRecord, current: Joints, tool: int, work: int) -> Variant:
+    """Make the VARIANT array that GetLogRecord returns."""
+    values = []
+    for commanded, actual, ampere in zip(record.commanded, record.actual, current, strict=True):
+        values += [r8(commanded), r8(actual), r8(ampere), r8(abs(ampere) * 10)]
+    counter = record.time // 1_000_000
+    return variant_array(*values, i4(0), i4(0), bstr(""), i4(0), i4(counter), i4(tool), i4(work))

@@ -1,0 +1,215 @@
+"""Commands of Robot_Execute that compute with poses, tools and works, and the extension Pallet.
+
+Parameters and results: ShoheiKobata/orin_bcap_python_samples (Dev, DevH, CheckVirtualFence, Pallet), and
+DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and SetToolDef quoted in
+nkawa/Denso_CobottaPro900_MQTT_Control. Definitions of tools and works are kept and returned. They do not
+change the position that the simulated arm returns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.poses import AXES
+from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
+from bcapscope.simulator.argument_values import (
+    argument_at,
+    float_array,
+    i4,
+    integer_of,
+    items_of,
+    number_of,
+    numbers_of,
+)
+from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError
+from bcapscope.simulator.equipment import MAX_FRAMES, CoordinateFrame
+from bcapscope.simulator.kinematics import FIG, Joints, axis_beyond_limit, joints_of, pose_of
+from bcapscope.simulator.pose_notation import WrittenPose, parse_pose, parse_target
+from bcapscope.simulator.pose_transforms import PoseNumbers, moved_in_base, moved_in_tool, relative_to
+from bcapscope.simulator.result_codes import BAD_INDEX
+
+_P, _J, _T = PoseType.P, PoseType.J, PoseType.T
+ZERO_FRAME: CoordinateFrame = (0.0,) * 6
+"""A tool or work that was never defined."""
+
+_UNREACHABLE = -1
+_MAX_PLACES = 32767
+"""Rows, columns and layers of a pallet; assumed."""
+
+
+def _convert_command(from_type: PoseType, to_type: PoseType) -> CommandHandler:
+    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+        return CallResult(
+            value=float_array(
+                context.machine.profile.real, pose_of(to_type, _joints(context, from_type, parameter))
+            )
+        )
+
+    return run
+
+
+def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Joints:
+    """Read a pose whose type the command says where the notation does not."""
+    items = items_of(parameter)
+    if len(items) >= len(AXES[_P]) - 1 and all(isinstance(item.value, int | float) for item in items):
+        return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
+    return parse_target(parameter, context.machine.memory.read).joints
+
+
+def out_range(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run OutRange: 0 inside, bits of the axes beyond their limits, -1 unreachable."""
+    items = items_of(parameter)
+    pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
+    try:
+        joints = parse_target(pose, context.machine.memory.read).joints
+    except RefusedError as refusal:
+        if refusal.hresult == E_INVALIDARG:
+            raise
+        return CallResult(value=i4(_UNREACHABLE))
+    axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
+    return CallResult(value=i4(1 << axis - 1 if axis else 0))
+
+
+def check_virtual_fence(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run CheckVirtualFence: 0, as the simulated robot has no fences."""
+    _parse_pose(context, parameter)
+    return CallResult(value=i4(0))
+
+
+def _move_command(move: Callable[[PoseNumbers, PoseNumbers], PoseNumbers]) -> CommandHandler:
+    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+        items = items_of(parameter)
+        if len(items) != 2:
+            raise RefusedError(E_INVALIDARG)
+        base, deviation = (_parse_position(context, item) for item in items)
+        return CallResult(
+            value=float_array(context.machine.profile.real, (*move(base, deviation), _fig(base)))
+        )
+
+    return run
+
+
+def convert_work(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run ConvertPosWork: a pose of one work as another work sees it."""
+    items = items_of(parameter)
+    pose = _parse_position(context, argument_at(items, 0))
+    works = context.machine.equipment.works
+    source, target = (
+        works.get(frame_number(integer_of(argument_at(items, index))), ZERO_FRAME) for index in (1, 2)
+    )
+    values = relative_to(target, moved_in_tool(source, pose))
+    return CallResult(value=float_array(context.machine.profile.real, (*values, _fig(pose))))
+
+
+def tool_definition(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run GetToolDef."""
+    tools = context.machine.equipment.tools
+    return CallResult(
+        value=float_array(
+            context.machine.profile.real, tools.get(frame_number(integer_of(parameter)), ZERO_FRAME)
+        )
+    )
+
+
+def _define_command(frames: Callable[[CallContext], dict[int, CoordinateFrame]]) -> CommandHandler:
+    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+        items, machine = items_of(parameter), context.machine
+        if machine.profile.needs_arm and machine.owner != context.client:
+            raise RefusedError(E_ARM_NOT_TAKEN)
+        number = frame_number(integer_of(argument_at(items, 0)), first=1)
+        frames(context)[number] = _parse_position(context, argument_at(items, 1))[:6]
+        return DONE
+
+    return run
+
+
+def frame_number(number: int, first: int = 0) -> int:
+    """Return the number of a tool or work.
+
+    Raises:
+        RefusedError: it is below `first` or too large.
+    """
+    if not first <= number < MAX_FRAMES:
+        raise RefusedError(BAD_INDEX)
+    return number
+
+
+def _parse_pose(context: CallContext, pose: Variant) -> WrittenPose:
+    return parse_pose(pose, context.machine.memory.read)
+
+
+def _parse_position(context: CallContext, pose: Variant) -> PoseNumbers:
+    """Read a pose of any type as P type; one that is of P type need not be within reach."""
+    written = _parse_pose(context, pose)
+    return written.values if written.type is _P else pose_of(_P, joints_of(written.type, written.values))
+
+
+def _fig(pose: PoseNumbers) -> float:
+    return pose[6] if len(pose) > 6 else FIG
+
+
+def pallet_position(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run CalcPos of the extension Pallet.
+
+    The parameter holds rows, columns, height of a layer [mm], the four corners, the number of the place and,
+    if there is one, that of the layer, both from 1. Places are counted from the first corner to the second,
+    row by row to the third; the samples do not say so.
+    """
+    items = items_of(parameter)
+    rows, columns = (_count(argument_at(items, index)) for index in (0, 1))
+    height = float(number_of(argument_at(items, 2)))
+    corners = [_parse_position(context, argument_at(items, index)) for index in (3, 4, 5, 6)]
+    place = _count(argument_at(items, 7)) - 1
+    layer = _count(items[8]) - 1 if len(items) > 8 else 0
+    if place >= rows * columns:
+        raise RefusedError(BAD_INDEX)
+    down, across = _fraction(place // columns, rows), _fraction(place % columns, columns)
+    near = _interpolate(corners[0], corners[1], across)
+    far = _interpolate(corners[2], corners[3], across)
+    x, y, z = _interpolate(near, far, down)
+    first = corners[0]
+    values = (x, y, z + height * layer, *first[3:6], _fig(first))
+    return CallResult(value=float_array(context.machine.profile.real, values))
+
+
+def _count(part: Variant) -> int:
+    number = integer_of(part)
+    if not 1 <= number <= _MAX_PLACES:
+        raise RefusedError(E_INVALIDARG)
+    return number
+
+
+def _fraction(index: int, count: int) -> float:
+    return index / (count - 1) if count > 1 else 0.0
+
+
+def _interpolate(one: PoseNumbers, other: PoseNumbers, share: float) -> PoseNumbers:
+    return tuple(a + (b - a) * share for a, b in zip(one[:3], other[:3], strict=True))
+
+
+FRAME_COMMANDS: CommandTable = MappingProxyType(
+    {
+        "j2p": _convert_command(_J, _P),
+        "j2t": _convert_command(_J, _T),
+        "p2j": _convert_command(_P, _J),
+        "p2t": _convert_command(_P, _T),
+        "t2j": _convert_command(_T, _J),
+        "t2p": _convert_command(_T, _P),
+        "outrange": out_range,
+        "checkvirtualfence": check_virtual_fence,
+        "dev": _move_command(moved_in_base),
+        "devh": _move_command(moved_in_tool),
+        "convertposwork": convert_work,
+        "gettooldef": tool_definition,
+        "settooldef": _define_command(lambda context: context.machine.equipment.tools),
+        "setworkdef": _define_command(lambda context: context.machine.equipment.works),
+    }
+)
+"""Commands of Robot_Execute by their names in lower case."""
+
+PALLET_COMMANDS: Mapping[str, CommandHandler] = MappingProxyType({"calcpos": pallet_position})
+"""Commands of the extension Pallet by their names in lower case."""

@@ -1,0 +1,328 @@
+"""What the functions do that are called on an object: 4 to 137.
+
+What is not here answers E_NOTIMPL, as the C server does for an id without callback (orin_bcap
+C/src/bCAPServer/bcap_server.c), and as DENSO's skeleton of a provider does for what it leaves out
+(CaoProvRobot.cpp, 2003). What a real controller leaves out is documented for the robot only, by the methods
+that a wrapper of the RC8 provider has (H. Suzuki, VE026A_JNI.java, 2015): Chuck, Unchuck, GoHome and Drive
+are not among them. Drive is here as clients need it; Rotate is not, as no source spells out its planes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Container, Mapping
+from functools import lru_cache
+from types import MappingProxyType
+from typing import TypeAlias
+
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
+from bcapscope.protocol.tables.hresult import E_INVALIDARG
+from bcapscope.simulator import system_variables
+from bcapscope.simulator.alarms import Alarm
+from bcapscope.simulator.argument_values import (
+    argument_at,
+    bstr,
+    bstr_array,
+    i4,
+    integer_of,
+    number_of,
+    text_of,
+)
+from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError
+from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
+from bcapscope.simulator.equipment_commands import LINE_COMMANDS
+from bcapscope.simulator.frame_commands import PALLET_COMMANDS
+from bcapscope.simulator.hand_commands import HAND_EXTENSION_COMMANDS
+from bcapscope.simulator.motion_commands import drive, halt, hold, move, unhold
+from bcapscope.simulator.object_table import check_storable
+from bcapscope.simulator.result_codes import INVALID_COMMAND, OBJECT_NOT_FOUND, OUT_OF_MEMORY
+from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
+
+Arguments: TypeAlias = "tuple[Variant, ...]"
+"""Of a request, without the handle."""
+
+FunctionHandler: TypeAlias = Callable[[CallContext, Arguments], CallOutcome]
+
+MAX_FILES = 100
+_EXTENSIONS: Mapping[str, CommandTable] = {
+    "Hand0": HAND_EXTENSION_COMMANDS,
+    "Comm": LINE_COMMANDS,
+    "Pallet": PALLET_COMMANDS,
+}
+_STATE_DONE = 2
+
+
+_KNOWN_NAMES: Mapping[ObjectClass, Callable[[CallContext], Container[str]]] = {
+    ObjectClass.TASK: lambda context: context.machine.tasks,
+    ObjectClass.EXTENSION: lambda context: tuple(map(str.casefold, _EXTENSIONS)),
+    ObjectClass.COMMAND: lambda context: CONTROLLER_COMMANDS,
+}
+"""Names that there are, in lower case."""
+
+
+def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -> CallOutcome:
+    """Open an object of a name; with @IfNotMember the one that is open already is used again."""
+    name, option = text_of(argument_at(arguments, 0)), text_of(arguments[1]) if len(arguments) > 1 else ""
+    _check_name(context, kind, name, option)
+    if "@ifnotmember" in option.casefold():
+        found = context.objects.find_by_name(kind, name, context.object)
+        if found:
+            return CallResult(value=i4(found.handle))
+    return CallResult(value=i4(context.objects.open(kind, name, context.object).handle))
+
+
+def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
+    """Refuse a name that the controller has nothing of; any name does for its one robot."""
+    machine, folded = context.machine, name.casefold()
+    if kind is ObjectClass.VARIABLE:
+        system_variables.check_exists(context.object.kind, name, machine.profile.generation)
+    elif kind in _KNOWN_NAMES and folded not in _KNOWN_NAMES[kind](context):
+        raise RefusedError(OBJECT_NOT_FOUND)
+    elif kind is ObjectClass.FILE and folded not in machine.files:
+        _create_file(context, name, option)
+
+
+def _create_file(context: CallContext, name: str, option: str) -> None:
+    if not re.search(r"@create\s*=\s*1", option.casefold()) or not name:
+        raise RefusedError(OBJECT_NOT_FOUND)
+    if len(context.machine.files) >= MAX_FILES or len(name) > 255:
+        raise RefusedError(OUT_OF_MEMORY)
+    context.machine.files[name.casefold()] = name
+
+
+def get_message(context: CallContext, arguments: Arguments) -> CallOutcome:
+    """Run Controller_GetMessage: the newest error is the message; none, no message."""
+    active = context.machine.alarms.active
+    if not active:
+        raise RefusedError(OBJECT_NOT_FOUND)
+    made = context.objects.open(ObjectClass.MESSAGE, "", context.object)
+    made.values = _message_values(active[0], context)
+    return CallResult(value=i4(made.handle))
+
+
+def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
+    return {
+        "Message_GetNumber": i4(alarm.code),
+        "Message_GetDescription": bstr(alarm.text),
+        "Message_GetDateTime": Variant(VT.DATE, context.machine.date(alarm.time)),
+        "Message_GetSource": bstr(context.object.name),
+        "Message_GetDestination": bstr(""),
+        "Message_GetSerialNumber": i4(1),
+        "Message_GetValue": i4(alarm.code),
+    }
+
+
+def release(context: CallContext, arguments: Arguments) -> CallOutcome:
+    """Run any of the releases."""
+    context.objects.release(context.object)
+    return DONE
+
+
+def command_runner(commands: CommandTable) -> FunctionHandler:
+    """Make what an ..._Execute function does: run one of its commands.
+
+    It refuses a command that the profile lacks.
+    """
+
+    @lru_cache(maxsize=256)
+    def named(name: str, lacks: frozenset[str]) -> CommandHandler:
+        folded = name.casefold()
+        found = commands.get(folded)
+        if found is None or folded in lacks:
+            raise RefusedError(INVALID_COMMAND)
+        return found
+
+    def execute(context: CallContext, arguments: Arguments) -> CallOutcome:
+        if not arguments:
+            raise RefusedError(E_INVALIDARG)
+        run = named(text_of(arguments[0]), context.machine.profile.lacks)
+        return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
+
+    return execute
+
+
+_EXTENSION_HANDLERS = {name.casefold(): command_runner(commands) for name, commands in _EXTENSIONS.items()}
+
+
+def _extension_execute(context: CallContext, arguments: Arguments) -> CallOutcome:
+    return _EXTENSION_HANDLERS[context.object.name.casefold()](context, arguments)
+
+
+def _command_execute(context: CallContext, arguments: Arguments) -> CallOutcome:
+    parameter = context.object.values.get("parameters", EMPTY)
+    outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context, parameter)
+    if isinstance(outcome, CallResult):
+        context.object.values["result"] = outcome.value or EMPTY
+    return DONE
+
+
+def _stored_value(key: str) -> FunctionHandler:
+    return lambda context, arguments: CallResult(value=context.object.values.get(key, EMPTY))
+
+
+def _put_parameters(context: CallContext, arguments: Arguments) -> CallOutcome:
+    context.object.values["parameters"] = check_storable(argument_at(arguments, 0))
+    return DONE
+
+
+def _put_timeout(context: CallContext, arguments: Arguments) -> CallOutcome:
+    context.object.values["timeout"] = i4(integer_of(argument_at(arguments, 0)))
+    return DONE
+
+
+def _robot_move(context: CallContext, arguments: Arguments) -> CallOutcome:
+    option = arguments[2] if len(arguments) > 2 else Variant(VT.BSTR, "")
+    return move(context, argument_at(arguments, 0), argument_at(arguments, 1), option)
+
+
+def _robot_drive(context: CallContext, arguments: Arguments) -> CallOutcome:
+    way = integer_of(argument_at(arguments, 0)), float(number_of(argument_at(arguments, 1)))
+    return drive(context, [way], False, text_of(arguments[2]) if len(arguments) > 2 else "")
+
+
+def _robot_speed(context: CallContext, arguments: Arguments) -> CallOutcome:
+    speed = float(number_of(argument_at(arguments, 1)))
+    if not 0 < speed <= 100:
+        raise RefusedError(E_INVALIDARG)
+    context.machine.speeds.internal = speed
+    return DONE
+
+
+def _robot_accelerate(context: CallContext, arguments: Arguments) -> CallOutcome:
+    pair = float(number_of(argument_at(arguments, 1))), float(number_of(argument_at(arguments, 2)))
+    if not all(value == -1 or 0 < value <= 100 for value in pair):
+        raise RefusedError(E_INVALIDARG)
+    speeds = context.machine.speeds
+    speeds.acceleration = speeds.acceleration if pair[0] == -1 else pair[0]
+    speeds.deceleration = speeds.deceleration if pair[1] == -1 else pair[1]
+    return DONE
+
+
+def _robot_change(context: CallContext, arguments: Arguments) -> CallOutcome:
+    match = re.fullmatch(r"(tool|work)([0-9]{1,2})", text_of(argument_at(arguments, 0)).strip().casefold())
+    if match is None:
+        raise RefusedError(E_INVALIDARG)
+    setattr(context.machine, match[1], int(match[2]))
+    return DONE
+
+
+def _task_start(context: CallContext, arguments: Arguments) -> CallOutcome:
+    if integer_of(argument_at(arguments, 0)) not in (1, 2, 3):
+        raise RefusedError(E_INVALIDARG)
+    context.machine.start_task(context.object.name)
+    return DONE
+
+
+def _task_stop(context: CallContext, arguments: Arguments) -> CallOutcome:
+    if integer_of(argument_at(arguments, 0)) not in range(5):
+        raise RefusedError(E_INVALIDARG)
+    context.machine.stop_task(context.object.name, context.now)
+    return DONE
+
+
+def _put_value(context: CallContext, arguments: Arguments) -> CallOutcome:
+    return system_variables.write_variable(context, argument_at(arguments, 0))
+
+
+def _date(context: CallContext, arguments: Arguments) -> CallOutcome:
+    return CallResult(value=Variant(VT.DATE, context.machine.date(context.now)))
+
+
+def _put_tag(context: CallContext, arguments: Arguments) -> CallOutcome:
+    context.object.tag = check_storable(argument_at(arguments, 0))
+    return DONE
+
+
+def _put_id(context: CallContext, arguments: Arguments) -> CallOutcome:
+    context.object.id = check_storable(argument_at(arguments, 0))
+    return DONE
+
+
+_SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
+    "GetAttribute": lambda context, arguments: CallResult(value=i4(0)),
+    "GetHelp": lambda context, arguments: CallResult(value=bstr("")),
+    "GetName": lambda context, arguments: CallResult(value=bstr(context.object.name)),
+    "GetTag": lambda context, arguments: CallResult(value=context.object.tag),
+    "PutTag": _put_tag,
+    "GetID": lambda context, arguments: CallResult(value=context.object.id),
+    "PutID": _put_id,
+    "Release": release,
+    "Disconnect": release,
+    "GetVariableNames": lambda context, arguments: CallResult(
+        value=bstr_array(
+            system_variables.variable_names(context.object.kind, context.machine.profile.generation)
+        )
+    ),
+}
+"""By the verb that several classes have."""
+
+_OWN_HANDLERS: Mapping[str, FunctionHandler] = {
+    "Controller_GetMessage": get_message,
+    "Controller_Execute": command_runner(CONTROLLER_COMMANDS),
+    "Controller_GetExtensionNames": lambda context, arguments: CallResult(value=bstr_array(_EXTENSIONS)),
+    "Controller_GetFileNames": lambda context, arguments: CallResult(
+        value=bstr_array(context.machine.files.values())
+    ),
+    "Controller_GetRobotNames": lambda context, arguments: CallResult(value=bstr_array(("Arm0",))),
+    "Controller_GetTaskNames": lambda context, arguments: CallResult(
+        value=bstr_array(context.machine.initial_state.tasks)
+    ),
+    "Controller_GetCommandNames": lambda context, arguments: CallResult(
+        value=bstr_array(CONTROLLER_COMMANDS)
+    ),
+    "File_GetDateCreated": _date,
+    "File_GetDateLastAccessed": _date,
+    "File_GetDateLastModified": _date,
+    "File_GetPath": lambda context, arguments: CallResult(value=bstr(context.object.name)),
+    "File_GetSize": lambda context, arguments: CallResult(value=i4(0)),
+    "File_GetType": lambda context, arguments: CallResult(value=bstr(context.object.name.rpartition(".")[2])),
+    "File_GetValue": lambda context, arguments: CallResult(value=bstr("")),
+    "Extension_Execute": _extension_execute,
+    "Robot_Execute": command_runner(ROBOT_COMMANDS),
+    "Robot_Accelerate": _robot_accelerate,
+    "Robot_Change": _robot_change,
+    "Robot_Drive": _robot_drive,
+    "Robot_Halt": lambda context, arguments: halt(context),
+    "Robot_Hold": lambda context, arguments: hold(context),
+    "Robot_Move": _robot_move,
+    "Robot_Speed": _robot_speed,
+    "Robot_Unhold": lambda context, arguments: unhold(context),
+    "Task_Execute": command_runner(TASK_COMMANDS),
+    "Task_Start": _task_start,
+    "Task_Stop": _task_stop,
+    "Task_GetFileName": lambda context, arguments: CallResult(value=bstr(f"{context.object.name}.pac")),
+    "Variable_GetDateTime": _date,
+    "Variable_GetValue": lambda context, arguments: CallResult(value=system_variables.read_variable(context)),
+    "Variable_PutValue": _put_value,
+    "Variable_GetMicrosecond": lambda context, arguments: CallResult(
+        value=i4(context.now // 1000 % 1_000_000)
+    ),
+    "Command_Execute": _command_execute,
+    "Command_GetTimeout": lambda context, arguments: CallResult(
+        value=context.object.values.get("timeout", i4(0))
+    ),
+    "Command_PutTimeout": _put_timeout,
+    "Command_GetState": lambda context, arguments: CallResult(value=i4(_STATE_DONE)),
+    "Command_GetParameters": _stored_value("parameters"),
+    "Command_PutParameters": _put_parameters,
+    "Command_GetResult": _stored_value("result"),
+    "Message_Clear": lambda context, arguments: DONE,
+}
+
+
+def _handler(function: Function) -> FunctionHandler | None:
+    verb = function.name.partition("_")[2]
+    kind = function.creates
+    if function.name.startswith("Message_Get"):
+        return _stored_value(function.name)
+    if kind is not None and function.name not in _OWN_HANDLERS:
+        return lambda context, arguments: open_object(context, kind, arguments)
+    return _OWN_HANDLERS.get(function.name) or _SHARED_HANDLERS.get(verb)
+
+
+FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = MappingProxyType(
+    {function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3}
+)
+"""The class that a function is called on, and what it does, by its id; None where it is not implemented."""

@@ -1,0 +1,303 @@
+"""Commands of the hands: COBOTTA's electric and vacuum hand, the extension Hand0, and the 2FG hand.
+
+Parameters: ShoheiKobata/orin_bcap_python_samples and public ROS bridges of COBOTTA (HandMove..., HandCurPos,
+HandHoldState), DENSORobot/denso_cobotta_ros issue 22 (HandMoveH, HandChuck, options), and DENSO's texts in
+nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg...). Codes: the list of controller errors
+there. What happens to fingers that touch an object without gripping: DENSORobot/denso_robot_ros issue 46.
+That the hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
+
+A call lasts as long as its motion: the samples send the next command at once, and a moving hand refuses it.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.simulator.argument_values import (
+    argument_at,
+    boolean,
+    i4,
+    integer_of,
+    items_of,
+    number_of,
+    r8,
+    text_of,
+)
+from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, RunningCall
+from bcapscope.simulator.hand import Hand
+from bcapscope.simulator.result_codes import (
+    GRIP_BEYOND_LIMIT,
+    HAND_IS_MOVING,
+    HAND_SETTING,
+    HAND_STOPPED,
+    MOTOR_IS_OFF,
+    NOTHING_GRIPPED,
+    RELATIVE_GRIP_BEYOND_LIMIT,
+)
+
+_CHUCK_SPEED, _CHUCK_FORCE = 50.0, 10.0
+"""Percent and N of a grip whose data the controller keeps; assumed."""
+
+_WEAKEST_SUCTION = 40.0
+"""Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
+
+_EXTERNAL_GRIP = 1
+"""The mode of the 2FG hand: it grips from outside."""
+
+_SUCTION, _SUCTION_LOAD = -0.5, 50.0
+"""Pressure in kPa per percent of power, and load in percent, of the vacuum hand; assumed."""
+
+
+def _move_to(relative: bool) -> CommandHandler:
+    """Make HandMoveA or HandMoveR: width or distance [mm], speed [%]."""
+
+    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+        items, hand = items_of(parameter), context.machine.equipment.hand
+        goal = _goal(context, argument_at(items, 0), relative)
+        speed = _speed(hand, argument_at(items, 1))
+        _check_width(hand, goal, HAND_SETTING)
+        return _begin_motion(context, goal, speed, 0.0, _has_next_option(items[2:]))
+
+    return run
+
+
+def _move_and_grip(relative: bool) -> CommandHandler:
+    """Make HandMoveAH or HandMoveRH: width or distance [mm], speed [%], force [N]."""
+
+    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+        items, hand = items_of(parameter), context.machine.equipment.hand
+        goal = _goal(context, argument_at(items, 0), relative)
+        speed, force = _speed(hand, argument_at(items, 1)), _force(hand, argument_at(items, 2))
+        _check_width(hand, goal, RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT)
+        return _begin_motion(context, goal, speed, force, _has_next_option(items[3:]))
+
+    return run
+
+
+def grip(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandMoveH: force [N], whether to close."""
+    items, hand = items_of(parameter), context.machine.equipment.hand
+    force = _force(hand, argument_at(items, 0))
+    closes = number_of(argument_at(items, 1)) != 0
+    goal = hand.limits.narrowest if closes else hand.limits.widest
+    return _begin_motion(context, goal, hand.limits.grip_speed, force, _has_next_option(items[2:]))
+
+
+def chuck(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandChuck, or Chuck of Hand0: close with the force that the controller keeps."""
+    limits = context.machine.equipment.hand.limits
+    return _begin_motion(context, limits.narrowest, limits.speed * _CHUCK_SPEED / 100, _CHUCK_FORCE)
+
+
+def unchuck(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandUnChuck, or UnChuck of Hand0: open."""
+    limits = context.machine.equipment.hand.limits
+    return _begin_motion(context, limits.widest, limits.speed * _CHUCK_SPEED / 100, 0.0)
+
+
+def suck(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandMoveVH of the vacuum hand: power [%], whether to draw in; HandStop ends it."""
+    items = items_of(parameter)
+    power = float(number_of(argument_at(items, 0)))
+    draws = number_of(argument_at(items, 1)) != 0
+    _check_ready(context)
+    if not _WEAKEST_SUCTION <= power <= 100:
+        raise RefusedError(HAND_SETTING)
+    context.machine.equipment.vacuum = power if draws else 0.0
+    return DONE
+
+
+def stop(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandStop: a motion under way answers 835002FF, the vacuum goes off."""
+    equipment = context.machine.equipment
+    equipment.hand.stop(context.now, HAND_STOPPED)
+    equipment.vacuum = 0.0
+    return DONE
+
+
+def _begin_motion(
+    context: CallContext, goal: float, speed: float, force: float, is_next: bool = False
+) -> CallOutcome:
+    """Begin a motion of COBOTTA's hand.
+
+    Raises:
+        RefusedError: the controller has trouble, the motor is off, or the hand moves already.
+    """
+    hand = context.machine.equipment.hand
+    _check_ready(context)
+    _check_not_moving(context, hand)
+    hand.move(goal, speed, context.now, force)
+    return DONE if is_next else _running(context, hand)
+
+
+def _running(context: CallContext, hand: Hand, last: CallResult = DONE) -> RunningCall:
+    run, ends = hand.motion_count, hand.ends
+
+    def poll(now: int) -> CallResult | None:
+        if hand.motion_count != run:
+            return CallResult(hand.stopped_by)
+        return last if now >= ends else None
+
+    return RunningCall(poll, lambda now: ends)
+
+
+def _check_ready(context: CallContext) -> None:
+    machine = context.machine
+    machine.check_state()
+    if not machine.motor_is_on(context.now):
+        raise RefusedError(MOTOR_IS_OFF)
+
+
+def _check_not_moving(context: CallContext, hand: Hand) -> None:
+    if hand.is_moving(context.now):
+        raise RefusedError(HAND_IS_MOVING)
+
+
+def _goal(context: CallContext, part: Variant, relative: bool) -> float:
+    way = float(number_of(part))
+    return context.machine.equipment.hand.width(context.now) + way if relative else way
+
+
+def _check_width(hand: Hand, width: float, result: int) -> None:
+    if not hand.limits.narrowest <= width <= hand.limits.widest:
+        raise RefusedError(result)
+
+
+def _speed(hand: Hand, part: Variant) -> float:
+    """Read a speed in percent; return mm/s."""
+    percent = float(number_of(part))
+    if not hand.limits.slowest <= percent <= 100:
+        raise RefusedError(HAND_SETTING)
+    return hand.limits.speed * percent / 100
+
+
+def _force(hand: Hand, part: Variant) -> float:
+    force = float(number_of(part))
+    if not hand.limits.weakest <= force <= hand.limits.strongest:
+        raise RefusedError(HAND_SETTING)
+    return force
+
+
+def _has_next_option(rest: tuple[Variant, ...]) -> bool:
+    """Return whether the call answers before the motion ends; the option DetectOn changes nothing here."""
+    return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
+
+
+def _two_finger_grip(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run TwofgGrip: width [mm], force [N], speed [%], whether to wait; waiting for nothing is an error."""
+    items, hand = items_of(parameter), context.machine.equipment.gripper
+    width = float(number_of(argument_at(items, 0)))
+    force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
+    waits = len(items) < 4 or integer_of(items[3]) != 0
+    _check_width(hand, width, HAND_SETTING)
+    return _two_finger_move(context, width, speed, force, waits)
+
+
+def _two_finger_release(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run TwofgRelease: width [mm], whether to wait."""
+    items, hand = items_of(parameter), context.machine.equipment.gripper
+    width = float(number_of(argument_at(items, 0)))
+    _check_width(hand, width, HAND_SETTING)
+    return _two_finger_move(
+        context, width, hand.limits.speed, 0.0, len(items) < 2 or integer_of(items[1]) != 0
+    )
+
+
+def _two_finger_move(
+    context: CallContext, width: float, speed: float, force: float, waits: bool
+) -> CallOutcome:
+    hand = context.machine.equipment.gripper
+    context.machine.check_state()
+    _check_not_moving(context, hand)
+    ends = hand.move(width, speed, context.now, force)
+    missed = force > 0 and not hand.is_gripping(ends)
+    return _running(context, hand, CallResult(NOTHING_GRIPPED) if missed else DONE) if waits else DONE
+
+
+def _hand_grip(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandGrip: close the 2FG hand with the data that the controller keeps."""
+    limits = context.machine.equipment.gripper.limits
+    return _two_finger_move(
+        context, limits.narrowest, limits.speed * _CHUCK_SPEED / 100, limits.weakest, False
+    )
+
+
+def _hand_release(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandRelease: open the 2FG hand."""
+    limits = context.machine.equipment.gripper.limits
+    return _two_finger_move(context, limits.widest, limits.speed * _CHUCK_SPEED / 100, 0.0, False)
+
+
+def _two_finger_stop(context: CallContext, parameter: Variant) -> CallOutcome:
+    context.machine.equipment.gripper.stop(context.now, HAND_STOPPED)
+    return DONE
+
+
+def current_width(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run HandCurPos, or CurPos of Hand0: the width between the fingers, mm."""
+    return CallResult(value=r8(context.machine.equipment.hand.width(context.now)))
+
+
+HAND_COMMANDS: CommandTable = MappingProxyType(
+    {
+        "handmovea": _move_to(relative=False),
+        "handmover": _move_to(relative=True),
+        "handmoveh": grip,
+        "handmoveah": _move_and_grip(relative=False),
+        "handmoverh": _move_and_grip(relative=True),
+        "handmovevh": suck,
+        "handchuck": chuck,
+        "handunchuck": unchuck,
+        "handstop": stop,
+        "handholdstate": lambda context, parameter: CallResult(
+            value=boolean(context.machine.equipment.hand.is_gripping(context.now))
+        ),
+        "handcurpos": current_width,
+        "handcurpressure": lambda context, parameter: CallResult(
+            value=r8(context.machine.equipment.vacuum * _SUCTION)
+        ),
+        "handcurload": lambda context, parameter: CallResult(
+            value=r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0)
+        ),
+    }
+)
+"""Commands of Controller_Execute by their names in lower case."""
+
+GRIPPER_COMMANDS: CommandTable = MappingProxyType(
+    {
+        "handgrip": _hand_grip,
+        "handrelease": _hand_release,
+        "twofggrip": _two_finger_grip,
+        "twofgrelease": _two_finger_release,
+        "twofgstop": _two_finger_stop,
+        "twofgisconn": lambda context, parameter: CallResult(value=i4(1)),
+        "twofgisbusy": lambda context, parameter: CallResult(
+            value=i4(int(context.machine.equipment.gripper.is_moving(context.now)))
+        ),
+        "twofgisgrip": lambda context, parameter: CallResult(
+            value=i4(int(context.machine.equipment.gripper.is_gripping(context.now)))
+        ),
+        "twofggeterrorcode": lambda context, parameter: CallResult(value=i4(0)),
+        "twofggetmode": lambda context, parameter: CallResult(value=i4(_EXTERNAL_GRIP)),
+        "twofggetwidth": lambda context, parameter: CallResult(
+            value=r8(context.machine.equipment.gripper.width(context.now))
+        ),
+        "twofggetminwidth": lambda context, parameter: CallResult(
+            value=r8(context.machine.equipment.gripper.limits.narrowest)
+        ),
+        "twofggetmaxwidth": lambda context, parameter: CallResult(
+            value=r8(context.machine.equipment.gripper.limits.widest)
+        ),
+        "twofggetforce": lambda context, parameter: CallResult(
+            value=r8(context.machine.equipment.gripper.force(context.now))
+        ),
+    }
+)
+"""Commands of Robot_Execute by their names in lower case."""
+
+HAND_EXTENSION_COMMANDS: CommandTable = MappingProxyType(
+    {"curpos": current_width, "chuck": chuck, "unchuck": unchuck}
+)
+"""Commands of the extension Hand0 by their names in lower case."""

@@ -1,0 +1,60 @@
+"""Opening the sockets that the simulator listens on."""
+
+from __future__ import annotations
+
+import socket
+
+from bcapscope.errors import BcapError
+from bcapscope.transport.receive_timestamps import enable_receive_timestamps
+
+_RECEIVE_BUFFER = 4 << 20
+"""Bytes of datagrams that may wait while others are answered; the system gives what its own limit allows."""
+
+_BACKLOG = 1024
+"""Connections that wait to be accepted. If there are more, a new client tries again after a second."""
+
+
+class SimulatorListenError(BcapError):
+    """An address cannot be listened on."""
+
+
+def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
+    """Open a UDP and a TCP socket on one port; with port 0 on one that is free on both.
+
+    Raises:
+        ListenError: the address cannot be used.
+    """
+    tries = 1 if port else 20
+    for last in range(tries - 1, -1, -1):
+        tcp = _bind(host, port, socket.SOCK_STREAM)
+        try:
+            return _bind(host, tcp.getsockname()[1], socket.SOCK_DGRAM), tcp
+        except SimulatorListenError:
+            tcp.close()
+            if not last:
+                raise
+    raise AssertionError("one of the tries returns or raises")
+
+
+def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+    word = "TCP" if kind == socket.SOCK_STREAM else "UDP"
+    sock = None
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=kind, flags=socket.AI_PASSIVE)[0]
+        sock = socket.socket(family, kind)
+        sock.setblocking(False)
+        if kind == socket.SOCK_STREAM:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        else:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            enable_receive_timestamps(sock)
+        sock.bind(address)
+        if kind == socket.SOCK_STREAM:
+            sock.listen(_BACKLOG)
+    except OSError as error:
+        if sock is not None:
+            sock.close()
+        raise SimulatorListenError(
+            f"cannot listen on {host} {word} port {port}: {error.strerror or error}"
+        ) from error
+    return sock

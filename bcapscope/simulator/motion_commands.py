@@ -1,0 +1,287 @@
+"""Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
+
+A call lasts as long as its motion (unless NEXT), to the end of the command, with @E until the encoders have
+arrived; with @P the next motion may begin when most of the way is done. What a second motion is answered
+meanwhile is 80010004, after the ANSI-C client's b-Cap.h; that client repeats its Robot_Move then.
+"""
+
+from __future__ import annotations
+
+import re
+from types import MappingProxyType
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_ROBOTISBUSY
+from bcapscope.simulator.argument_values import argument_at, bstr, integer_of, items_of, number_of, text_of
+from bcapscope.simulator.arm import MS
+from bcapscope.simulator.call_context import CallContext, CommandTable
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, RunningCall
+from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
+from bcapscope.simulator.pose_notation import (
+    END_OF_ENCODERS,
+    LONGEST_POSE_TEXT,
+    PASSING,
+    MotionTarget,
+    ReadVariable,
+    parse_pass,
+    parse_pass_text,
+    parse_target,
+)
+from bcapscope.simulator.timed_move import TimedMove
+
+IS_STOPPING = 0x83201404
+LONGEST_TIME = 3_600_000
+"""ms; ours."""
+
+_PTP, _LINE, _CIRCLE, _FREE_CURVE = 1, 2, 3, 4
+_BETWEEN_POSES = re.compile(r",\s*(?=[@PJT])", re.IGNORECASE)
+_OPTION = re.compile(r"\b(SPEED|S|ACCEL|DECEL|TIME)\s*=\s*([^\s,]+)")
+_VARIABLE = re.compile(r"([IFD])([0-9]{1,9})")
+_AXES = re.compile(
+    r"\s*(?:@(?P<pass>[PE]|[0-9]{1,4})\s*)?(?P<pairs>\([^()]*\)(?:\s*,\s*\([^()]*\))*)\s*", re.IGNORECASE
+)
+_PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
+
+
+def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> CallOutcome:
+    """Run Robot_Move; lines and circles are followed like PTP here, and free curves hold no points.
+
+    Raises:
+        RefusedError: there is no such interpolation, among the reasons of every motion.
+    """
+    kind, read = integer_of(interpolation), context.machine.memory.read
+    if kind == _CIRCLE:
+        targets = [parse_target(each, read) for each in _poses(pose)]
+        if len(targets) != 2:
+            raise RefusedError(E_INVALIDARG)
+        context.machine.check_reach(targets[0].joints)
+        return run_motion(context, targets[1], text_of(option))
+    if kind == _FREE_CURVE:
+        if integer_of(pose) < 1:
+            raise RefusedError(E_INVALIDARG)
+        return run_motion(context, MotionTarget(context.machine.arm.goal, 0), text_of(option))
+    if kind not in (_PTP, _LINE):
+        raise RefusedError(E_INVALIDARG)
+    return run_motion(context, parse_target(pose, read), text_of(option))
+
+
+def _poses(pose: Variant) -> tuple[Variant, ...]:
+    """Take the poses of a circle apart: `P1, @E P2`, or an array of two."""
+    if not isinstance(pose.value, str):
+        return items_of(pose)
+    return tuple(map(bstr, _BETWEEN_POSES.split(pose.value[:LONGEST_POSE_TEXT])))
+
+
+def drive(
+    context: CallContext,
+    axis_moves: list[tuple[int, float]],
+    absolute: bool,
+    option: str,
+    passing: int | None = None,
+) -> CallOutcome:
+    """Move single axes (1..6) by, or to, angles in degrees.
+
+    The pass, if it is not given, is taken from the option.
+    """
+    joints = list(context.machine.arm.goal)
+    for axis, way in axis_moves:
+        if not 1 <= axis <= AXIS_COUNT:
+            raise RefusedError(E_INVALIDARG)
+        joints[axis - 1] = way if absolute else joints[axis - 1] + way
+    passing = _parse_passing(option) if passing is None else passing
+    return run_motion(context, MotionTarget(tuple(joints), passing), option)
+
+
+def halt(context: CallContext) -> CallOutcome:
+    """Stop the arm at once; a motion under way answers 83201404, slave mode ends."""
+    context.machine.stop(context.now, IS_STOPPING)
+    return DONE
+
+
+def hold(context: CallContext) -> CallOutcome:
+    """Pause the motion under way, if there is one; the call that waits for it waits on."""
+    if context.machine.current_move:
+        context.machine.current_move.hold(context.now)
+    return DONE
+
+
+def unhold(context: CallContext) -> CallOutcome:
+    """Let a motion that is paused go on, whoever it belongs to.
+
+    Raises:
+        RefusedError: the controller has trouble.
+    """
+    machine = context.machine
+    if machine.current_move and machine.is_held:
+        machine.check_state()
+        machine.current_move.resume(context.now)
+    return DONE
+
+
+def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> CallOutcome:
+    """Begin a motion.
+
+    Raises:
+        RefusedError: the robot is busy, not ready, or cannot go there.
+    """
+    machine, now = context.machine, context.now
+    machine.check_motion(context.client, now)
+    if now < machine.free_at:
+        raise RefusedError(E_ROBOTISBUSY)
+    machine.check_reach(target.joints)
+    manner = _parse_options(option, machine.memory.read)
+    speed = machine.speeds.effective_share(manner.speed)
+    journey = TimedMove(
+        machine.arm, target.joints, now, speed, passing=target.passing, min_duration=manner.time
+    )
+    machine.current_move = journey
+    return DONE if manner.next else _running(context, journey)
+
+
+class _MotionOptions(NamedTuple):
+    """How a motion is to be made.
+
+    Attributes:
+        speed: internal speed in percent; None for that of the robot.
+        time: ns that it is to take at least.
+        next: the call does not wait for its end.
+    """
+
+    speed: float | None
+    time: int
+    next: bool
+
+
+def _parse_options(option: str, read: ReadVariable) -> _MotionOptions:
+    """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`; that the time is in ms is assumed.
+
+    The words are those of H. Suzuki, VE026A_JNI.java, and of the samples. ACCEL and DECEL are checked, but
+    they do not change the motion.
+    """
+    text = option[:LONGEST_POSE_TEXT].upper()
+    given = {name: _option_number(value, read) for name, value in _OPTION.findall(text)}
+    speed, time = given.get("SPEED", given.get("S")), given.pop("TIME", 0)
+    if not 0 <= time <= LONGEST_TIME or not all(0 < share <= 100 for share in given.values()):
+        raise RefusedError(E_INVALIDARG)
+    return _MotionOptions(speed, round(time * MS), "NEXT" in text.replace(",", " ").split())
+
+
+def _option_number(text: str, read: ReadVariable) -> float:
+    variable = _VARIABLE.fullmatch(text)
+    return number_of(read(variable[1], int(variable[2])) if variable else bstr(text))
+
+
+def _running(context: CallContext, journey: TimedMove) -> RunningCall:
+    machine, stops = context.machine, context.machine.stop_count
+
+    def poll(now: int) -> CallResult | None:
+        if machine.stop_count != stops:
+            return CallResult(machine.stopped_by)
+        return DONE if now >= journey.done_at else None
+
+    return RunningCall(poll, lambda now: journey.done_at)
+
+
+def _parse_passing(option: str) -> int:
+    folded = option.upper()
+    return END_OF_ENCODERS if "@E" in folded else PASSING if "@P" in folded else 0
+
+
+def _before_position(joints: Joints, distance: float) -> Joints:
+    """Return the joints `distance` mm before a position, along the approach vector."""
+    here = position(joints)
+    vector = trans(joints)[6:9]
+    return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))
+
+
+def _distance(part: Variant) -> tuple[float, int]:
+    """Read `@P 10`, `10`, a number, or `[10, "", "@P"]`; return mm and the pass."""
+    if isinstance(part.value, str):
+        last = part.value.split()[-1:] or ["0"]
+        return float(number_of(bstr(last[0]))), _parse_passing(part.value)
+    items = items_of(part)
+    passing = next((parse_pass(item) for item in items[1:] if isinstance(item.value, str) and item.value), 0)
+    return float(number_of(part)), passing
+
+
+def approach(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run Approach: interpolation, pose, distance."""
+    items = items_of(parameter)
+    target = parse_target(argument_at(items, 1), context.machine.memory.read)
+    distance, passing = _distance(argument_at(items, 2))
+    return run_motion(
+        context, MotionTarget(_before_position(target.joints, distance), passing), _option(items, 3)
+    )
+
+
+def depart(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run Depart: interpolation, distance."""
+    items = items_of(parameter)
+    distance, passing = _distance(argument_at(items, 1))
+    goal = _before_position(context.machine.arm.goal, distance)
+    return run_motion(context, MotionTarget(goal, passing), _option(items, 2))
+
+
+def _option(items: tuple[Variant, ...], index: int) -> str:
+    return text_of(items[index]) if index < len(items) else ""
+
+
+def _drive_by(context: CallContext, parameter: Variant) -> CallOutcome:
+    return _drive_many(context, parameter, False)
+
+
+def _drive_to(context: CallContext, parameter: Variant) -> CallOutcome:
+    return _drive_many(context, parameter, True)
+
+
+def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> CallOutcome:
+    """Run DriveEx or DriveAEx: axes and angles as text or as pairs, then an option."""
+    items = items_of(parameter)
+    axes = argument_at(items, 0)
+    ways, passing = (
+        _axis_moves_of_text(axes.value) if isinstance(axes.value, str) else _axis_moves_of_pairs(axes)
+    )
+    return drive(context, ways, absolute, _option(items, 1), passing)
+
+
+def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
+    """Read `@E (1, 5), (2, -10)`."""
+    match = _AXES.fullmatch(text) if len(text) <= LONGEST_POSE_TEXT else None
+    pairs = _PAIR.findall(match["pairs"]) if match else []
+    if match is None or len(pairs) != match["pairs"].count("("):
+        raise RefusedError(E_INVALIDARG)
+    ways = [(int(axis), float(number_of(bstr(angle)))) for axis, angle in pairs]
+    return ways, parse_pass_text(match["pass"]) if match["pass"] else None
+
+
+def _axis_moves_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | None]:
+    """Read pairs of axis and angle; DENSO's ROS driver sends each as `[pair, type, pass]`."""
+    ways, passing = [], None
+    for parts in map(items_of, items_of(axes)):
+        wrapped = isinstance(argument_at(parts, 0).value, tuple)
+        pair = items_of(parts[0]) if wrapped else parts
+        if wrapped and passing is None and len(parts) > 2:
+            passing = parse_pass(parts[2])
+        ways.append((integer_of(argument_at(pair, 0)), float(number_of(argument_at(pair, 1)))))
+    return ways, passing
+
+
+def motion_skip(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run MotionSkip: the motion under way ends where the arm is, and the call that waits for it succeeds."""
+    machine, now = context.machine, context.now
+    if machine.current_move and now < machine.free_at:
+        machine.current_move.skip(now)
+    return DONE
+
+
+MOTION_COMMANDS: CommandTable = MappingProxyType(
+    {
+        "approach": approach,
+        "depart": depart,
+        "driveex": _drive_by,
+        "driveaex": _drive_to,
+        "motionskip": motion_skip,
+    }
+)
+"""Commands of Robot_Execute by their names in lower case."""

@@ -1,0 +1,125 @@
+"""Objects that a client has opened, by their handles.
+
+At most 1000 for a client (orin_bcap C/src/bCAPServer/bcap_server.c); a handle is never used again, so that
+a released one is told from a new one. That an object's own objects go with it is assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from bcapscope.errors import LocalProtocolError
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_variant
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
+from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.result_codes import OUT_OF_MEMORY, TYPE_MISMATCH
+
+MAX_OBJECTS = 1000
+LONGEST_NAME = 255
+LARGEST_VALUE = 4096
+"""Bytes of a tag or an ID that a client may leave with an object; our bound."""
+
+_HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # what the C server takes without complaint
+
+
+@dataclass(slots=True)
+class ControllerObject:
+    """One object.
+
+    Attributes:
+        handle: what the client calls it by.
+        kind: its class.
+        name: as the client gave it.
+        parent: the object that it was got from; None for a controller.
+        tag: whatever the client put there.
+        id: the same; the number of a variable whose name ends in `*`.
+        values: what else belongs to its class, such as a command's parameters.
+    """
+
+    handle: int
+    kind: ObjectClass
+    name: str
+    parent: ControllerObject | None
+    tag: Variant = EMPTY
+    id: Variant = EMPTY
+    values: dict[str, Variant] = field(default_factory=dict)
+
+
+class ObjectTable:
+    """The handles of one client."""
+
+    def __init__(self) -> None:
+        self._by_handle: dict[int, ControllerObject] = {}
+        self._next = 1
+
+    def __len__(self) -> int:
+        return len(self._by_handle)
+
+    def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
+        """Open an object.
+
+        Raises:
+            RefusedError: the client has 1000 already, or the name is too long.
+        """
+        if len(self._by_handle) >= MAX_OBJECTS:
+            raise RefusedError(E_MAX_OBJECT)
+        if len(name) > LONGEST_NAME:
+            raise RefusedError(OUT_OF_MEMORY)
+        made = ControllerObject(self._next, kind, name, parent)
+        self._next = self._next % 0x7FFFFFFF + 1
+        self._by_handle[made.handle] = made
+        return made
+
+    def find(self, kind: ObjectClass, handle: Variant) -> ControllerObject:
+        """Return the object of a handle.
+
+        Raises:
+            RefusedError: there is none, or it is of another class.
+        """
+        value = handle.value
+        found = self._by_handle.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
+        if found is None or found.kind is not kind:
+            raise RefusedError(E_HANDLE)
+        return found
+
+    def find_by_name(
+        self, kind: ObjectClass, name: str, parent: ControllerObject | None
+    ) -> ControllerObject | None:
+        """Return the open object of this name in any case, or None."""
+        folded = name.casefold()
+        for each in self._by_handle.values():
+            if each.kind is kind and each.parent is parent and each.name.casefold() == folded:
+                return each
+        return None
+
+    def release(self, target: ControllerObject) -> None:
+        """Close an object and those that were got from it."""
+        handles = [handle for handle, each in self._by_handle.items() if _belongs_to(each, target)]
+        for handle in handles:
+            del self._by_handle[handle]
+
+    def clear(self) -> None:
+        """Close all."""
+        self._by_handle.clear()
+
+
+def _belongs_to(each: ControllerObject | None, owner: ControllerObject) -> bool:
+    while each is not None and each is not owner:
+        each = each.parent
+    return each is owner
+
+
+def check_storable(value: Variant) -> Variant:
+    """Check a value that a client wants to leave here.
+
+    Raises:
+        RefusedError: it is too large, or of a type that could not be sent back.
+    """
+    try:
+        size = len(encode_variant(value))
+    except LocalProtocolError:
+        raise RefusedError(TYPE_MISMATCH) from None
+    if size > LARGEST_VALUE:
+        raise RefusedError(OUT_OF_MEMORY)
+    return value

@@ -1,0 +1,206 @@
+"""Commands of Robot_Execute that are neither motions nor of slave mode.
+
+Names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
+nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source printed are as `command_table` infers them.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
+from bcapscope.simulator.argument_values import (
+    argument_at,
+    boolean,
+    bstr,
+    float_array,
+    i4,
+    integer_of,
+    items_of,
+    numbers_of,
+    r8,
+)
+from bcapscope.simulator.arm import MS
+from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, succeed_at
+from bcapscope.simulator.control_log_ring import log_record_variant
+from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
+from bcapscope.simulator.frame_commands import FRAME_COMMANDS
+from bcapscope.simulator.hand_commands import GRIPPER_COMMANDS
+from bcapscope.simulator.kinematics import pose_of
+from bcapscope.simulator.motion_commands import MOTION_COMMANDS
+from bcapscope.simulator.result_codes import BAD_INDEX
+from bcapscope.simulator.slave_commands import SLAVE_COMMANDS, currents
+
+_P, _J, _T = PoseType.P, PoseType.J, PoseType.T
+_KEEP, _SQUARE = -1, -2
+
+
+def take_arm(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run TakeArm: refused while another client has the arm; sets the internal speed, tool and work back
+    unless the second number is 1.
+    """
+    machine, items = context.machine, items_of(parameter)
+    keeps = len(items) > 1 and integer_of(items[1]) == 1
+    if machine.owner not in (None, context.client):
+        raise RefusedError(E_ARM_NOT_TAKEN)
+    machine.owner = context.client
+    if not keeps:
+        machine.speeds.internal = 100.0
+        machine.tool = machine.work = 0
+    return DONE
+
+
+def give_arm(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run GiveArm: nothing happens where the arm is not this client's."""
+    if context.machine.owner == context.client:
+        context.machine.owner = None
+    return DONE
+
+
+def take_arm_state(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run TakeArmState."""
+    return CallResult(value=i4(int(context.machine.owner == context.client)))
+
+
+def motor(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run Motor; the call lasts until the motor is on unless the second number says not to wait."""
+    items = items_of(parameter)
+    on = integer_of(argument_at(items, 0)) != 0
+    done = context.machine.switch_motor(on, context.now)
+    waits = len(items) < 2 or integer_of(items[1]) == 0
+    return succeed_at(done) if waits and done > context.now else DONE
+
+
+def ext_speed(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run ExtSpeed: speed, acceleration, deceleration in percent; -1 keeps, -2 is speed squared / 100."""
+    numbers = numbers_of(parameter)
+    if not numbers:
+        raise RefusedError(E_INVALIDARG)
+    speeds = context.machine.speeds
+    old = (speeds.external, speeds.external_acceleration, speeds.external_deceleration)
+    speed = old[0] if numbers[0] == _KEEP else numbers[0]
+    rest = [
+        keep if value == _KEEP else speed * speed / 100 if value == _SQUARE else value
+        for keep, value in zip(old[1:], (*numbers[1:3], *(_SQUARE,) * 2), strict=False)
+    ]
+    if not all(0 < value <= 100 for value in (speed, *rest)):
+        raise RefusedError(E_INVALIDARG)
+    speeds.external, speeds.external_acceleration, speeds.external_deceleration = speed, *rest
+    return DONE
+
+
+def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
+    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+        values = pose_of(pose_type, context.machine.arm.actual(context.now))
+        time = ((context.now - context.machine.started_at) / MS,) if timed else ()
+        return CallResult(value=float_array(context.machine.profile.real, (*time, *values)))
+
+    return run
+
+
+def destination(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run DestPos."""
+    return CallResult(value=float_array(context.machine.profile.real, pose_of(_P, context.machine.arm.goal)))
+
+
+def motion_complete(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run MotionComplete: by the command, or by the encoders where the second number is 1."""
+    items = items_of(parameter)
+    by_encoders = len(items) > 1 and integer_of(items[1]) == 1
+    machine = context.machine
+    done = machine.arm.is_at_rest(context.now) if by_encoders else context.now >= machine.free_at
+    return CallResult(value=boolean(done))
+
+
+def servo_data(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run GetSrvData: the deviation of the encoders for 2, else a number of the same size."""
+    integer_of(parameter)
+    return CallResult(value=float_array(VT.R8, currents(context)))
+
+
+def log_count(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run GetLogCount."""
+    return CallResult(value=i4(len(context.machine.log.records)))
+
+
+def log_record(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run GetLogRecord; index 0 is the oldest."""
+    index, machine = integer_of(parameter), context.machine
+    if not 0 <= index < len(machine.log.records):
+        raise RefusedError(BAD_INDEX)
+    record = machine.log.records[index]
+    lag = tuple(a - b for a, b in zip(record.commanded, record.actual, strict=True))
+    return CallResult(value=log_record_variant(record, lag, machine.tool, machine.work))
+
+
+def clear_log(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run ClearLog."""
+    context.machine.log.records.clear()
+    return DONE
+
+
+def start_log(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run StartLog."""
+    context.machine.log.start(context.now)
+    return DONE
+
+
+def stop_log(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run StopLog."""
+    context.machine.log.stop()
+    return DONE
+
+
+def type_name(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run GetRobotTypeName."""
+    return CallResult(value=bstr(context.machine.initial_state.type_name))
+
+
+def _current_speed(name: str) -> CommandHandler:
+    return lambda context, parameter: CallResult(value=r8(getattr(context.machine.speeds, name)))
+
+
+ROBOT_COMMANDS: CommandTable = MappingProxyType(
+    {
+        **SLAVE_COMMANDS,
+        **MOTION_COMMANDS,
+        **FRAME_COMMANDS,
+        **GRIPPER_COMMANDS,
+        **EQUIPMENT_COMMANDS,
+        "takearm": take_arm,
+        "givearm": give_arm,
+        "takearmstate": take_arm_state,
+        "motor": motor,
+        "extspeed": ext_speed,
+        "curpos": _current_pose(_P),
+        "curposex": _current_pose(_P, timed=True),
+        "curjnt": _current_pose(_J),
+        "curtrn": _current_pose(_T),
+        "highcurjntex": _current_pose(_J, timed=True),
+        "destpos": destination,
+        "curspd": _current_speed("internal"),
+        "curacc": _current_speed("acceleration"),
+        "curextspd": _current_speed("external"),
+        "curextacc": _current_speed("external_acceleration"),
+        "curtool": lambda context, parameter: CallResult(value=i4(context.machine.tool)),
+        "motioncomplete": motion_complete,
+        "getsrvdata": servo_data,
+        "getrobottypename": type_name,
+        "clearlog": clear_log,
+        "startlog": start_log,
+        "stoplog": stop_log,
+        "getlogcount": log_count,
+        "getlogrecord": log_record,
+        "payload": accept_without_effect,
+        "speedmode": accept_without_effect,
+        "highpathaccuracy": accept_without_effect,
+        "grvoffset": accept_without_effect,
+        "manualresetpreparation": accept_without_effect,
+        "motionpreparation": accept_without_effect,
+        "getmotionpreparationstate": lambda context, parameter: CallResult(value=boolean(True)),
+    }
+)
+"""Commands of Robot_Execute by their names in lower case."""

@@ -1,0 +1,286 @@
+"""Where a scenario is played: a simulator, and between it and its clients the faults of the scenario.
+
+Like the simulator it does no I/O and has no clock, and whatever serves a simulator serves this. What a client
+sends has passed the socket before it comes here, and what is answered here passes it afterwards: a capture
+made at the socket shows what a capture at the controller's end of the cable would show.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from bcapscope.faults.attempt_counter import AttemptCounter
+from bcapscope.faults.fault import CloseMode
+from bcapscope.faults.fault_injector import FaultInjector
+from bcapscope.faults.fault_matcher import FaultMatcher
+from bcapscope.faults.wire_message import CloseConnection, SendBytes, WireMessage
+from bcapscope.faults.wire_message import FaultOutput as Verdict
+from bcapscope.protocol.codec.stream_splitter import StreamSplitter
+from bcapscope.simulator.scenario import FaultsAndEvents, Scenario
+from bcapscope.simulator.scenario_event import AnyEvent, ScenarioEvent
+from bcapscope.simulator.simulator import LARGEST_REQUEST, Peer, ResetMarker, Simulator, SimulatorOutput
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+
+MAX_LINES = 1024
+"""Clients that are told apart; where there are more, those on UDP go that have been silent for longest."""
+
+_HERE = Endpoint("simulator", 0)
+
+
+class _ClientLine(NamedTuple):
+    """The way to one client and back."""
+
+    peer: Peer
+    up: Flow
+    down: Flow
+    splitter: StreamSplitter | None
+
+
+class _TriggeredEvent(NamedTuple):
+    """An event that waits for a request."""
+
+    event: AnyEvent
+    striker: FaultMatcher
+
+
+def _ignore(news: str) -> None:
+    """Take no notice."""
+
+
+class ScenarioRunner:
+    """A simulator to which things happen.
+
+    Attributes:
+        simulator: the controller.
+        shaper: the faults of messages at work.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        simulator: Simulator,
+        now: int,
+        *,
+        seed: int | None = None,
+        on_news: Callable[[str], None] = _ignore,
+    ) -> None:
+        """Begin to play.
+
+        Args:
+            scenario: what is to happen.
+            simulator: made with the scenario's profile and beginning.
+            now: ns, as the simulator was given.
+            seed: other than that of the scenario.
+            on_news: told in words what happens.
+        """
+        self.simulator = simulator
+        self._scenario = scenario
+        self._seed = scenario.seed if seed is None else seed
+        self._on_news = on_news
+        epoch = simulator.machine.initial_state.epoch
+        self.shaper = FaultInjector(seed=self._seed, now=now, epoch=epoch)
+        self._epoch = epoch
+        self._lines: dict[Peer, _ClientLine] = {}
+        self._peers: dict[Conversation, Peer] = {}
+        self._timed: list[tuple[int, int, AnyEvent]] = []
+        self._triggered: list[_TriggeredEvent] = []
+        self._recent_requests, self._attempts = RecentRequests(), AttemptCounter()
+        self._messages = self._counted = 0
+        self._was_in_slave_mode = False
+        scenario.write_variables(simulator.machine.memory)
+        self._schedule(scenario.faults, now)
+
+    def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Take a UDP datagram; return what to send."""
+        outputs = self._advance_to(now)
+        return outputs + self._on_client_message(self._line_of(peer, Transport.UDP), data, now)
+
+    def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
+        """Take a TCP connection; return False if there are too many, for the caller to close it."""
+        self._line_of(peer, Transport.TCP)
+        taken = self.simulator.on_connect(peer, now, is_stop)
+        if not taken:
+            self._remove_client(peer)
+        return taken
+
+    def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Take bytes of a connection; return what to send."""
+        outputs = self._advance_to(now)
+        line = self._lines.get(peer)
+        if line is None or line.splitter is None:
+            return outputs
+        for piece in line.splitter.feed(data):
+            if self._lines.get(peer) is line:
+                outputs += self._on_client_message(line, piece.item.raw, now)
+        return outputs
+
+    def on_disconnect(self, peer: Peer, now: int) -> None:
+        """Let go of a client that is gone, unless the controller is not to notice."""
+        line = self._lines.get(peer)
+        if line is None or self.shaper.passes_close(line.up.conversation):
+            self.simulator.on_disconnect(peer, now)
+        self._remove_client(peer)
+
+    def reset(self, now: int) -> list[SimulatorOutput]:
+        """Press the pendant's Reset button."""
+        return self._send_to_clients(self.simulator.reset(now), now)
+
+    def advance(self, now: int) -> list[SimulatorOutput]:
+        """Let time pass; return what to send."""
+        return self._advance_to(now)
+
+    def due(self, now: int) -> int | None:
+        """Return when `advance` is to be called next at the latest; None if nothing is under way."""
+        times = (self.simulator.due(now), self.shaper.due(), self._timed[0][0] if self._timed else None)
+        return min((time for time in times if time is not None), default=None)
+
+    @property
+    def runs_in_real_time(self) -> bool:
+        """Whether its time goes on while it gets no processor."""
+        return self.simulator.runs_in_real_time
+
+    @property
+    def has_running_calls(self) -> bool:
+        """Whether a call waits for time to pass."""
+        return self.simulator.has_running_calls
+
+    # what happens
+
+    def _schedule(self, faults_and_events: FaultsAndEvents, now: int) -> None:
+        for each in faults_and_events:
+            if not isinstance(each, ScenarioEvent):
+                self.shaper.add(each, now)
+            elif each.is_timed:
+                self._counted += 1
+                heapq.heappush(self._timed, (now + each.after, self._counted, each))
+            else:
+                self._counted += 1
+                name = each.name or f"{each.action} {self._counted}"
+                self._triggered.append(_TriggeredEvent(each, FaultMatcher(each, name, self._seed, now)))
+
+    def _apply_event(self, event: AnyEvent, now: int) -> list[SimulatorOutput]:
+        self._on_news(event.name or event.action)
+        return self._send_to_clients(event.apply(self.simulator, now), now)
+
+    def _advance_to(self, now: int) -> list[SimulatorOutput]:
+        """Let everything happen that is due by now, in the order of its time."""
+        outputs: list[SimulatorOutput] = []
+        while self._timed and self._timed[0][0] <= now:
+            when, _, event = heapq.heappop(self._timed)
+            outputs += self._send_to_clients(self.simulator.advance(when), when)
+            outputs += self._apply_event(event, when)
+        outputs += self._carry_out(self.shaper.advance(now), now)
+        outputs += self._send_to_clients(self.simulator.advance(now), now)
+        self._check_slave_mode(now)
+        return outputs
+
+    def _check_slave_mode(self, now: int) -> None:
+        if not self._was_in_slave_mode and self.simulator.machine.slave.mode is not None:
+            self._was_in_slave_mode = True
+            self._schedule(self._scenario.in_slave_mode, now)
+
+    # messages
+
+    def _on_client_message(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Take one message of a client."""
+        outputs = self._trigger_events(line, data, now) if self._triggered else []
+        taken = self.shaper.process_message(line.up, data, now)
+        self._report_touched(taken.fault_notes)
+        return outputs + self._carry_out(taken.outputs, now)
+
+    def _trigger_events(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Let those events happen that have waited for this message."""
+        self._messages += 1
+        message = WireMessage(self._messages, line.up, data, now, now + self._epoch)
+        message.annotate_with_attempts(self._recent_requests, self._attempts)
+        outputs: list[SimulatorOutput] = []
+        for event, striker in self._triggered:
+            if striker.matches(message) and striker.draw():
+                striker.count_hit()
+                outputs += self._apply_event(event, now)
+        return outputs
+
+    def _carry_out(self, verdicts: Iterable[Verdict], now: int) -> list[SimulatorOutput]:
+        """Bring to the controller, or to the client, what the faults have left of messages."""
+        outputs: list[SimulatorOutput] = []
+        for verdict in verdicts:
+            if isinstance(verdict, CloseConnection):
+                outputs += self._close_connection(verdict, now)
+            elif verdict.flow.direction is Direction.REQUEST:
+                outputs += self._send_to_controller(verdict, now)
+            else:
+                peer = self._peers.get(verdict.flow.conversation)
+                outputs += [] if peer is None else [SimulatorOutput(peer, verdict.data)]
+        return outputs
+
+    def _send_to_controller(self, send: SendBytes, now: int) -> list[SimulatorOutput]:
+        peer = self._peers.get(send.flow.conversation)
+        if peer is None:
+            return []
+        udp = send.flow.conversation.transport is Transport.UDP
+        take = self.simulator.on_datagram if udp else self.simulator.on_segment
+        outputs = self._send_to_clients(take(peer, send.data, now), now)
+        self._check_slave_mode(now)
+        return outputs
+
+    def _send_to_clients(self, outputs: Iterable[SimulatorOutput], now: int) -> list[SimulatorOutput]:
+        """Send what the controller says through the faults."""
+        said: list[SimulatorOutput] = []
+        for output in outputs:
+            line = self._lines.get(output.peer)
+            if line is None:
+                said.append(output)
+            elif not output.data:
+                self._remove_client(output.peer)
+                said.append(output)
+            else:
+                taken = self.shaper.process_message(line.down, output.data, now)
+                self._report_touched(taken.fault_notes)
+                said += self._carry_out(taken.outputs, now)
+        return said
+
+    def _close_connection(self, closing: CloseConnection, now: int) -> list[SimulatorOutput]:
+        peer = self._peers.get(closing.conversation)
+        if peer is None:
+            return []
+        self.on_disconnect(peer, now)
+        return [SimulatorOutput(peer, ResetMarker() if closing.how is CloseMode.RESET else b"")]
+
+    def _report_touched(self, touched: Iterable[str]) -> None:
+        for each in touched:
+            self._on_news(each)
+
+    # clients
+
+    def _line_of(self, peer: Peer, transport: Transport) -> _ClientLine:
+        line = self._lines.pop(peer, None) or self._new_line(peer, transport)
+        self._lines[peer] = line
+        return line
+
+    def _new_line(self, peer: Peer, transport: Transport) -> _ClientLine:
+        if len(self._lines) >= MAX_LINES:
+            self._remove_client(
+                next((each.peer for each in self._lines.values() if each.splitter is None), None)
+            )
+        conversation = Conversation(_endpoint(peer), _HERE, transport, "we are the server")
+        self._peers[conversation] = peer
+        splitter = StreamSplitter(limit=LARGEST_REQUEST) if transport is Transport.TCP else None
+        up, down = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
+        return _ClientLine(peer, up, down, splitter)
+
+    def _remove_client(self, peer: Peer) -> None:
+        line = self._lines.pop(peer, None)
+        if line is not None:
+            del self._peers[line.up.conversation]
+            self.shaper.close_conversation(line.up.conversation)
+
+
+def _endpoint(peer: Peer) -> Endpoint:
+    """Return host and port of a client that is known by its address, as the server knows it."""
+    match peer:
+        case (_, (str(host), int(port), *_)):
+            return Endpoint(host, port)
+    return Endpoint(str(peer), 0)

@@ -1,0 +1,464 @@
+"""The sockets of the simulator: UDP and TCP on one port, one thread, no more waiting than needed.
+
+There are never more sockets than clients, 20 on TCP and a few that send stops, connections that have not sent
+a frame yet, and those who serve.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, Protocol, TypeAlias
+
+from bcapscope.protocol.first_frame import first_frame_stops
+from bcapscope.simulator.datagram_queue import DatagramQueue
+from bcapscope.simulator.listening_sockets import open_sockets
+from bcapscope.simulator.simulator import STOP_CLIENTS, Peer, ResetMarker, SimulatorOutput
+from bcapscope.simulator.simulator_clock import SimulatorClock
+from bcapscope.simulator.socket_selector import ReadyDescriptors, SocketSelector
+from bcapscope.transport.descriptors import SpareDescriptors, accept_connection
+from bcapscope.transport.first_frame_queue import FirstFrameQueue
+from bcapscope.transport.receive_timestamps import (
+    ANCILLARY_SIZE,
+    AncillaryData,
+    enable_receive_timestamps,
+    kernel_timestamp,
+    receive_function,
+)
+from bcapscope.transport.tcp_link import close_with_reset
+
+LARGEST_DATAGRAM = 65535
+LARGEST_BACKLOG = 1 << 20
+"""Bytes that a client may leave unread before its connection is closed."""
+
+LONGEST_WAIT = 0.5
+"""Seconds; an interrupt is noticed after that at the latest on every system."""
+
+# ns. To wake a processor that has nothing to do takes longer, on a virtual machine, than to answer a call.
+# Yielding meanwhile would cost a whole time slice wherever another program runs.
+_SPIN_NS = 60_000
+
+_MOST_DATAGRAMS = 1024  # datagrams that are taken from the system before any but the first is looked at
+_READ_SIZE = 256  # bytes that are taken of a connection before the others have their turn
+_READ_SIZE_PACED = 16384  # the same where each set point has its own time
+_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # or what looks like it, which does no harm
+_MAX_ACCEPTED = 16  # connections that are taken before others have their turn
+_SPARE_DESCRIPTORS = 3  # for clients that may turn out to send a stop when there are no others
+_TIDY_INTERVAL_NS = 1_000_000_000  # ns
+
+_SAME_MOMENT_NS = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
+
+Address: TypeAlias = tuple[str, int]
+_Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
+
+
+class TrafficTap(Protocol):
+    """Is shown what passes; addresses are host and port, times ns since 1970."""
+
+    def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Take a UDP datagram."""
+
+    def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
+        """Take bytes of a TCP connection."""
+
+    def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
+        """Take notice that an end of a TCP connection sends nothing more, or has broken it off."""
+
+    def on_connection_end(self, client: Address, server: Address) -> None:
+        """Take notice that nothing more comes of a TCP connection."""
+
+
+class ControllerModel(Protocol):
+    """What says what to answer, such as a `Simulator`, whose methods these are."""
+
+    @property
+    def runs_in_real_time(self) -> bool: ...
+    @property
+    def has_running_calls(self) -> bool: ...
+    def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
+    def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
+    def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
+    def on_disconnect(self, peer: Peer, now: int) -> None: ...
+    def reset(self, now: int) -> list[SimulatorOutput]: ...
+    def advance(self, now: int) -> list[SimulatorOutput]: ...
+    def due(self, now: int) -> int | None: ...
+
+
+class _Connection:
+    """A TCP client: its socket and what could not be sent yet."""
+
+    __slots__ = ("backlog", "client", "is_blocked", "last_heard", "number", "peer", "receive", "socket")
+
+    def __init__(self, sock: socket.socket, address: Address) -> None:
+        self.socket = sock
+        self.number = sock.fileno()
+        self.receive = receive_function(sock)
+        self.last_heard = 0
+        self.client: Address = address[:2]
+        self.peer = ("tcp", address)
+        self.backlog = bytearray()
+        self.is_blocked = False
+
+
+class SimulatorServer:
+    """Moves bytes between sockets and a simulator.
+
+    Its time is that of a `SimulatorClock`: what comes is heard as of when it came, which Linux tells. On TCP it tells
+    that of the last byte only: where set points have piled up that wait for no reply, those before the last
+    are taken as having come evenly since the client's last but those. Elsewhere a pile is one jump.
+
+    Attributes:
+        address: host and port that it listens on.
+        tap: is shown all that passes; None for nobody.
+        datagram_queue: datagrams that wait.
+    """
+
+    def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
+        """Listen on UDP and TCP.
+
+        Args:
+            simulator: whose time is that of `now`, which begins as `time.monotonic_ns`.
+            host: address or name of this machine.
+            port: 0 for any that is free on both.
+
+        Raises:
+            ListenError: that cannot be done.
+        """
+        self._model = simulator
+        self.tap: TrafficTap | None = None
+        self.datagram_queue: DatagramQueue[_Address] = DatagramQueue()
+        self._connections: dict[int, _Connection] = {}
+        self._by_peer: dict[object, _Connection] = {}
+        self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
+        self._stops: list[_Connection] = []  # beyond the controller's limit, the oldest first
+        self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
+        self._is_paused = False
+        self._tidied_at = -_TIDY_INTERVAL_NS  # not earlier: what the command needs to run comes before spares
+        self._spin_until = 0
+        self._may_be_more = True
+        self._polled_empty_at = 0  # before which nothing was there
+        self._clock = SimulatorClock(simulator)
+        self._udp, self._tcp = open_sockets(host, port)
+        self._udp_descriptor, self._tcp_descriptor = self._udp.fileno(), self._tcp.fileno()
+        self._receive = receive_function(self._udp)
+        self._extra: tuple[int, ...] = ()
+        self._selector = SocketSelector((), ())
+        self._selector_is_stale = True
+        self.address: tuple[str, int] = self._tcp.getsockname()[:2]
+
+    def now(self) -> int:
+        """Return the controller's time, ns."""
+        return self._clock.now()
+
+    def close(self) -> None:
+        """Close all sockets."""
+        for connection in list(self._connections.values()):
+            self._drop(connection)
+        self._udp.close()
+        self._tcp.close()
+        self._spares.close()
+
+    def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
+        """Wait for one thing to do and do it.
+
+        Args:
+            until: seconds to wait at most.
+            extra: other file descriptors to wait for.
+
+        Returns:
+            Those of `extra` that can be read.
+        """
+        now = self._clock.now()
+        self._tidy()
+        due = self._model.due(now)
+        if self._extra != (others := tuple(extra)):
+            self._extra = others
+            self._selector_is_stale = True
+        if self._selector_is_stale:
+            self._rebuild_selector()
+        readable, writable = self._wait(0 if self.datagram_queue.waiting else until, due, now)
+        moment = self._clock.update()
+        if due is not None and due <= moment:  # whatever came before that is heard before it
+            readable, writable = self._selector.ready_now()
+            self._may_be_more = True
+        for blocked in writable:
+            self._flush(self._connections[blocked])
+        for source in readable:
+            if source not in others:
+                self._read_socket(source, len(readable) > 2)
+        if self.datagram_queue.waiting:
+            self._deliver_queued()
+        now = self._clock.now()
+        if readable:
+            self._spin_until = now + _SPIN_NS
+        moment = min(moment, now)  # what was heard may have set it back
+        if self.datagram_queue.waiting:
+            moment = min(moment, self.datagram_queue.oldest_arrival)
+        if due is not None and due <= moment:
+            self._send(self._model.advance(self._clock.make_monotonic(moment)))
+            self._clock.on_replies_sent()
+        return [source for source in readable if source in others] if others else []
+
+    def reset(self) -> None:
+        """Press the pendant's Reset button."""
+        self._send(self._model.reset(self._monotonic_now()))
+
+    def _monotonic_now(self) -> int:
+        return self._clock.make_monotonic(self._clock.update())
+
+    def _wait(self, until: float, due: int | None, now: int) -> ReadyDescriptors:
+        """Wait for sockets that can be read and written; shortly behind a request without going to sleep.
+
+        What comes between two looks has come alone, or the next look finds more.
+        """
+        end = self._spin_until if due is None else min(self._spin_until, due)
+        self._may_be_more = True
+        look = self._selector.ready_now
+        while now < end and until:
+            readable, writable = look()
+            if readable or writable:
+                self._polled_empty_at = now
+                return readable, writable
+            self._may_be_more = False
+            now = self._clock.now()
+        self._may_be_more = True
+        wait = until if due is None else min(until, max(0, due - now) / 1e9)
+        return self._selector.wait(wait)
+
+    def _read_socket(self, source: int, is_crowded: bool) -> None:
+        """Take what has come at a socket; datagrams need not wait for a crowd of connections."""
+        if source == self._udp_descriptor:
+            self._read_datagrams()
+        elif source == self._tcp_descriptor:
+            self._accept()
+        else:
+            self._read_segment(source)
+            if is_crowded:
+                self._read_datagrams()
+                self._deliver_queued()
+
+    def _read_datagrams(self) -> None:
+        """Take datagrams from the system before it runs out of room: the first is answered at once."""
+        receive, turns = self._receive, self.datagram_queue
+        asked = ANCILLARY_SIZE if self._may_be_more else 0  # what has come between two looks came then
+        for number in range(_MOST_DATAGRAMS if self._may_be_more else 1):
+            try:
+                data, control, _, address = receive(LARGEST_DATAGRAM, asked)
+            except OSError:  # nothing left; on Windows also an earlier client's closed port
+                return
+            if self.tap:
+                self.tap.on_datagram(address[:2], self.address, data, time.time_ns())
+            if number or turns.waiting:
+                turns.add(address, self._arrival_time(control), data)
+            else:
+                self._deliver_datagram(address, self._arrival_time(control), data)
+
+    def _deliver_queued(self) -> None:
+        for address, came, data in self.datagram_queue.pop_one_per_sender():
+            self._deliver_datagram(address, came, data)
+
+    def _deliver_datagram(self, address: _Address, came: int, data: bytes) -> None:
+        self._send(self._model.on_datagram(("udp", address), data, self._clock.make_monotonic(came)))
+        self._clock.on_replies_sent()
+
+    def _arrival_time(self, control: AncillaryData) -> int:
+        """Return when something came that was just taken from the system."""
+        return (
+            self._clock.arrival_time(kernel_timestamp(control, 0))
+            if self._may_be_more
+            else self._polled_empty_at
+        )
+
+    def _accept(self) -> None:
+        """Take connections; they are clients of the controller with their first frame."""
+        for _ in range(_MAX_ACCEPTED):
+            try:
+                if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
+                    break
+            except OSError:
+                self._is_paused = True  # or it would be told again and again that somebody waits
+                break
+            sock, address = accepted
+            sock.setblocking(False)
+            with suppress(OSError):  # on macOS a client that has gone by now has no options any more
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            enable_receive_timestamps(sock)
+            connection = _Connection(sock, address)
+            self._drop_newcomer(self._lobby.add(connection.number, address[0]))
+            self._connections[connection.number] = self._by_peer[connection.peer] = connection
+        self._selector_is_stale = True
+
+    def _drop_newcomer(self, number: int | None) -> bool:
+        """Close a connection that left the lobby for another; return whether there was one."""
+        if number is None:
+            return False
+        self._drop(self._connections[number], by_reset=True)
+        return True
+
+    def _free_descriptor(self) -> bool:
+        is_freed = self._spares.release_one() or self._drop_newcomer(self._lobby.drop_one())
+        if not is_freed and self._stops:
+            self._drop(self._stops[0])
+            return True
+        return is_freed
+
+    def _tidy(self) -> None:
+        """Once a second, end what takes too long and look again for what there was no room for."""
+        now = time.monotonic_ns()
+        if now - self._tidied_at < _TIDY_INTERVAL_NS:
+            return
+        self._tidied_at = now
+        self._spares.refill()
+        for number in self._lobby.drop_overdue(now):
+            self._drop_newcomer(number)
+        if self._is_paused:
+            self._is_paused = False
+            self._selector_is_stale = True
+
+    def _admit(self, connection: _Connection, first: bytes) -> bool:
+        """Make a connection a client of the controller; else close it. A stop always gets in."""
+        is_stop = first_frame_stops(first)
+        has_room = self._spares.refill() and self._model.on_connect(connection.peer, self._monotonic_now())
+        if not has_room and is_stop:
+            if len(self._stops) >= STOP_CLIENTS:
+                self._drop(self._stops[0])
+            has_room = self._model.on_connect(connection.peer, self._monotonic_now(), is_stop=True)
+            self._stops.append(connection)
+        if not has_room:
+            self._drop(connection)
+        return has_room
+
+    def _rebuild_selector(self) -> None:
+        """Say anew what is waited for: a client that does not read is not read from either."""
+        self._selector_is_stale = False
+        connections = self._connections.items()
+        writers = [number for number, each in connections if each.is_blocked]
+        own = (number for number, each in connections if not each.is_blocked)
+        listeners = (
+            [self._udp_descriptor] if self._is_paused else [self._udp_descriptor, self._tcp_descriptor]
+        )
+        self._selector = SocketSelector([*listeners, *own, *self._extra], writers)
+
+    def _read_segment(self, number: int) -> None:
+        connection = self._connections.get(number)
+        if connection is None:
+            return
+        goes_on = self._model.runs_in_real_time
+        most, asked = _READ_SIZE_PACED if goes_on else _READ_SIZE, ANCILLARY_SIZE if self._may_be_more else 0
+        try:
+            data, control, _, _ = connection.receive(most, asked)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._drop_broken(connection, error)
+            return
+        if not data:
+            if self.tap:
+                self.tap.on_stream_end(connection.client, self.address, time.time_ns())
+            self._drop(connection)
+            return
+        if number in self._lobby:
+            first = self._lobby.feed_bytes(number, data, time.monotonic_ns())
+            if first is None or not self._admit(connection, first):
+                return
+            data = first
+        if self.tap:
+            self.tap.on_segment(connection.client, self.address, data, time.time_ns())
+        came, since = self._arrival_time(control), connection.last_heard
+        connection.last_heard = came
+        if goes_on and came - since > _SAME_MOMENT_NS:
+            self._deliver_spread(connection, data, since, came)
+        else:
+            self._deliver_segment(connection, data, came)
+
+    def _deliver_spread(self, connection: _Connection, data: bytes, since: int, came: int) -> None:
+        """Hear bytes as if they had come evenly between two times."""
+        taken = 0
+        for piece in _BETWEEN_FRAMES.split(data):
+            taken += len(piece)
+            self._deliver_segment(connection, piece, since + (came - since) * taken // len(data))
+            if connection.number not in self._connections:
+                return
+
+    def _deliver_segment(self, connection: _Connection, data: bytes, came: int) -> None:
+        self._send(self._model.on_segment(connection.peer, data, self._clock.make_monotonic(came)))
+        self._clock.on_replies_sent()
+
+    def _send(self, outputs: list[SimulatorOutput]) -> None:
+        for peer, data in outputs:
+            connection = self._by_peer.get(peer)
+            if connection is None:
+                assert isinstance(peer, tuple)
+                if peer[0] == "udp":
+                    if self.tap:
+                        self.tap.on_datagram(self.address, peer[1][:2], data, time.time_ns())
+                    try:
+                        self._udp.sendto(data, peer[1])
+                    except OSError:  # the client is gone, or its socket's buffer is full
+                        continue
+            elif not data or len(connection.backlog) > LARGEST_BACKLOG:
+                self._drop(connection, by_reset=isinstance(data, ResetMarker))
+            else:
+                connection.backlog += data
+                if not connection.is_blocked:
+                    self._flush(connection)
+
+    def _flush(self, connection: _Connection) -> None:
+        backlog = connection.backlog
+        try:
+            sent = connection.socket.send(backlog)
+        except BlockingIOError:
+            sent = 0
+        except OSError as error:
+            self._drop_broken(connection, error)
+            return
+        if self.tap and sent:
+            self.tap.on_segment(self.address, connection.client, bytes(backlog[:sent]), time.time_ns())
+        del backlog[:sent]
+        if connection.is_blocked is not bool(backlog):
+            connection.is_blocked = bool(backlog)
+            self._selector_is_stale = True
+
+    def _drop_broken(self, connection: _Connection, error: OSError) -> None:
+        """Let go of a client that has reset its connection, or cannot be reached any more."""
+        if self.tap and isinstance(error, ConnectionError):
+            self.tap.on_stream_end(connection.client, self.address, time.time_ns(), reset=True)
+        self._drop(connection, is_broken=True)
+
+    def _drop(self, connection: _Connection, by_reset: bool = False, is_broken: bool = False) -> None:
+        if self._connections.pop(connection.number, None) is None:
+            return
+        del self._by_peer[connection.peer]
+        self._lobby.remove(connection.number)
+        self._stops = [each for each in self._stops if each is not connection]
+        self._selector_is_stale = True
+        if self.tap:
+            if not is_broken:
+                self.tap.on_stream_end(self.address, connection.client, time.time_ns(), reset=by_reset)
+            self.tap.on_connection_end(connection.client, self.address)
+        self._model.on_disconnect(connection.peer, self._monotonic_now())
+        if by_reset:
+            close_with_reset(connection.socket)
+        else:
+            connection.socket.close()
+
+
+def serve(
+    server: SimulatorServer, idle: Callable[[], bool], on_readable: Callable[[int], None], extra: list[int]
+) -> None:
+    """Serve until interrupted.
+
+    Args:
+        server: that listens.
+        idle: called after each step; returns whether it has more to do.
+        on_readable: called with each of `extra` that can be read.
+        extra: file descriptors; `on_readable` may change it.
+    """
+    is_busy = False
+    while True:
+        for ready in server.step(0 if is_busy else LONGEST_WAIT, extra):
+            on_readable(ready)
+        is_busy = idle()

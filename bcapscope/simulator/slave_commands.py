@@ -1,0 +1,257 @@
+"""The commands of slave mode: slvChangeMode, slvGetMode, slvMove and the two formats.
+
+DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core (formats).
+The pose that comes back before slvRecvFormat was sent is that of the mode's type, as in the samples of 2009;
+no paper says so.
+"""
+
+from __future__ import annotations
+
+from math import hypot
+from types import MappingProxyType
+
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
+from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
+from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode, integer_value, slave_mode_by_number
+from bcapscope.protocol.slave_mode.slvmove_values import SetPoint, UserIO, parse_set_point
+from bcapscope.protocol.tables.hresult import (
+    E_ARM_NOT_TAKEN,
+    E_INVALIDARG,
+    E_NOT_IN_SLAVE_MODE,
+    E_REFUSED_IN_SLAVE_MODE,
+    S_BUF_FULL,
+    S_OK,
+)
+from bcapscope.simulator.argument_values import float_array, i2, i4, variant_array
+from bcapscope.simulator.arm import MS
+from bcapscope.simulator.call_context import CallContext, CommandTable
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, RunningCall
+from bcapscope.simulator.kinematics import POSE_LENGTHS, Joints, axis_beyond_limit, joints_of, pose_of
+from bcapscope.simulator.result_codes import POSITION_LIMIT
+from bcapscope.simulator.variable_memory import IO_BYTES
+
+PATIENCE = 500 * MS
+"""How long slvChangeMode waits for the robot to stand still (DENSO Wave 2009)."""
+
+INVALID_SET_POINT = 0x83201405
+LONGEST_SET_POINT = 1e9
+"""Its numbers taken for a vector, which has to be shorter."""
+
+FIRST_USER_IO = 128
+HAND_IO, MINI_IO = 48, 0
+HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
+
+
+def change_mode(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run slvChangeMode."""
+    value = integer_value(parameter)
+    mode = None if value is None else slave_mode_by_number(value, context.machine.profile.generation)
+    if mode is None:
+        raise RefusedError(E_INVALIDARG)
+    if mode.pose_type is None:
+        return _leave(context)
+    if context.machine.slave.mode is not None:
+        context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
+    context.machine.check_slave_mode(context.client, context.now)
+    return _enter(context, mode)
+
+
+def _enter(context: CallContext, mode: SlaveMode) -> CallOutcome:
+    machine, began, stops = context.machine, context.now, context.machine.stop_count
+
+    def poll(now: int) -> CallResult | None:
+        if machine.stop_count != stops:
+            return CallResult(machine.stopped_by)
+        if machine.arm.is_at_rest(now) and not machine.is_held:
+            machine.slave.enter(mode, now)
+            return DONE
+        return CallResult(machine.profile.running_result) if now >= began + PATIENCE else None
+
+    def due(now: int) -> int:
+        settles, end = machine.arm.at_rest_from, began + PATIENCE
+        return min(settles, end) if settles > now else end
+
+    return poll(began) or RunningCall(poll, due)
+
+
+def _leave(context: CallContext) -> CallOutcome:
+    machine = context.machine
+    slave, run = machine.slave, machine.slave.run_number
+    if slave.mode is None:
+        slave.unreported_result = 0
+        return DONE
+    slave.drain()
+
+    def poll(now: int) -> CallResult | None:
+        if slave.run_number != run:
+            return DONE
+        if slave.mode is None:
+            slave.unreported_result = (
+                0  # this reply reports the end of slave mode; slvMove need not report why
+            )
+            return DONE
+        if not slave.is_empty or not machine.arm.is_at_rest(now):
+            return None
+        slave.leave()
+        return DONE
+
+    return RunningCall(
+        poll, lambda now: max(slave.next_tick if not slave.is_empty else machine.arm.at_rest_from, now)
+    )
+
+
+def get_mode(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run slvGetMode."""
+    mode = context.machine.slave.mode
+    value = mode.value if mode else 0
+    return CallResult(value=i2(value) if context.machine.profile.mode_type == VT.I2 else i4(value))
+
+
+def send_format(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run slvSendFormat."""
+    found = parse_format_parameter(parameter)
+    form = SendFormat.parse(found.value) if found else None
+    if form is None or not form.is_known:
+        raise RefusedError(E_INVALIDARG)
+    context.machine.slave.send_format = form
+    return DONE
+
+
+def receive_format(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run slvRecvFormat."""
+    found = parse_format_parameter(parameter)
+    form = ReceiveFormat.parse(found.value, found.microseconds) if found else None
+    if form is None or not form.is_known:
+        raise RefusedError(E_INVALIDARG)
+    context.machine.slave.receive_format = form
+    return DONE
+
+
+def slave_move(context: CallContext, parameter: Variant) -> CallOutcome:
+    """Run slvMove."""
+    machine, slave = context.machine, context.machine.slave
+    mode = slave.mode
+    if mode is None or mode.pose_type is None:
+        owed, slave.unreported_result = slave.unreported_result, 0
+        if owed:
+            raise RefusedError(owed)
+        machine.refuse(E_NOT_IN_SLAVE_MODE, context.now)
+    if machine.profile.needs_arm and machine.owner != context.client:
+        raise RefusedError(E_ARM_NOT_TAKEN)
+    point = parse_set_point(parameter, mode.pose_type, slave.send_format, slave.receive_format)
+    joints = _joints(context, mode.pose_type, point)
+    needed = slave.push(joints)
+    _write_io(context, point)
+    if not mode.paces_client:
+        full = mode.overflow_is_error and slave.waiting >= mode.buffer_slots
+        return CallResult(S_BUF_FULL if full else S_OK, _feedback(context, mode.pose_type, point))
+    return _pace(context, mode.pose_type, point, needed)
+
+
+def _pace(context: CallContext, pose_type: PoseType, point: SetPoint, needed: int) -> CallOutcome:
+    machine, slave, run = context.machine, context.machine.slave, context.machine.slave.run_number
+
+    def poll(now: int) -> CallResult | None:
+        if slave.run_number != run or (slave.mode is None and slave.consumed < needed):
+            slave.unreported_result = 0
+            return CallResult(machine.stopped_by or E_NOT_IN_SLAVE_MODE)
+        if slave.consumed < needed:
+            return None
+        context.now = now
+        return CallResult(value=_feedback(context, pose_type, point))
+
+    return poll(context.now) or RunningCall(poll, lambda now: slave.next_tick)
+
+
+def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joints:
+    """Return where a set point goes; one that cannot be ends slave mode."""
+    if point.problems or point.pose is None:
+        raise RefusedError(E_INVALIDARG)
+    values = point.pose.values
+    if len(values) + len(point.pose.extra) not in POSE_LENGTHS[pose_type]:
+        raise RefusedError(E_INVALIDARG)
+    try:
+        if not hypot(*values) < LONGEST_SET_POINT:  # nor is it with NaN among them
+            raise RefusedError(INVALID_SET_POINT)
+        joints = joints_of(pose_type, values)
+        axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
+        if axis:
+            raise RefusedError(POSITION_LIMIT + axis)
+    except RefusedError as refusal:
+        context.machine.raise_error(refusal.hresult, context.now, is_reported=True)
+        raise
+    return joints
+
+
+def _write_io(context: CallContext, point: SetPoint) -> None:
+    memory = context.machine.memory
+    if point.mini_io is not None:
+        memory.write_word(MINI_IO, point.mini_io, MINI_MASK)
+    if point.hand_io is not None:
+        memory.write_word(HAND_IO, point.hand_io, HAND_MASK)
+    if point.user_write is not None and point.user_write.data is not None:
+        start, stop = _run(point.user_write)
+        memory.io[start:stop] = point.user_write.data[: stop - start].ljust(stop - start, b"\0")
+
+
+def _run(run: UserIO) -> tuple[int, int]:
+    start, size = run.offset // 8, run.size // 8
+    if run.offset < FIRST_USER_IO or run.offset % 8 or run.size % 8 or not 0 < size <= IO_BYTES - start:
+        raise RefusedError(E_INVALIDARG)
+    return start, start + size
+
+
+def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Variant:
+    """Make the result of slvMove as the receive format says."""
+    machine = context.machine
+    actual = machine.arm.actual(context.now)
+    form = machine.slave.receive_format
+    if form is None:
+        return _pose(context, pose_type, actual)
+    if form.bare_pose_type:
+        return _pose(context, form.bare_pose_type, actual)
+    parts = []
+    if form.timestamp:
+        parts.append(i4((context.now - machine.started_at) // (1000 if form.microseconds else MS)))
+    if form.poses:
+        parts.append(float_array(VT.R8, [value for each in form.poses for value in pose_of(each, actual)]))
+    parts += _words(context, form, point)
+    if form.current:
+        parts.append(float_array(VT.R8, currents(context)))
+    return variant_array(*parts)
+
+
+def _pose(context: CallContext, pose_type: PoseType, joints: Joints) -> Variant:
+    pose = pose_of(pose_type, joints)
+    return Variant(ARRAY | context.machine.profile.real, pose, len(pose))
+
+
+def _words(context: CallContext, form: ReceiveFormat, point: SetPoint) -> list[Variant]:
+    memory = context.machine.memory
+    parts = []
+    if form.mini_io:
+        parts.append(i4(memory.word(MINI_IO)))
+    if form.user_io:
+        start, stop = _run(point.user_read) if point.user_read else (0, 0)
+        parts.append(Variant.array(VT.UI1, bytes(memory.io[start:stop])))
+    if form.hand_io:
+        parts.append(i4(memory.word(HAND_IO)))
+    return parts
+
+
+def currents(context: CallContext) -> tuple[float, ...]:
+    """Return motor currents, a number for each axis: here what the encoders lag behind, in degrees."""
+    arm, now = context.machine.arm, context.now
+    return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
+
+
+SLAVE_COMMANDS: CommandTable = MappingProxyType(
+    {
+        "slvchangemode": change_mode,
+        "slvgetmode": get_mode,
+        "slvmove": slave_move,
+        "slvsendformat": send_format,
+        "slvrecvformat": receive_format,
+    }
+)
+"""Commands of Robot_Execute by their names in lower case."""

@@ -1,0 +1,172 @@
+"""Slave mode inside the controller: the buffer of set points, and what becomes of it every 8 ms.
+
+Slots, pacing and what is an error: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
+ShoheiKobata/orin_bcap_python_samples (table of slave modes) and issues of DENSORobot/denso_robot_ros (RC8).
+That an axis counts as moving above `MOVING_THRESHOLD`, and the grid of 8 ms that does not follow the client, are ours.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveFormat
+from bcapscope.protocol.slave_mode.modes import ModeKind, SlaveMode
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
+from bcapscope.simulator.arm import MS, Arm
+from bcapscope.simulator.call_outcome import RefusedError
+from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
+from bcapscope.simulator.result_codes import ACCELERATION_LIMIT, SPEED_LIMIT
+
+PERIOD = 8 * MS
+MOVING_THRESHOLD = 0.01
+"""Degrees in 8 ms."""
+
+_TOLERANCE = 1.000001  # rounding of single-precision set points is no excess
+
+
+@dataclass(frozen=True, slots=True)
+class SlaveModeFault:
+    """What ended slave mode.
+
+    Attributes:
+        code: HRESULT.
+        time: ns.
+    """
+
+    code: int
+    time: int
+
+
+class SlaveDrive:
+    """The machine that takes one set point each 8 ms while slave mode is on.
+
+    Attributes:
+        mode: the mode; None while off.
+        run_number: counts the times that slave mode was entered.
+        consumed: set points that have been taken in this run.
+        next_tick: when the next one is due, ns.
+        async_detector: a late set point is an error where the mode leaves that to the pendant.
+        send_format: what slvMove carries, as slvSendFormat said.
+        receive_format: what slvMove returns, as slvRecvFormat said; None before that.
+        unreported_result: result of what ended it that no client has been told yet; 0 if there is none.
+    """
+
+    def __init__(
+        self, arm: Arm, limits: tuple[AxisLimit, ...] = AXIS_LIMITS, async_detector: bool = False
+    ) -> None:
+        self.mode: SlaveMode | None = None
+        self.run_number = 0
+        self.consumed = 0
+        self.next_tick = 0
+        self.send_format = POSE_ONLY_FORMAT
+        self.receive_format: ReceiveFormat | None = None
+        self.unreported_result = 0
+        self._arm = arm
+        self._limits = limits
+        self.async_detector = async_detector
+        self._queue: deque[Joints] = deque()
+        self._speed: Joints = (0.0,) * 8
+        self._moving = False
+        self._leaving = False
+
+    @property
+    def waiting(self) -> int:
+        """Set points in the buffer."""
+        return len(self._queue)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no set point waits and the last one was no motion."""
+        return not self._queue and not self._moving
+
+    def enter(self, mode: SlaveMode, now: int) -> None:
+        """Switch slave mode on; the arm stands."""
+        self.mode = mode
+        self.run_number += 1
+        self.unreported_result = 0
+        self.consumed = 0
+        self.next_tick = now + PERIOD
+        self._queue.clear()
+        self._clear_speed()
+        self._leaving = False
+        self._arm.begin_set_points(now)
+
+    def drain(self) -> None:
+        """Go on until the buffer is empty, which then is no error."""
+        self._leaving = True
+
+    def leave(self, unreported_result: int = 0) -> None:
+        """Switch slave mode off; what waits in the buffer is dropped."""
+        if self.mode is not None:
+            self.unreported_result = unreported_result
+        self.mode = None
+        self._queue.clear()
+
+    def push(self, joints: Joints) -> int:
+        """Put a set point into the buffer; return how many must be `consumed` until slvMove answers.
+
+        Raises:
+            RefusedError: the buffer is full and the mode does not wait.
+        """
+        mode = self.mode
+        assert mode is not None
+        if mode.overwrites_waiting and self._queue:
+            self._queue[-1] = joints
+            return 0
+        if mode.overflow_is_error and len(self._queue) >= mode.buffer_slots:
+            raise RefusedError(E_SLAVE_OVERFLOW)
+        self._queue.append(joints)
+        place = self.consumed + len(self._queue)
+        if not mode.paces_client:
+            return 0
+        return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
+
+    def advance(self, now: int) -> SlaveModeFault | None:
+        """Take the set points that have become due; return what went wrong, once."""
+        while self.mode is not None and self.next_tick <= now:
+            if self.is_empty:
+                self._skip_periods(now)
+                break
+            code = self._tick(self.mode, self.next_tick)
+            if code:
+                return SlaveModeFault(code, self.next_tick)
+            self.next_tick += PERIOD
+        return None
+
+    def _skip_periods(self, now: int) -> None:
+        self.next_tick += ((now - self.next_tick) // PERIOD + 1) * PERIOD
+
+    def _tick(self, mode: SlaveMode, time: int) -> int:
+        here = self._arm.goal
+        if not self._queue:
+            self._clear_speed()
+            return 0 if self._leaving or not self._detects_underflow(mode) else E_SLAVE_UNDERFLOW
+        goal = tuple(map(float, self._queue.popleft()))  # clients also send whole numbers
+        self.consumed += 1
+        speed = tuple(b - a for a, b in zip(here, goal, strict=True))
+        code = self._limit_violation(speed)
+        self._speed = speed
+        self._moving = any(abs(each) > MOVING_THRESHOLD for each in speed)
+        if not code:
+            self._arm.add_set_point(goal, time - PERIOD, time)
+        return code
+
+    def _clear_speed(self) -> None:
+        self._speed = (0.0,) * 8
+        self._moving = False
+
+    def _detects_underflow(self, mode: SlaveMode) -> bool:
+        detects = mode.underflow_is_error
+        return self.async_detector if detects is None else detects
+
+    def _limit_violation(self, speed: Joints) -> int:
+        """Return the result for the first axis that would be too fast or accelerate too much; else 0."""
+        seconds = PERIOD / 1e9
+        for axis in range(AXIS_COUNT):
+            limit = self._limits[axis]
+            if abs(speed[axis]) > limit.speed * seconds * _TOLERANCE:
+                return SPEED_LIMIT + axis + 1
+            if abs(speed[axis] - self._speed[axis]) > limit.acceleration * seconds**2 * _TOLERANCE:
+                return ACCELERATION_LIMIT + axis + 1
+        return 0

@@ -1,0 +1,274 @@
+"""Reading and writing the variables of controller, robot and task objects.
+
+Names and types: `bcapscope.protocol.tables.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and their
+configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config). That
+the other speeds can be written is assumed. TOOLn, WORKn and _ITP were seen on RC7 only.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from bcapscope import __version__
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.slave_mode.modes import Generation, PoseType
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
+from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
+from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, integer_of, number_of, r4
+from bcapscope.simulator.call_context import CallContext, CommandHandler
+from bcapscope.simulator.call_outcome import DONE, CallOutcome, RefusedError
+from bcapscope.simulator.equipment import CoordinateFrame
+from bcapscope.simulator.frame_commands import ZERO_FRAME, frame_number
+from bcapscope.simulator.kinematics import pose_of
+from bcapscope.simulator.machine import READY, RUNNING
+from bcapscope.simulator.object_table import ControllerObject
+from bcapscope.simulator.result_codes import BAD_INDEX, NOT_WRITABLE, OBJECT_NOT_FOUND
+from bcapscope.simulator.robot_commands import motor
+from bcapscope.simulator.variable_memory import LETTERS, VARIABLES_PER_LETTER, vector_of
+
+_NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS]|TOOL|WORK)([0-9]{1,9}|\*)")
+_ONLY_ON_RC7 = frozenset(("TOOL", "WORK", "_ITP"))
+_FRAMES: Mapping[str, Callable[[CallContext], dict[int, CoordinateFrame]]] = {
+    "TOOL": lambda context: context.machine.equipment.tools,
+    "WORK": lambda context: context.machine.equipment.works,
+}
+
+VariableReader = Callable[[CallContext], Variant]
+
+TYPE_NUMBER = 999
+"""Value of @TYPE; DENSO's arms have others."""
+
+
+def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
+    """Refuse a variable that the object does not have on a controller of this generation.
+
+    Raises:
+        RefusedError: there is none of that name or number.
+    """
+    upper = name.strip().upper()
+    match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
+    is_known = match is not None or (owner, upper) in _READERS
+    if not is_known or not _exists_on(generation, match[1] if match else upper):
+        raise RefusedError(OBJECT_NOT_FOUND)
+
+
+def _exists_on(generation: Generation, name: str) -> bool:
+    return name not in _ONLY_ON_RC7 or generation is Generation.RC7
+
+
+def read_variable(context: CallContext) -> Variant:
+    """Read the variable of `context.object`."""
+    place = _numbered_variable(context.object)
+    if place and place[0] in _FRAMES:
+        return _read_frame(context, *place)
+    if place:
+        return context.machine.memory.read(*place)
+    owner, name = _owner_kind(context.object), context.object.name.strip().upper()
+    if owner is ObjectClass.ROBOT and name in context.machine.initial_state.empty:
+        return EMPTY
+    return _READERS[owner, name](context)
+
+
+def write_variable(context: CallContext, value: Variant) -> CallOutcome:
+    """Write the variable of `context.object`; one that acts as a command runs as long as the command.
+
+    Raises:
+        RefusedError: it cannot be written, the value does not fit, or the command is refused.
+    """
+    place = _numbered_variable(context.object)
+    if place and place[0] in _FRAMES:
+        return _write_frame(context, *place, value)
+    if place:
+        context.machine.memory.write(*place, value)
+        return DONE
+    name = context.object.name.strip().upper()
+    act = _WRITE_ACTIONS.get((_owner_kind(context.object), name))
+    if act is None:
+        raise RefusedError(NOT_WRITABLE)
+    if context.machine.slave.mode is not None and not act.in_slave_mode:
+        context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
+    return act.command(context, value)
+
+
+def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
+    """List the variables of an object, the numbered ones by their first."""
+    letters = (*LETTERS, *_FRAMES) if owner is ObjectClass.CONTROLLER else ()
+    named = (name for kind, name in _READERS if kind is owner)
+    return (
+        *(f"{letter}0" for letter in letters if _exists_on(generation, letter)),
+        *(name for name in named if _exists_on(generation, name)),
+    )
+
+
+def _read_frame(context: CallContext, kind: str, number: int) -> Variant:
+    frame = _FRAMES[kind](context).get(frame_number(number), ZERO_FRAME)
+    return float_array(context.machine.profile.real, frame)
+
+
+def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -> CallOutcome:
+    """Define a tool or work; a seventh number, the Fig of a position, is dropped."""
+    frame = vector_of(value, 7, context.machine.profile.real)[:6]
+    _FRAMES[kind](context)[frame_number(number, first=1)] = frame
+    return DONE
+
+
+def _numbered_variable(variable: ControllerObject) -> tuple[str, int] | None:
+    """Return letter and number of a numbered variable; a `*` takes its number from the ID."""
+    match = _NUMBERED.fullmatch(variable.name.strip().upper())
+    if match is None or _owner_kind(variable) is not ObjectClass.CONTROLLER:
+        return None
+    if match[2] != "*":
+        return match[1], int(match[2])
+    if variable.id.value is None:
+        raise RefusedError(BAD_INDEX)
+    return match[1], integer_of(variable.id)
+
+
+def _owner_kind(variable: ControllerObject) -> ObjectClass:
+    return variable.parent.kind if variable.parent else ObjectClass.CONTROLLER
+
+
+def _pose(pose_type: PoseType) -> VariableReader:
+    return lambda context: float_array(
+        context.machine.profile.real, pose_of(pose_type, context.machine.arm.actual(context.now))
+    )
+
+
+def _error_code(context: CallContext) -> Variant:
+    active = context.machine.alarms.active
+    return i4(active[0].code if active else 0)
+
+
+def _error_text(context: CallContext) -> Variant:
+    active = context.machine.alarms.active
+    return bstr(active[0].text if active else "")
+
+
+def _task_state(context: CallContext) -> Variant:
+    task = context.object.parent
+    return i4(context.machine.tasks.get(task.name.casefold(), READY) if task else 0)
+
+
+_SPEEDS: Mapping[str, str] = {
+    "@SPEED": "internal",
+    "@JSPEED": "internal",
+    "@ACCEL": "acceleration",
+    "@JACCEL": "acceleration",
+    "@DECEL": "deceleration",
+    "@JDECEL": "deceleration",
+    "@EXTSPEED": "external",
+    "@EXTACCEL": "external_acceleration",
+    "@EXTDECEL": "external_deceleration",
+}
+
+
+def _put_speed(field: str) -> CommandHandler:
+    def run(context: CallContext, value: Variant) -> CallOutcome:
+        speed = float(number_of(value))
+        if not 0 < speed <= 100:
+            raise RefusedError(NOT_WRITABLE)
+        setattr(context.machine.speeds, field, speed)
+        return DONE
+
+    return run
+
+
+def _start_task(context: CallContext, value: Variant) -> CallOutcome:
+    context.machine.start_task(_task_name(context))
+    return DONE
+
+
+def _stop_task(context: CallContext, value: Variant) -> CallOutcome:
+    context.machine.stop_task(_task_name(context), context.now)
+    return DONE
+
+
+def _task_name(context: CallContext) -> str:
+    task = context.object.parent
+    return task.name if task else ""
+
+
+class _WriteAction(NamedTuple):
+    """What writing a variable does.
+
+    Attributes:
+        command: takes the value that is written as its parameter.
+        in_slave_mode: slave mode allows it, as it allows the function or command of the same effect.
+    """
+
+    command: CommandHandler
+    in_slave_mode: bool
+
+
+_WRITE_ACTIONS: Mapping[tuple[ObjectClass, str], _WriteAction] = MappingProxyType(
+    {
+        (ObjectClass.ROBOT, "@SERVO_ON"): _WriteAction(motor, False),
+        (ObjectClass.TASK, "@START"): _WriteAction(_start_task, False),
+        (ObjectClass.TASK, "@STOP"): _WriteAction(_stop_task, True),
+        **{
+            (ObjectClass.ROBOT, name): _WriteAction(_put_speed(field), not name.startswith("@EXT"))
+            for name, field in _SPEEDS.items()
+        },
+    }
+)
+"""Variables that do what a command or function does when they are written: Motor, Task_Start, ExtSpeed."""
+
+
+def _speed(field: str) -> VariableReader:
+    return lambda context: r4(getattr(context.machine.speeds, field))
+
+
+def _fixed(value: Variant) -> VariableReader:
+    return lambda context: value
+
+
+_CONTROLLER: dict[str, VariableReader] = {
+    SIMULATOR_VARIABLE: _fixed(bstr(SIMULATOR_TEXT)),
+    "@MODE": lambda context: i4(context.machine.mode),
+    "@ERROR_CODE": _error_code,
+    "@ERROR_DESCRIPTION": _error_text,
+    "@VERSION": lambda context: bstr(context.machine.profile.version),
+    "@FIRMWARE": _fixed(bstr(f"bcapscope {__version__}")),
+    "@CURRENT_TIME": lambda context: Variant(VT.DATE, context.machine.date(context.now)),
+    "@LOCK": _fixed(boolean(False)),
+    "@EMERGENCY_STOP": lambda context: boolean(context.machine.emergency),
+    "@BUSY_STATUS": lambda context: boolean(RUNNING in context.machine.tasks.values()),
+    "@NORMAL_STATUS": lambda context: boolean(not context.machine.alarms.active),
+    "@AUTO_ENABLE": _fixed(boolean(True)),
+    "@IO_ALLOC_MODE": _fixed(i4(0)),
+    "_ITP": _fixed(i4(0)),
+    **{f"@VAR_{letter}_LEN": _fixed(i4(VARIABLES_PER_LETTER)) for letter in LETTERS},
+}
+
+_ROBOT: dict[str, VariableReader] = {
+    "@CURRENT_POSITION": _pose(PoseType.P),
+    "@CURRENT_ANGLE": _pose(PoseType.J),
+    "@CURRENT_TRANS": _pose(PoseType.T),
+    "@HIGH_CURRENT_POSITION": _pose(PoseType.P),
+    "@HIGH_CURRENT_ANGLE": _pose(PoseType.J),
+    "@SERVO_ON": lambda context: boolean(context.machine.motor_is_on(context.now)),
+    "@BUSY_STATUS": lambda context: boolean(not context.machine.arm.is_at_rest(context.now)),
+    **{name: _speed(field) for name, field in _SPEEDS.items()},
+    "@TYPE": _fixed(i4(TYPE_NUMBER)),
+    "@TYPE_NAME": lambda context: bstr(context.machine.initial_state.type_name),
+    "@CURRENT_TOOL": lambda context: i4(context.machine.tool),
+    "@CURRENT_WORK": lambda context: i4(context.machine.work),
+}
+
+_TASK: dict[str, VariableReader] = {"@STATUS": _task_state, "@START": _task_state, "@STOP": _task_state}
+
+_READERS: Mapping[tuple[ObjectClass, str], VariableReader] = MappingProxyType(
+    {
+        (owner, name): reader
+        for owner, readers in (
+            (ObjectClass.CONTROLLER, _CONTROLLER),
+            (ObjectClass.ROBOT, _ROBOT),
+            (ObjectClass.TASK, _TASK),
+        )
+        for name, reader in readers.items()
+    }
+)

@@ -1,0 +1,76 @@
+"""An ordinary motion as those see it who wait for it: when it is done, and that it can be held.
+
+That Hold stops at once, and that what is left takes its time anew from rest, is assumed; no source says how.
+"""
+
+from __future__ import annotations
+
+from bcapscope.simulator.arm import ENCODER_LAG_NS, Arm
+from bcapscope.simulator.kinematics import Joints
+from bcapscope.simulator.pose_notation import END_OF_ENCODERS, PASSING
+
+NEVER = 1 << 62
+"""ns; later than any clock gets."""
+
+PASS_SHARE = 0.7
+"""Share of a motion's time after which @P lets the next one begin; ours."""
+
+
+class TimedMove:
+    """A motion from where the arm is.
+
+    Attributes:
+        done_at: when the next motion may begin, ns; `NEVER` while it is held.
+    """
+
+    def __init__(
+        self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
+    ) -> None:
+        """Begin.
+
+        Args:
+            arm: that moves.
+            goal: eight joints in degrees.
+            now: ns.
+            speed: share of the highest speed, above 0 up to 1.
+            passing: -1 for @P, -2 for @E.
+            min_duration: ns that it takes at least.
+        """
+        self._arm = arm
+        self._goal = goal
+        self._speed = speed
+        self._passing = passing
+        self._remaining = 0
+        self.done_at = 0
+        self._start(now, min_duration)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it waits for `resume`."""
+        return self.done_at == NEVER
+
+    def hold(self, now: int) -> None:
+        """Stop where the command is, unless it has arrived."""
+        left = self._arm.ends - now
+        if left > 0 and not self.is_held:
+            self._arm.halt(now)
+            self._remaining = left
+            self.done_at = NEVER
+
+    def resume(self, now: int) -> None:
+        """Go on, if it is held."""
+        if self.is_held:
+            self._start(now, self._remaining)
+
+    def skip(self, now: int) -> None:
+        """End where the command is."""
+        self._arm.halt(now)
+        self.done_at = now
+
+    def _start(self, now: int, min_duration: int) -> None:
+        ends = self._arm.move(self._goal, now, self._speed, min_duration).ends
+        if self._passing == END_OF_ENCODERS:
+            ends += ENCODER_LAG_NS
+        elif self._passing == PASSING:
+            ends = now + round((ends - now) * PASS_SHARE)
+        self.done_at = ends

@@ -1,0 +1,468 @@
+"""The open calls of one conversation, and which of them a frame belongs to."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
+from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
+from bcapscope.traffic.call import Call, CallFrame, FrameObservation, FrameRole, StrayReply
+from bcapscope.traffic.call_kind import call_kind_of
+from bcapscope.traffic.frame_index import FrameIndex
+from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
+
+SERVICE_START = 1
+
+SHORTEST_TIMEOUT_NS = 2_000_000
+"""A client that asks something new sooner than this was not waiting for the reply to what it asked before,
+and may still take it. The shortest time-out that anyone recommends (DENSO Wave 2009, slvMove)."""
+
+COPIES_WITHIN_NS = 100_000_000
+"""What the network makes of a frame, copies and changes of order, comes within this time; factory networks
+hold a frame for milliseconds. No client starts anew on the same port as fast as that, unless it says so with
+Service_Start."""
+
+RETRY_WITHIN_NS = 5_000_000_000
+"""How long a client may still repeat a request that was answered here: longer than any time-out in use (3 s
+in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
+
+LATE_WITHIN_NS = 1_000_000_000
+"""How long a reply is waited for after the client has gone on, where the server answers what was asked later.
+One that comes later is a stray that names its call."""
+
+BUSY_WITHIN_NS = 30_000_000_000
+"""The same where it has answered nothing since: servers answer in order, so it may be at that call still."""
+
+EXECUTION_NS = 180_000_000_000
+"""How long a call may stay silent with nothing after it: the server's InvokeTimeout, after which it never
+answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+MOST_REUSED = 16
+"""Unanswered requests of one serial on TCP that are remembered for their replies."""
+
+MOST_EXTRA_FRAMES = 65536
+"""Retries, notices and further replies of open calls that a conversation keeps, about 30 MB. The older C
+client tries without end (start-jsk/denso b-Cap.c): every 20 ms, it is there in 20 minutes. The call that goes
+beyond is let go with those before it, and what else comes of it begins another."""
+
+_FRAME_COST = 512  # bytes that each of these costs beside its content
+_LARGE_CALL = 64 * 1024  # bytes; a settled call with more is not kept for the sake of the next one
+
+MOST_SETTLED_SERIALS = 1024
+"""Serials of settled calls: at least as many are known, at most twice."""
+
+_OPENERS = frozenset(
+    (SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)),
+)
+
+
+class ConversationPairing:
+    """One conversation; calls are given out in the order in which they started.
+
+    Attributes:
+        open_calls: the calls that have not settled, in the order of their start.
+        memory_bytes: bytes that they hold.
+    """
+
+    __slots__ = (
+        "_answered_early",
+        "_budget",
+        "_by_serial",
+        "_conversation",
+        "_extra_frames",
+        "_first_reserved",
+        "_frame_indexes",
+        "_is_tcp",
+        "_last_handle",
+        "_latest_answered",
+        "_latest_evicted",
+        "_latest_overfull",
+        "_newest_call",
+        "_older_settled_serials",
+        "_reserved_usage",
+        "_reused_serials",
+        "_session_call",
+        "_settled_serials",
+        "memory_bytes",
+        "open_calls",
+    )
+
+    def __init__(
+        self, conversation: Conversation, latest_evicted: int = 0, budget: ByteBudget | None = None
+    ) -> None:
+        """Begin.
+
+        Args:
+            conversation: between whom.
+            budget: counts what the open calls of all conversations hold.
+            latest_evicted: the latest call of the traffic that may belong to this conversation and was evicted; 0 if
+                there is none.
+        """
+        self.open_calls: deque[Call] = deque()
+        self.memory_bytes = 0
+        self._budget = budget or ByteBudget()
+        self._conversation = conversation
+        self._latest_evicted = latest_evicted
+        self._is_tcp = conversation.transport is Transport.TCP
+        self._reserved_usage = ReservedFieldUsage()
+        self._first_reserved = -1  # reserved of the first packet seen last; on UDP only whether it was 0
+        self._by_serial: dict[int, Call] = {}
+        self._newest_call: Call | None = None
+        self._frame_indexes: dict[
+            Call, FrameIndex
+        ] = {}  # of those open calls in which something was looked for
+        self._extra_frames = 0  # frames that open calls have besides request and reply
+        self._latest_overfull = 0  # the latest call at which they became too many
+        self._session_call = 0  # the call that started the service session
+        self._latest_answered = 0  # the latest call that was answered
+        self._answered_early: deque[tuple[int, int]] = (
+            deque()
+        )  # calls answered while older ones wait, and when
+        self._last_handle = 0  # the last handle of this service session that came back
+        self._reused_serials: dict[int, list[Call | int]] = {}
+        self._settled_serials: dict[int, int] = {}
+        self._older_settled_serials: dict[int, int] = {}
+
+    def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
+        """Take in a request; tell whether it starts a new call, which then has the number `number`."""
+        serial, reserved = frame.serial, frame.reserved
+        prior = self._by_serial.get(serial)
+        if prior is not None and self._add_to_prior(prior, observation, frame):
+            return False
+        if reserved and reserved != serial and not self._is_tcp:
+            origin = self._by_serial.get(reserved)
+            if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
+                self._add_retry(origin, observation, frame)
+                return False
+            self._start_call(observation, frame, number)
+            # its first try was not seen; others of its tries will name it as well
+            self._by_serial[reserved] = self._by_serial[serial]
+            return True
+        if not reserved and 0 in self._by_serial and self._add_retry_of_serial_zero(observation, frame):
+            return False
+        if (reserved if self._is_tcp else reserved != 0) != self._first_reserved:
+            self._learn_from_first(serial, reserved)
+        self._start_call(observation, frame, number)
+        return True
+
+    def add_reply(self, observation: FrameObservation, frame: Frame) -> StrayReply | None:
+        """Take in a reply or notice; return it where no open call wants it."""
+        serial = frame.serial
+        exchange = self._by_serial.get(serial)
+        if self._reused_serials and serial in self._reused_serials:
+            return self._add_reply_to_oldest(observation, frame)
+        if exchange is None:
+            call = self._settled_serials.get(serial) or self._older_settled_serials.get(serial)
+            return self._stray_reply(observation, call)
+        if (
+            frame.reserved or self._first_reserved
+        ) and self._reserved_usage.reply_reserved is ReplyReserved.UNKNOWN:
+            self._learn_from_reply(exchange, frame)
+        if (
+            exchange.other_frames
+            or exchange.reply is not None
+            or exchange.abandoned_at
+            or frame.code == S_EXECUTING
+            or exchange.last_attempt.item.serial != serial
+        ):
+            self._add_odd_reply(exchange, observation, frame)
+        else:
+            self._accept_reply(exchange, observation, frame)
+        return None
+
+    def pop_settled(self, now: int) -> Iterator[Call]:
+        """Give out the calls for which nothing more is to be expected at time `now`."""
+        waiting = self.open_calls
+        if waiting and waiting[0].number <= self._latest_overfull:
+            yield from self.evict_oldest(
+                sum(exchange.number <= self._latest_overfull for exchange in waiting)
+            )
+        while waiting:
+            exchange = waiting[0]
+            if self._settles_at(exchange) > now:
+                break
+            exchange.no_reply_expected = not exchange.abandoned_at
+            yield self._finish_call(waiting.popleft())
+
+    def evict_oldest(self, count: int) -> Iterator[Call]:
+        """Give out the `count` oldest calls, whatever may come."""
+        for _ in range(min(count, len(self.open_calls))):
+            exchange = self.open_calls.popleft()
+            exchange.evicted = exchange.reply is None and not self._is_past_late_window(exchange)
+            self._latest_evicted = max(self._latest_evicted, exchange.number)
+            yield self._finish_call(exchange)
+
+    def close(self) -> Iterator[Call]:
+        """Give out all calls; the traffic has ended."""
+        self._mark_unanswerable()
+        while self.open_calls:
+            exchange = self.open_calls.popleft()
+            exchange.evicted = exchange.reply is None and exchange.number <= self._latest_overfull
+            yield self._finish_call(exchange)
+
+    def _mark_unanswerable(self) -> None:
+        """Tell of which open calls no reply was to be expected any more when the traffic ended.
+
+        Servers answer in order. On UDP the network may change it, but does not take long to.
+        """
+        closing = self._conversation.connection_end
+        over = closing is not None and closing.ends_replies
+        end = max((exchange.last_activity for exchange in self.open_calls), default=0)
+        overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
+        answered = overtaken  # when a later call was answered first, or too late to tell
+        for exchange in reversed(self.open_calls):
+            exchange.no_reply_expected = over or answered < overtaken
+            if exchange.reply is not None and exchange.reply.item.code != E_BUSY:
+                answered = min(answered, exchange.reply.time)
+
+    # requests
+
+    def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
+        newest = self._newest_call
+        if newest is not None and newest.reply is None and not newest.abandoned_at:
+            since = max((newest.last_attempt.time, *(notice.time for notice in newest.notices)))
+            if observation.time - since >= SHORTEST_TIMEOUT_NS:
+                newest.abandoned_at = observation.time
+        exchange = Call(number, self._conversation, call_kind_of(frame), observation, self._reserved_usage)
+        if frame.code == SERVICE_START:
+            self._session_call = number
+        if self._is_tcp:
+            self._queue_reused_serial(frame.serial)
+        self._by_serial[frame.serial] = self._newest_call = exchange
+        self.open_calls.append(exchange)
+        self._count_memory(exchange, len(frame.raw))
+
+    def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
+        """Take in a request that `prior` has already, or the first try of it that its retries overtook."""
+        if self._is_tcp:
+            return False
+        starts_anew = prior.number < self._session_call or (
+            frame.code == SERVICE_START and prior is not self._newest_call
+        )
+        sent = None if starts_anew else self._frame_index_of(prior).sent_at.get(frame.raw)
+        if sent is not None and observation.time - sent <= COPIES_WITHIN_NS:
+            self._add_frame(prior, FrameRole.DUPLICATE, observation)
+            return True
+        first = prior.request.item
+        if (
+            prior.first_attempt_seen
+            or first.reserved != frame.serial
+            or frame.reserved not in (0, frame.serial)
+            or first.raw[9:] != frame.raw[9:]
+        ):
+            return False
+        self._learn_from_first(frame.serial, frame.reserved)
+        prior.other_frames = [CallFrame(FrameRole.RETRY, prior.request), *prior.other_frames]
+        prior.request = observation
+        self._extra_frames += 1
+        self._count_memory(prior, len(frame.raw) + _FRAME_COST)
+        self._frame_index_of(prior).add_frame(FrameRole.REQUEST, observation)
+        return True
+
+    def _add_retry_of_serial_zero(self, observation: FrameObservation, frame: Frame) -> bool:
+        """Take in a retry of serial 0, whose reserved looks like that of a first packet.
+
+        Old clients may pass through serial 0 (start-jsk/denso b-Cap.c); a retry is known by being the same
+        request as the one that is still unanswered.
+        """
+        exchange = self._by_serial[0]
+        if (
+            exchange is not self._newest_call
+            or exchange.reply is not None
+            or exchange.request.item.raw[9:] != frame.raw[9:]
+        ):
+            return False
+        self._add_retry(exchange, observation, frame)
+        return True
+
+    def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
+        first, last = call.request.item, call.last_attempt.item
+        origin = first.serial if call.first_attempt_seen else first.reserved
+        self._reserved_usage = self._reserved_usage.after_retry(
+            origin, last.serial, frame.reserved, self._first_reserved == 0
+        )
+        self._by_serial[frame.serial] = call
+        overtaken = (frame.serial - last.serial) & 0xFFFF >= 0x8000
+        if call.reply is not None and call is self._newest_call and not overtaken:
+            self._keep_frame(call, FrameRole.LOST, call.reply)
+            call.reply = None
+        if not overtaken:
+            call.last_attempt = observation
+        self._add_frame(call, FrameRole.RETRY, observation)
+
+    def _queue_reused_serial(self, serial: int) -> None:
+        """Note that replies to the request that had this serial come first: TCP keeps the order.
+
+        The Python client uses its serial again after a time-out (orin_bcap Python bcapclient.py).
+        """
+        prior = self._by_serial.get(serial)
+        if prior is None or prior.reply is not None or prior.late_replies:
+            return
+        queue = self._reused_serials.setdefault(serial, [])
+        queue.append(prior)
+        del queue[:-MOST_REUSED]
+        if len(self._reused_serials) > MOST_REUSED:
+            del self._reused_serials[next(iter(self._reused_serials))]
+
+    def _learn_from_first(self, serial: int, reserved: int) -> None:
+        if not self._is_tcp:
+            if serial:  # 0 may be its own serial
+                self._reserved_usage = self._reserved_usage.after_first_attempt(reserved)
+                self._first_reserved = int(reserved != 0)
+            return
+        self._reserved_usage = self._reserved_usage.after_first_on_tcp(serial, reserved)
+        if not reserved == serial == 1:
+            self._first_reserved = reserved
+
+    def _add_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
+        self._keep_frame(call, role, observation)
+        call.last_activity = observation.time
+        if self._extra_frames > MOST_EXTRA_FRAMES:
+            self._latest_overfull = self._latest_evicted = max(
+                self._latest_overfull, self._latest_evicted, call.number
+            )
+            self._release_serials(call)
+
+    def _keep_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
+        call.add_frame(role, observation)
+        self._extra_frames += 1
+        self._count_memory(call, len(observation.item.raw) + _FRAME_COST)
+        if call in self._frame_indexes:
+            self._frame_indexes[call].add_frame(role, observation)
+
+    def _count_memory(self, call: Call, size: int) -> None:
+        call.memory_bytes += size
+        self.memory_bytes += size
+        self._budget.held += size
+
+    def _frame_index_of(self, call: Call) -> FrameIndex:
+        heard = self._frame_indexes.get(call)
+        if heard is None:
+            heard = self._frame_indexes[call] = FrameIndex(call)
+        return heard
+
+    # replies
+
+    def _learn_from_reply(self, call: Call, reply: Frame) -> None:
+        asked = self._frame_index_of(call).reserved_by_serial.get(reply.serial)
+        if asked is not None:
+            self._reserved_usage = self._reserved_usage.after_reply(asked, reply.reserved)
+
+    def _accept_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
+        call.reply = observation
+        call.last_activity = observation.time
+        self._count_memory(call, len(frame.raw))
+        if self._frame_indexes and call in self._frame_indexes:
+            self._frame_indexes[call].add_frame(FrameRole.REPLY, observation)
+        if call.number > self._latest_answered and frame.code != E_BUSY:
+            self._latest_answered = call.number
+            if self.open_calls[0] is not call:
+                self._answered_early.append((call.number, observation.time))
+
+    def _add_odd_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
+        if frame.code == S_EXECUTING:
+            self._add_frame(call, FrameRole.NOTICE, observation)
+        elif frame.raw in self._frame_index_of(call).reply_bytes:
+            self._add_frame(call, FrameRole.DUPLICATE, observation)
+        elif call.reply is None and not call.abandoned_at and frame.serial == call.last_attempt.item.serial:
+            self._accept_reply(call, observation, frame)
+        else:
+            self._add_frame(call, FrameRole.LATE, observation)
+
+    def _add_reply_to_oldest(self, observation: FrameObservation, frame: Frame) -> StrayReply | None:
+        """Give a reply to the oldest of several requests with its serial."""
+        queue = self._reused_serials[frame.serial]
+        oldest = queue[0]
+        if frame.code != S_EXECUTING:
+            del queue[0]
+            if not queue:
+                del self._reused_serials[frame.serial]
+        if isinstance(oldest, int):
+            return self._stray_reply(observation, oldest)
+        self._add_odd_reply(oldest, observation, frame)
+        return None
+
+    def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
+        return StrayReply(
+            observation,
+            call_number,
+            may_answer_evicted=(1 if call_number is None else call_number) <= self._latest_evicted,
+        )
+
+    # settling
+
+    def _settles_at(self, call: Call) -> int:
+        quiet = call.last_activity
+        if call.reply is not None:
+            if self._is_tcp:
+                return quiet
+            return quiet + (RETRY_WITHIN_NS if call is self._newest_call else COPIES_WITHIN_NS)
+        if call.abandoned_at:
+            since = max(quiet, call.abandoned_at)
+            if call.number >= self._latest_answered:
+                return since + BUSY_WITHIN_NS
+            return max(since + LATE_WITHIN_NS, self._answered_early[0][1] + COPIES_WITHIN_NS)
+        return quiet + (LATE_WITHIN_NS if call.number < self._latest_answered else EXECUTION_NS)
+
+    def _is_past_late_window(self, call: Call) -> bool:
+        """Tell whether a reply would come late now, by the newest call."""
+        newest = self._newest_call
+        return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
+
+    def _finish_call(self, call: Call) -> Call:
+        overtaking = self._answered_early
+        while overtaking and overtaking[0][0] <= call.number:
+            overtaking.popleft()
+        call.reserved_usage = self._reserved_usage
+        self.memory_bytes -= call.memory_bytes
+        self._budget.held -= call.memory_bytes
+        if call.memory_bytes > _LARGE_CALL and call is self._newest_call:
+            self._newest_call = None
+        if call.kind.function_id in _OPENERS:
+            self._count_skipped_handles(call)
+        if self._frame_indexes:
+            self._frame_indexes.pop(call, None)
+        frame = call.request.item
+        serial = frame.serial
+        if call.other_frames or (frame.reserved and frame.reserved != serial):
+            self._extra_frames -= len(call.other_frames)
+            self._release_serials(call)
+        else:
+            self._release_serial(serial, call)
+        return call
+
+    def _release_serials(self, call: Call) -> None:
+        reserved = call.request.item.reserved
+        for serial in {*call.serials, *((reserved,) if reserved else ())}:
+            self._release_serial(serial, call)
+
+    def _release_serial(self, serial: int, call: Call) -> None:
+        if self._by_serial.get(serial) is call:
+            del self._by_serial[serial]
+        past = self._settled_serials
+        past[serial] = call.number
+        if len(past) >= MOST_SETTLED_SERIALS:
+            self._older_settled_serials, self._settled_serials = past, {}
+        if serial in self._reused_serials:
+            queue = self._reused_serials[serial]
+            queue[:] = [call.number if waiting is call else waiting for waiting in queue]
+
+    def _count_skipped_handles(self, call: Call) -> None:
+        """Note handles that a server gave away unseen while it executed the tries of one call."""
+        reply = call.reply
+        if call.kind.function_id == SERVICE_START:
+            self._last_handle = 0
+        if reply is None or is_failure(reply.item.code) or not reply.item.arguments:
+            return
+        vt, handle, _ = reply.item.arguments[0].variant
+        if vt != VT.I4 or not isinstance(handle, int):
+            return
+        skipped = handle - self._last_handle - 1
+        if self._last_handle and 0 < skipped < len(call.attempts):
+            call.skipped_handles = skipped
+        self._last_handle = handle

@@ -1,0 +1,354 @@
+r"""The filter language: one for frames, calls, rules and views.
+
+A filter is made of comparisons, joined by and, or, not (also &&, ||, !) and
+parentheses; not binds tightest, or loosest:
+
+    function == Robot_Execute && command ~ "slv" && latency > 5ms
+    hresult != S_OK and not (src == 10.0.0.2 or dst == 10.0.0.2:50001)
+
+A comparison has a field on its left and then
+
+    == !=                equal, different
+    < <= > >=            for numbers, times, durations and HRESULTs
+    in (a, b)            equal to one of them; also in [a, b] and not in (a, b)
+    contains             a text with that part; a list with that element, or
+                         with a text that has that part
+    ~ or matches         a text, or a list with a text, in which that regular
+                         expression (RE2 syntax) is found
+
+arg[2][0] is the first element of the third argument: indexes begin at 0 and
+work on every list. A field alone is true when it has a value other than 0,
+false, an empty text and an empty list. true and false alone are just that.
+
+On the right stands
+
+    12  -3  2.5  0x40    a number
+    5ms                  a time or duration with its unit: ns, us, ms, s
+    reserved             for numbers, times and durations, a field of that type
+    slvMove  "reply late"
+                         a text, in quotes ("..." or '...') unless it is one
+                         plain word; \\ \" \' \n \r \t \xHH \uHHHH are escapes
+                         in it, any other backslash stands for itself
+    S_OK  0x83500121  -2091908831
+                         an HRESULT, signed or unsigned alike
+    10.0.0.2  10.0.0.2:5007  [::1]:5007
+                         an endpoint; without a port any port is meant
+    "2024-05-01 12:00:00.5"
+                         a time in UTC, unless a zone such as +09:00 follows; a
+                         bare number is in seconds since 1970
+    true  false  null
+
+Text is compared without regard to case, as controllers do it; by regular
+expressions too, unless they say (?-i). In < <= > >= an HRESULT is unsigned
+against hexadecimal digits and names, signed against decimal ones:
+hresult >= 0x80000000 and hresult < 0 find the same, as they do in C. A VT_R4
+seldom equals a decimal to the last bit: ask for a range.
+
+What is missing is neither equal nor different. Where a record has no such
+value (the hresult of a request, an argument that is not there), or one of
+another kind (a text compared with a number), every comparison is false, !=
+and not in among them. So hresult != S_OK finds replies that are not S_OK,
+and not (hresult == S_OK) finds requests as well. field == null asks whether
+a value is missing, field != null whether it is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NoReturn, TypeAlias, TypeVar
+
+from bcapscope.traffic.filter import operands
+from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, RecordKind, fields_of
+from bcapscope.traffic.filter.matching import COMPARISONS, ORDERINGS, Match, element, is_number, is_true
+from bcapscope.traffic.filter.operands import ComparedField
+from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, nearest, tokenize
+
+__all__ = ["Filter", "FilterError", "compile_filter"]
+
+DEEPEST_PARENTHESES = 40
+"""Far beyond what people write, far below Python's limit of recursion."""
+
+R = TypeVar("R")
+Getters: TypeAlias = Mapping[str, Callable[[Any], object]]
+Test: TypeAlias = Callable[[Any], bool]
+Binder: TypeAlias = Callable[[Getters], Test]
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """A compiled expression, not yet tied to a way of reading records.
+
+    Attributes:
+        expression: as it was written.
+        kind: of the records that it is for.
+        getter_names: names of the getters that `bind` needs.
+    """
+
+    expression: str
+    kind: RecordKind
+    getter_names: frozenset[str]
+    _bind: Binder = field(repr=False, compare=False)
+
+    def bind(self, getters: Mapping[str, Callable[[R], object]]) -> Callable[[R], bool]:
+        """Make a test of records out of it; the test never raises, unless a getter does.
+
+        Args:
+            getters: how to read each of `getter_names` from a record; `FieldType` says what they give. More of
+                them do no harm.
+
+        Raises:
+            KeyError: a getter is missing.
+        """
+        return self._bind(getters)
+
+
+def compile_filter(expression: str, kind: RecordKind) -> Filter:
+    """Compile an expression for records of `kind`.
+
+    Raises:
+        FilterError: it is no expression, or asks for what such records do not have.
+    """
+    parser = _Parser(expression, kind)
+    binder = parser.parse()
+    return Filter(expression, kind, frozenset(parser.getter_names), binder)
+
+
+class _Parser:
+    """Recursive descent; each method eats what it is named for and returns how to bind it."""
+
+    def __init__(self, expression: str, kind: RecordKind) -> None:
+        self.expression = expression
+        self.kind = kind
+        self.fields = fields_of(kind)
+        self.getter_names: set[str] = set()
+        self.tokens = tokenize(expression)
+        self.position = 0
+        self.depth = 0
+
+    def parse(self) -> Binder:
+        if self.peek().kind is TokenKind.END:
+            self.fail_at(self.peek(), "the filter is empty")
+        binder = self.parse_or()
+        if self.peek().kind is not TokenKind.END:
+            self.fail_at(self.peek(), "expected and, or, or the end of the filter")
+        return binder
+
+    def peek(self) -> Token:
+        return self.tokens[self.position]
+
+    def advance(self) -> Token:
+        token = self.tokens[self.position]
+        if token.kind is not TokenKind.END:
+            self.position += 1
+        return token
+
+    def accept(self, sign: str, word: str = "") -> bool:
+        """Eat the next token if it is this sign or word."""
+        found = self.peek().is_sign(sign) or self.peek().is_word(word)
+        self.position += found
+        return found
+
+    def expect(self, sign: str, reason: str) -> None:
+        if not self.accept(sign):
+            self.fail_at(self.peek(), reason)
+
+    def fail_at(self, token: Token, reason: str) -> NoReturn:
+        raise FilterError(self.expression, token.start, reason)
+
+    def parse_or(self) -> Binder:
+        binders = [self.parse_and()]
+        while self.accept("||", "or"):
+            binders.append(self.parse_and())
+        return _any_of(binders) if len(binders) > 1 else binders[0]
+
+    def parse_and(self) -> Binder:
+        binders = [self.parse_not()]
+        while self.accept("&&", "and"):
+            binders.append(self.parse_not())
+        return _all_of(binders) if len(binders) > 1 else binders[0]
+
+    def parse_not(self) -> Binder:
+        negated = False
+        while self.accept("!", "not"):
+            negated = not negated
+        binder = self.parse_group() if self.peek().is_sign("(") else self.parse_comparison()
+        return _negation(binder) if negated else binder
+
+    def parse_group(self) -> Binder:
+        opening = self.advance()
+        self.depth += 1
+        if self.depth > DEEPEST_PARENTHESES:
+            self.fail_at(opening, f"more than {DEEPEST_PARENTHESES} parentheses inside each other")
+        binder = self.parse_or()
+        self.expect(")", "expected and, or, or )")
+        self.depth -= 1
+        return binder
+
+    def parse_comparison(self) -> Binder:
+        if self.peek().is_word("true", "false"):
+            return _constant(self.advance().is_word("true"))
+        subject, path = self.parse_subject()
+        source = subject.field.getter_name
+        other = self.parse_other_field(subject)
+        if other is not None:
+            return _pair(source, path, *other)
+        match = self.parse_match(subject)
+        return _term(source, path, match)
+
+    def parse_subject(self) -> tuple[ComparedField, tuple[int, ...]]:
+        token = self.advance()
+        if token.kind is not TokenKind.WORD:
+            self.fail_at(token, "expected a field" + (f", not {token.text!r}" if token.text else ""))
+        if token.text not in self.fields:
+            self.fail_at(token, self.unknown_field(token.text))
+        subject = ComparedField(
+            self.expression, self.fields[token.text], token.text, self.fields[token.text].type, token.start
+        )
+        self.getter_names.add(subject.field.getter_name)
+        path: list[int] = []
+        while self.peek().is_sign("["):
+            subject = self.parse_index(subject, path)
+        return subject, tuple(path)
+
+    def parse_index(self, subject: ComparedField, path: list[int]) -> ComparedField:
+        opening, index = self.advance(), self.advance()
+        type_ = subject.type.element
+        if type_ is None:
+            self.fail_at(opening, f"{subject.name} is no list, it has no elements")
+        if index.kind is not TokenKind.NUMBER or not index.text.isdecimal() or index.unit:
+            self.fail_at(index, "expected the number of an element, from 0")
+        self.expect("]", "expected ]")
+        path.append(int(index.text))
+        return subject._replace(type=type_, name=f"{subject.name}[{index.text}]")
+
+    def unknown_field(self, name: str) -> str:
+        if name in FIELD_BY_NAME:
+            kinds = " and ".join(f"{kind}s" for kind in FIELD_BY_NAME[name].applies_to)
+            return f"{name} is a field of {kinds}, not of {self.kind}s"
+        return f"there is no field {name!r}{nearest(name, self.fields)}"
+
+    def parse_other_field(self, subject: ComparedField) -> tuple[str, str] | None:
+        """Eat a sign and a field of the subject's own type; return the sign and the field's source."""
+        sign = self.peek()
+        if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
+            return None
+        name = self.tokens[self.position + 1]
+        found = self.fields.get(name.text) if name.kind is TokenKind.WORD else None
+        if found is None or found.type is not subject.type:
+            return None
+        self.position += 2
+        self.getter_names.add(found.getter_name)
+        return sign.text, found.getter_name
+
+    def parse_match(self, subject: ComparedField) -> Match:
+        """Eat a sign and what follows it; a subject that stands alone is tested for truth."""
+        sign = self.peek()
+        if sign.is_sign("==", "!="):
+            return operands.equality(subject, negated=self.advance().text == "!=", literals=[self.advance()])
+        if sign.is_sign(*ORDERINGS):
+            return operands.order(subject, self.advance().text, self.advance())
+        if self.accept("~", "matches"):
+            return operands.search(subject, self.advance())
+        if self.accept("", "contains"):
+            return operands.contains(subject, self.advance())
+        if sign.is_word("in", "not"):
+            return self.parse_membership(subject)
+        return is_true
+
+    def parse_membership(self, subject: ComparedField) -> Match:
+        negated = self.accept("", "not")
+        if not self.accept("", "in"):
+            self.fail_at(self.peek(), "expected in")
+        return operands.equality(subject, self.parse_choices(subject), negated)
+
+    def parse_choices(self, subject: ComparedField) -> list[Token]:
+        opening = self.advance()
+        if not opening.is_sign("(", "["):
+            self.fail_at(opening, "expected a list in parentheses")
+        literals = [self.advance()]
+        operands.check_literal(subject, literals[0])
+        while self.accept(","):
+            literals.append(self.advance())
+            operands.check_literal(subject, literals[-1])
+        closing = ")" if opening.text == "(" else "]"
+        self.expect(closing, f"expected a comma or {closing}")
+        return literals
+
+
+def _constant(value: bool) -> Binder:
+    return lambda getters: lambda record: value
+
+
+def _reader(get: Callable[[Any], object], path: tuple[int, ...]) -> Callable[[Any], object]:
+    if not path:
+        return get
+
+    def read(record: Any) -> object:
+        value = get(record)
+        for index in path:
+            value = element(value, index)
+        return value
+
+    return read
+
+
+def _term(source: str, path: tuple[int, ...], match: Match) -> Binder:
+    def bind(getters: Getters) -> Test:
+        read = _reader(getters[source], path)
+        return lambda record: match(read(record))
+
+    return bind
+
+
+def _pair(source: str, path: tuple[int, ...], sign: str, other: str) -> Binder:
+    compare = COMPARISONS[sign]
+
+    def bind(getters: Getters) -> Test:
+        read, read_other = _reader(getters[source], path), getters[other]
+
+        def test(record: Any) -> bool:
+            value, limit = read(record), read_other(record)
+            return is_number(value) and is_number(limit) and compare(value, limit)
+
+        return test
+
+    return bind
+
+
+def _negation(binder: Binder) -> Binder:
+    def bind(getters: Getters) -> Test:
+        test = binder(getters)
+        return lambda record: not test(record)
+
+    return bind
+
+
+def _all_of(binders: list[Binder]) -> Binder:
+    def bind(getters: Getters) -> Test:
+        tests = tuple(binder(getters) for binder in binders)
+
+        def test(record: Any) -> bool:
+            for one in tests:  # noqa: SIM110  # twice as fast as all() over a generator
+                if not one(record):
+                    return False
+            return True
+
+        return test
+
+    return bind
+
+
+def _any_of(binders: list[Binder]) -> Binder:
+    def bind(getters: Getters) -> Test:
+        tests = tuple(binder(getters) for binder in binders)
+
+        def test(record: Any) -> bool:
+            for one in tests:  # noqa: SIM110  # twice as fast as any() over a generator
+                if one(record):
+                    return True
+            return False
+
+        return test
+
+    return bind

@@ -1,0 +1,189 @@
+"""The fields that a filter can ask for: one table, for the compiler and for people.
+
+Names are those of the JSON that `decode` and `calls` print. A getter hands over what `FieldType` says,
+or None where the record has no such value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum, StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+
+
+class RecordKind(StrEnum):
+    """What a filter looks at."""
+
+    FRAME = "frame"
+    CALL = "call"
+
+
+class FieldType(Enum):
+    """What a field's values are; the value of each member is its name for people."""
+
+    NUMBER = "number"
+    """An int or a float."""
+    TEXT = "text"
+    """A str."""
+    TIME = "time"
+    """Nanoseconds since 1970-01-01 UTC."""
+    DURATION = "duration"
+    """Nanoseconds."""
+    HRESULT = "HRESULT"
+    """A 32-bit int, signed or unsigned."""
+    ENDPOINT = "endpoint"
+    """An `Endpoint`, or its text."""
+    NUMBERS = "list of numbers"
+    """A list or tuple of int."""
+    TEXTS = "list of texts"
+    """A list or tuple of str."""
+    VALUES = "list of values"
+    """A list or tuple of `Argument`, `Variant` or their plain values."""
+    VALUE = "value"
+    """An element of `VALUES`: number, text, boolean, list or nothing, as the wire has it."""
+
+    @property
+    def element(self) -> FieldType | None:
+        """The type that an index leads to; None where there is nothing to index."""
+        return _ELEMENTS.get(self)
+
+
+_ELEMENTS = {
+    FieldType.NUMBERS: FieldType.NUMBER,
+    FieldType.TEXTS: FieldType.TEXT,
+    FieldType.VALUES: FieldType.VALUE,
+    FieldType.VALUE: FieldType.VALUE,
+}
+
+
+class FilterField(NamedTuple):
+    """One field of the language.
+
+    Attributes:
+        name: as written in an expression.
+        type: what its values are, and so what it can be compared with.
+        unit: of a bare number compared with it; "" where there is none, or where it must be written.
+        applies_to: the kinds of record that have it.
+        meaning: one clause for people.
+        values: all that a bare word compared with it can be; () where anything can.
+        reads_as: the field whose getter it reads, where that is another one.
+    """
+
+    name: str
+    type: FieldType
+    unit: str
+    applies_to: tuple[RecordKind, ...]
+    meaning: str
+    values: tuple[str, ...] = ()
+    reads_as: str = ""
+
+    @property
+    def getter_name(self) -> str:
+        """The name under which its getter is looked up."""
+        return self.reads_as or self.name
+
+
+_FRAME = (RecordKind.FRAME,)
+_CALL = (RecordKind.CALL,)
+_BOTH = (RecordKind.FRAME, RecordKind.CALL)
+
+FIELDS: tuple[FilterField, ...] = (
+    FilterField("frame", FieldType.NUMBER, "", _FRAME, "number of the frame, from 1"),
+    FilterField("packet", FieldType.NUMBER, "", _FRAME, "number of the packet that completed it, from 1"),
+    FilterField("time", FieldType.TIME, "s", _FRAME, "when its last byte was seen, since 1970-01-01 UTC"),
+    FilterField("src", FieldType.ENDPOINT, "", _FRAME, "who sent it"),
+    FilterField("dst", FieldType.ENDPOINT, "", _FRAME, "whom it was sent to"),
+    FilterField("kind", FieldType.TEXT, "", _FRAME, "what it is", ("request", "response", "malformed")),
+    FilterField(
+        "length", FieldType.NUMBER, "bytes", _FRAME, "length of the whole frame, as its header has it"
+    ),
+    FilterField("serial", FieldType.NUMBER, "", _FRAME, "serial number"),
+    FilterField(
+        "reserved", FieldType.NUMBER, "", _FRAME, "reserved field: of a retry, the serial it goes back to"
+    ),
+    FilterField("problems", FieldType.TEXTS, "", _FRAME, "what is wrong with the frame"),
+    FilterField("call", FieldType.NUMBER, "", _CALL, "number of the call, from 1"),
+    FilterField("client", FieldType.ENDPOINT, "", _BOTH, "the end that asks"),
+    FilterField("server", FieldType.ENDPOINT, "", _BOTH, "the end that answers"),
+    FilterField("transport", FieldType.TEXT, "", _BOTH, "what carried it", ("udp", "tcp")),
+    FilterField(
+        "function_id", FieldType.NUMBER, "", _BOTH, "number of the function, of a response the one it answers"
+    ),
+    FilterField(
+        "function",
+        FieldType.TEXT,
+        "",
+        _BOTH,
+        "name of the function, of a response the one it answers",
+        tuple(function.name for function in FUNCTIONS.values()),
+    ),
+    FilterField("command", FieldType.TEXT, "", _BOTH, "command of an Execute function, such as slvMove"),
+    FilterField(
+        "arg", FieldType.VALUES, "", _BOTH, "arguments: arg[0] is the first; of a call, those of its request"
+    ),
+    FilterField("hresult", FieldType.HRESULT, "", _BOTH, "result code of the response"),
+    FilterField("hresult_name", FieldType.TEXT, "", _BOTH, "name of the result code, such as S_OK"),
+    FilterField("hresult_text", FieldType.TEXT, "", _BOTH, "meaning of the result code"),
+    FilterField(
+        "started", FieldType.TIME, "s", _CALL, "when its first request was seen, since 1970-01-01 UTC"
+    ),
+    FilterField(
+        "requests", FieldType.NUMBERS, "", _CALL, "frame numbers of its requests, the retries with them"
+    ),
+    FilterField("serials", FieldType.NUMBERS, "", _CALL, "serial numbers of its requests"),
+    FilterField("retries", FieldType.NUMBER, "", _CALL, "how often the request was sent again"),
+    FilterField(
+        "replies", FieldType.NUMBERS, "", _CALL, "frame numbers of the replies that the client accepted"
+    ),
+    FilterField(
+        "late_replies", FieldType.NUMBERS, "", _CALL, "frame numbers of the replies that came too late"
+    ),
+    FilterField(
+        "lost_replies",
+        FieldType.NUMBERS,
+        "",
+        _CALL,
+        "frame numbers of the replies that came in time, and yet the client asked again",
+    ),
+    FilterField("executing", FieldType.NUMBER, "", _CALL, "how often the server said S_EXECUTING"),
+    FilterField(
+        "duplicates", FieldType.NUMBERS, "", _CALL, "frame numbers of exact copies of requests and replies"
+    ),
+    FilterField("outcome", FieldType.TEXT, "", _CALL, "how it ended", tuple(Outcome)),
+    FilterField("latency", FieldType.DURATION, "", _CALL, "from the first request to the accepted reply"),
+    FilterField(
+        "latency_ms",
+        FieldType.DURATION,
+        "ms",
+        _CALL,
+        "the same; a bare number is in ms",
+        reads_as="latency",
+    ),
+    FilterField(
+        "rtt", FieldType.DURATION, "", _CALL, "from the request that was answered to the accepted reply"
+    ),
+    FilterField(
+        "rtt_ms", FieldType.DURATION, "ms", _CALL, "the same; a bare number is in ms", reads_as="rtt"
+    ),
+    FilterField("convention", FieldType.TEXT, "", _CALL, "how the client uses the reserved field"),
+    FilterField(
+        "verdict",
+        FieldType.TEXT,
+        "",
+        _CALL,
+        "what became of it, as far as the traffic tells",
+        tuple(CallVerdict),
+    ),
+)
+"""Every field, in the order in which people should read them."""
+
+FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field for field in FIELDS})
+
+
+def fields_of(kind: RecordKind) -> dict[str, FilterField]:
+    """List the fields that records of `kind` have, by name."""
+    return {field.name: field for field in FIELDS if kind in field.applies_to}

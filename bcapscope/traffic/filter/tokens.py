@@ -1,0 +1,161 @@
+"""The words of a filter expression, and the error that points at one of them."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable
+from enum import Enum
+from typing import NamedTuple
+
+from bcapscope.protocol.number_parsing import LONGEST_NUMBER
+from bcapscope.protocol.text_format import display_width
+
+LONGEST_EXPRESSION = 8192
+"""Characters; what people and rule files write is a hundredth of it."""
+
+_SHOWN_AROUND = 60
+_LONGEST_MISSPELT = 60  # characters; looking for what is near takes the square of the time
+
+
+class FilterError(ValueError):
+    """A filter expression that makes no sense; its text is the reason, the expression and a caret.
+
+    Attributes:
+        expression: what was to be compiled.
+        position: index in it of the character at fault; its length where something is missing at the end.
+        message: the reason, one clause.
+    """
+
+    def __init__(self, expression: str, position: int, message: str) -> None:
+        super().__init__(expression, position, message)
+        self.expression = expression
+        self.position = position
+        self.message = message
+
+    def __str__(self) -> str:
+        start = max(0, self.position - _SHOWN_AROUND)
+        stop = self.position + _SHOWN_AROUND
+        before = ("…" if start else "") + _printable(self.expression[start : self.position])
+        after = _printable(self.expression[self.position : stop]) + (
+            "…" if stop < len(self.expression) else ""
+        )
+        return f"{self.message}\n  {before}{after}\n  {' ' * display_width(before)}^"
+
+
+def _printable(text: str) -> str:
+    """Keep a text to one line that does nothing to a terminal, as many characters as before."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
+
+
+def nearest(word: str, candidates: Iterable[str]) -> str:
+    """Give ``, did you mean 'retries'?`` for a misspelt word, "" where nothing is near."""
+    if len(word) > _LONGEST_MISSPELT:
+        return ""
+    by_folded = {candidate.casefold(): candidate for candidate in candidates}
+    found = difflib.get_close_matches(word.casefold(), by_folded, n=1)
+    return f", did you mean '{by_folded[found[0]]}'?" if found else ""
+
+
+class TokenKind(Enum):
+    """What a token is."""
+
+    WORD = "word"
+    NUMBER = "number"
+    TEXT = "text"
+    ADDRESS = "address"
+    SIGN = "sign"
+    END = "end"
+
+
+class Token(NamedTuple):
+    """A piece of an expression.
+
+    Attributes:
+        kind: what it is.
+        text: as written; of a quoted text what the quotes hold, escapes resolved; of a number without
+            its unit.
+        start: index of its first character in the expression.
+        stop: index behind its last one.
+        unit: letters that follow a number; a unit of time may stand apart from it.
+    """
+
+    kind: TokenKind
+    text: str
+    start: int
+    stop: int
+    unit: str = ""
+
+    def is_sign(self, *texts: str) -> bool:
+        """Tell whether it is one of these signs."""
+        return self.kind is TokenKind.SIGN and self.text in texts
+
+    def is_word(self, *texts: str) -> bool:
+        """Tell whether it is one of these words of the language; they are written in either case."""
+        return self.kind is TokenKind.WORD and self.text.casefold() in texts
+
+
+_TOKEN = re.compile(
+    r"""(?P<space>\s+)
+    | (?P<address>\[(?=[0-9A-Fa-f.]*:)[0-9A-Fa-f:.]{2,64}\](?::[0-9]+)? | [0-9]+(?:\.[0-9]+){3}(?::[0-9]+)?)
+    | (?P<number>[-+]?(?:0[xX][0-9A-Fa-f]+ | [0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]{1,3})?))
+      (?P<unit>[ ]+(?:[nuµμm]?s)(?!\w)|\w*)
+    | (?P<word>[^\W\d][\w.]*)
+    | (?P<text>"(?:[^"\\]|\\.)*" | '(?:[^'\\]|\\.)*')
+    | (?P<sign>&& | \|\| | [=!<>]= | [<>!~()\[\],])""",
+    re.VERBOSE | re.DOTALL,
+)
+_ESCAPE = re.compile(r"\\(?:x([0-9A-Fa-f]{2})|u([0-9A-Fa-f]{4})|([\\\"'nrt]))")
+_ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
+_HINTS = {
+    "=": "write == to compare",
+    "&": "write && or and",
+    "|": "write || or or",
+    ":": "an IPv6 address stands in brackets, [::1] or [::1]:5007",
+    '"': "this text has no closing quote",
+    "'": "this text has no closing quote",
+}
+
+
+def tokenize(expression: str) -> list[Token]:
+    """Cut an expression into tokens, the last of them `TokenKind.END`.
+
+    Raises:
+        FilterError: it is too long, or has a character that means nothing there.
+    """
+    if len(expression) > LONGEST_EXPRESSION:
+        raise FilterError(
+            expression,
+            LONGEST_EXPRESSION,
+            f"longer than {LONGEST_EXPRESSION} characters, the most that is read",
+        )
+    tokens = []
+    position = 0
+    while position < len(expression):
+        match = _TOKEN.match(expression, position)
+        if match is None:
+            character = expression[position]
+            raise FilterError(
+                expression, position, _HINTS.get(character, f"{character!r} means nothing here")
+            )
+        if match["space"] is None:
+            tokens.append(_token(expression, match))
+        position = match.end()
+    tokens.append(Token(TokenKind.END, "", position, position))
+    return tokens
+
+
+def _token(expression: str, match: re.Match[str]) -> Token:
+    start, stop = match.span()
+    if match["number"]:
+        if len(match["number"]) > LONGEST_NUMBER:
+            raise FilterError(expression, start, f"a number of more than {LONGEST_NUMBER} characters")
+        return Token(TokenKind.NUMBER, match["number"], start, stop, match["unit"].strip())
+    kind = TokenKind(match.lastgroup)
+    text = _ESCAPE.sub(_unescape, match[0][1:-1]) if kind is TokenKind.TEXT else match[0]
+    return Token(kind, text, start, stop)
+
+
+def _unescape(match: re.Match[str]) -> str:
+    digits = match[1] or match[2]
+    return chr(int(digits, 16)) if digits else _ESCAPED.get(match[3], match[3])

@@ -1,0 +1,265 @@
+"""What handles stand for, per client, and what was never given back."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from enum import StrEnum
+
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import EMPTY, VT
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
+from bcapscope.protocol.tables.hresult import is_success
+from bcapscope.protocol.text_format import shortened
+from bcapscope.traffic.call import Call, FrameObservation
+from bcapscope.traffic.call_kind import LONGEST_NAME, MAX_CONVERSATIONS
+from bcapscope.traffic.observation import Conversation
+
+MAX_OBJECTS = 4096
+"""Objects of one client that are known at once; the oldest is forgotten first. The official server allows
+1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+MAX_SESSIONS = 1024
+"""Sessions that are remembered after their end; the oldest is forgotten first."""
+
+_HANDLE_TYPES = (VT.I4, VT.I2, VT.UI4)
+_I4_HANDLE = b"\x0a\x00\x00\x00\x03\x00\x01\x00\x00\x00"  # an argument of type VT_I4 up to its value
+
+
+@dataclass(slots=True, eq=False)
+class TrackedObject:
+    """An object of the controller that a client has, or had, a handle of.
+
+    Attributes:
+        kind: its class.
+        handle: the number.
+        name: what the client asked for by name, such as `Arm`; "" where it gave none.
+        parent: label of the object that it was asked of; "" for controllers and where that is not known.
+        created_by_call: the call that made it.
+        known_to_client: the client was told the handle; False for what a call made that was executed more than once, or
+            whose reply came too late.
+    """
+
+    kind: ObjectClass
+    handle: int
+    name: str
+    parent: str
+    created_by_call: int
+    known_to_client: bool
+
+    @property
+    def label(self) -> str:
+        """Its name for people, `Robot 1` where it has none."""
+        return self.name or f"{self.kind} {self.handle}"
+
+
+class SessionEnding(StrEnum):
+    """How a service session ended."""
+
+    STOPPED = "stopped"
+    """Service_Stop, as it should."""
+    RESTARTED = "restarted"
+    """By another Service_Start from the same port, as after a crash."""
+    OPEN = "open"
+    """Not at all, as far as was seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceSession:
+    """What a client did from Service_Start to Service_Stop.
+
+    Attributes:
+        conversation: of the client.
+        started_by_call: the call of Service_Start; None where the traffic began in the middle.
+        ended_by_call: the call that ended it; None while it is open.
+        ending: how it ended.
+        unreleased: objects that were not released, in the order in which they were made, first those whose handle
+            the client was never told.
+    """
+
+    conversation: Conversation
+    started_by_call: int | None
+    ended_by_call: int | None
+    ending: SessionEnding
+    unreleased: tuple[TrackedObject, ...]
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether it was ended in order, with everything given back."""
+        return self.ending is SessionEnding.STOPPED and not self.unreleased
+
+
+class HandleTracker:
+    """Follows the settled calls of all clients and knows what each handle stands for.
+
+    Handles belong to a conversation and are counted apart for each class, so that a controller and a robot
+    that both have handle 1 are understood as well as a server that counts them together.
+    """
+
+    def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
+        """Begin.
+
+        Args:
+            max_ended: sessions that are remembered after their end; the oldest is forgotten first.
+        """
+        self._clients: dict[Conversation, _ClientObjects] = {}
+        self._current_client: _ClientObjects | None = None
+        self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
+
+    def on_call(self, call: Call) -> TrackedObject | None:
+        """Take in the next call; return the object that its handle stands for, None where that is not known.
+
+        Calls of a conversation come in the order in which they started.
+        """
+        function = FUNCTIONS.get(call.kind.function_id)
+        if function is None:
+            return None
+        client = self._current_client
+        if client is None or client.conversation is not call.conversation:
+            client = self._select_client(call.conversation)
+        target = client.find(function.owner, handle_of(call.request.item))
+        if function.creates is ObjectClass.SERVICE:
+            if _succeeded(call):
+                self._start_session(client, call.number)
+        elif function.creates is not None:
+            parent = "" if target is None else target.label
+            client.add_created(call, function.creates, requested_name(call, function), parent)
+        elif function.releases is not None and (_succeeded(call) or call.evicted):
+            self._release_object(client, call.number, function.releases, target)
+        return target
+
+    def sessions(self) -> tuple[ServiceSession, ...]:
+        """List the sessions that ended, in the order of their end, then those that are open.
+
+        An open session has in `left` what it has not released so far.
+        """
+        begun = [client for client in self._clients.values() if client.has_session]
+        return (*self._ended_sessions, *(client.to_session(None, SessionEnding.OPEN) for client in begun))
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        """Forget a client that is gone."""
+        client = self._clients.pop(conversation, None)
+        if client is not None and client.has_session:
+            self._ended_sessions.append(client.to_session(None, SessionEnding.OPEN))
+        if client is self._current_client:
+            self._current_client = None
+
+    def _select_client(self, conversation: Conversation) -> _ClientObjects:
+        client = self._clients.pop(conversation, None) or _ClientObjects(conversation)
+        while len(self._clients) >= MAX_CONVERSATIONS:
+            silent = self._clients.pop(next(iter(self._clients)))
+            if silent.has_session:
+                self._ended_sessions.append(silent.to_session(None, SessionEnding.OPEN))
+        self._clients[conversation] = self._current_client = client
+        return client
+
+    def _start_session(self, client: _ClientObjects, call_number: int) -> None:
+        if client.has_session:
+            self._ended_sessions.append(client.to_session(call_number, SessionEnding.RESTARTED))
+        client.start_session(call_number)
+
+    def _release_object(
+        self,
+        client: _ClientObjects,
+        call_number: int,
+        object_class: ObjectClass,
+        target: TrackedObject | None,
+    ) -> None:
+        if object_class is ObjectClass.SERVICE:
+            self._ended_sessions.append(client.to_session(call_number, SessionEnding.STOPPED))
+            client.start_session(None)
+        elif target is not None:
+            del client.objects[object_class, target.handle]
+
+
+class _ClientObjects:
+    """The session that a client has open.
+
+    Attributes:
+        objects: its objects by class and handle, in the order in which they were made; those whose handle the
+            client was never told stand in `orphans`.
+    """
+
+    __slots__ = ("conversation", "objects", "orphans", "started_by_call")
+
+    def __init__(self, conversation: Conversation) -> None:
+        self.conversation = conversation
+        self.start_session(None)
+
+    def start_session(self, call_number: int | None) -> None:
+        self.started_by_call = call_number
+        self.objects: dict[tuple[ObjectClass, int | None], TrackedObject] = {}
+        self.orphans: deque[TrackedObject] = deque(maxlen=MAX_OBJECTS)
+
+    @property
+    def has_session(self) -> bool:
+        return self.started_by_call is not None or bool(self.objects or self.orphans)
+
+    def to_session(self, ended_by_call: int | None, ending: SessionEnding) -> ServiceSession:
+        left = (*self.orphans, *self.objects.values())
+        return ServiceSession(self.conversation, self.started_by_call, ended_by_call, ending, left)
+
+    def find(self, kind: ObjectClass, handle: int | None) -> TrackedObject | None:
+        thing = self.objects.get((kind, handle))
+        if thing is None and self.orphans:
+            thing = next((one for one in self.orphans if (one.kind, one.handle) == (kind, handle)), None)
+            if thing is not None:  # the client was told after all: what came late for others did not for it
+                self.orphans.remove(thing)
+                thing.known_to_client = True
+                self.objects[kind, handle] = thing
+        return thing
+
+    def add_created(self, call: Call, kind: ObjectClass, name: str, parent: str) -> None:
+        accepted = _handle_in_reply(call.reply)
+        for handle in _handles_made(call):
+            thing = TrackedObject(kind, handle, name, parent, call.number, handle == accepted)
+            if thing.known_to_client:
+                self.objects.pop((kind, handle), None)
+                self.objects[kind, handle] = thing
+            else:
+                self.orphans.append(thing)
+        if len(self.objects) > MAX_OBJECTS:
+            del self.objects[next(iter(self.objects))]
+
+
+def handle_of(request: Frame) -> int | None:
+    """Read the handle that stands first in a request; None where there is no number."""
+    raw = request.raw
+    if raw[15:25] == _I4_HANDLE and len(raw) > 29 and request.reserved != 1:
+        return int.from_bytes(raw[25:29], "little", signed=True)
+    return _first_number(request)
+
+
+def _first_number(frame: Frame) -> int | None:
+    vt, value, _ = frame.arguments[0].variant if frame.arguments else EMPTY
+    return value if isinstance(value, int) and vt in _HANDLE_TYPES else None
+
+
+def requested_name(call: Call, function: Function) -> str:
+    index = next((index for index, param in enumerate(function.params) if param.name == "bstrName"), None)
+    arguments = call.request.item.arguments
+    if index is None or index >= len(arguments):
+        return ""
+    value = arguments[index].variant.value
+    return shortened(value, LONGEST_NAME) if isinstance(value, str) else ""
+
+
+def _handle_in_reply(reply: FrameObservation | None) -> int | None:
+    if reply is None or not is_success(reply.item.code):
+        return None
+    return _first_number(reply.item)
+
+
+def _handles_made(call: Call) -> list[int]:
+    """List the handles that the tries of a call brought forth, told to the client or not."""
+    replies = (*call.lost_replies, *call.late_replies, call.reply)
+    given = [handle for reply in replies if (handle := _handle_in_reply(reply)) is not None]
+    accepted = _handle_in_reply(call.reply)
+    skipped = [] if accepted is None else range(accepted - call.skipped_handles, accepted)
+    return sorted({*given, *skipped})
+
+
+def _succeeded(call: Call) -> bool:
+    """Tell whether the server did what was asked, whether the client knows or not."""
+    replies = (call.reply, *call.late_replies, *call.lost_replies)
+    return any(reply is not None and is_success(reply.item.code) for reply in replies)

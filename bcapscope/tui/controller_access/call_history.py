@@ -1,0 +1,106 @@
+"""The history of calls: a line each, and which of them are wanted."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import TypeAlias
+
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.render.color_palette import Palette
+from bcapscope.render.escape import printable
+from bcapscope.render.notation_text import untyped_text
+from bcapscope.render.reply_text import ReplyRenderer
+from bcapscope.render.timestamp import utc_text
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS
+from bcapscope.traffic.filter.compiler import compile_filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import CALL_GETTERS
+from bcapscope.traffic.tracker import Tracker
+from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, failure_text
+from bcapscope.tui.controller_access.saved_requests import takes_handle
+from bcapscope.tui.words import told
+
+_PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
+"""Text without anything that an expression of the filter language cannot do without."""
+
+_MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
+
+_UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
+"""Of these one is as a rule in use at a time; their names would push the results out of sight."""
+
+RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]
+"""Tells whether a call is wanted."""
+
+_INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH: "~"}
+
+
+def history_line(record: HistoryRecord, palette: Palette) -> str:
+    """Write a call: number, time of day (UTC), who made it but for the user, call, subject, result, time."""
+    color = palette
+    head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
+    name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
+    if record.reply is not None:
+        text = ReplyRenderer(palette, told).line(
+            name, record.function_id, record.reply, record.took, record.attempts
+        )
+    else:
+        took = f"{color.dim}{record.took / 1e6:.3f} ms{color.reset}"
+        text = f"{color.name}{printable(name)}{color.reset} {color.bad}{failure_text(record)}{color.reset}  {took}"
+    return f"{color.dim}{head}{color.reset} {text}"
+
+
+def _subject_text(record: HistoryRecord) -> str:
+    """Name what a call was made of, where there are many and the arguments do not tell which."""
+    subject = record.subject
+    if subject is None or subject.kind in _UNNAMED_SUBJECTS:
+        return ""
+    text = subject.label
+    return f" {text}" if len(text) <= _MAX_SUBJECT_TEXT else f" {text[: _MAX_SUBJECT_TEXT - 1]}…"
+
+
+def _argument_text(record: HistoryRecord) -> str:
+    """Write what a call was given besides a handle and the name of a command, cut short where it is long."""
+    function = FUNCTIONS.get(record.function_id)
+    named = function is not None and takes_handle(function)
+    first = named + (record.function_id in COMMAND_FUNCTIONS)
+    text = ", ".join(filter(None, map(untyped_text, record.arguments[first:])))
+    text = text if len(text) <= _MAX_ARGUMENT_TEXT else f"{text[: _MAX_ARGUMENT_TEXT - 1]}…"
+    return text and f"({text})"
+
+
+def history_filter(text: str) -> RecordFilter:
+    """Return what tells which calls are wanted.
+
+    Args:
+        text: words that the line of a call must have, all of them, or an expression of the filter language;
+            with nothing the user's own calls are wanted, and not those of the screen.
+
+    Raises:
+        FilterError: it is an expression that makes no sense.
+    """
+    words = text.casefold().split()
+    if not words:
+        return lambda record: record.initiator is Initiator.USER
+    if _PLAIN_WORDS.fullmatch(text):
+        return lambda record: _has_words(record, words)
+    test = compile_filter(text, RecordKind.CALL).bind(CALL_GETTERS)
+    return lambda record: (call := call_of_record(record)) is not None and test(call)
+
+
+def call_of_record(record: HistoryRecord) -> Call | None:
+    """Return a call as those of captures are; None where no sound request was sent."""
+    tracker = Tracker()
+    settled = [each for seen in record.packets for each in tracker.observe(seen)]
+    settled += tracker.close()
+    return next((each for each in settled if isinstance(each, Call)), None)
+
+
+_NO_COLORS = Palette()
+
+
+def _has_words(record: HistoryRecord, words: list[str]) -> bool:
+    line = history_line(record, _NO_COLORS).casefold()
+    return all(word in line for word in words)

@@ -1,0 +1,457 @@
+"""The desk: one connection at a time, made and used in a thread of its own, and told of to the screen.
+
+Its event loop is not the screen's, so that what is drawn does not delay a call, and times that are shown are
+those of the network. Coroutines here are for that loop; `do` brings one there from the screen's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import AsyncExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from bcapscope.client.action_log import ActionLog, LoggedConnection
+from bcapscope.client.caller import Caller
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.client.session import Session, command_of, open_target_session
+from bcapscope.errors import BcapError
+from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.guard import needs_arming, request_effect
+from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
+from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
+from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
+from bcapscope.traffic.handle_table import HandleTable, ObjectHandle
+from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.tui.controller_access.arming_state import ArmingState
+from bcapscope.tui.controller_access.halt_connection import HaltConnection, HaltState, HaltUpdate
+from bcapscope.tui.controller_access.history_record import (
+    HistoryRecord,
+    Initiator,
+    RecordOutcome,
+    error_text,
+    failure_text,
+)
+from bcapscope.tui.controller_access.history_recorder import INITIATOR, HistoryRecorder
+from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
+from bcapscope.tui.controller_access.session_updates import (
+    ConnectionLost,
+    SessionProblem,
+    SessionStatus,
+    SessionUpdate,
+)
+from bcapscope.tui.words import say
+
+R = TypeVar("R")
+
+CLOSE_TIMEOUT = 8.0
+"""Seconds that `close` waits for everything to be let go."""
+
+CLEANUP_PACE = RetryPolicy(300_000_000, 2)
+"""Tries of the calls that let go of things: nobody waits long for a controller that is gone."""
+
+_LEVEL_THAT_ENDS_SLAVE_MODE = 3
+
+
+class NotConnectedError(BcapError):
+    """There is no connection that a call could be made on."""
+
+
+class NotArmedError(BcapError):
+    """A call may energise or move the robot, and nobody has armed; it was not made."""
+
+
+class ControllerSession:
+    """A connection and all that is done with it.
+
+    Attributes:
+        arming: armed or not.
+        action_log: the action log.
+        status: what the screen shows; replaced whole, so that any thread may read it.
+        reply_monitor: when the controller was heard last.
+        client_session: the one in use; None while there is no connection.
+        polling_paused: nothing is read that nobody asked for, as it might end the slave mode of another client.
+    """
+
+    def __init__(
+        self,
+        report: Callable[[SessionUpdate], None],
+        log_folder: Path,
+        tap: Callable[[Observation], None] = lambda seen: None,
+    ) -> None:
+        """Begin without a connection.
+
+        Args:
+            report: is told of everything that happens, in threads of the desk's.
+            log_folder: for the action log.
+            tap: sees every packet, in the same threads; returns at once and never raises.
+        """
+        self.report = report
+        self._tap = tap
+        self.action_log = ActionLog(log_folder, "tui", self._on_log_error)
+        self.arming = ArmingState()
+        self.status = SessionStatus()
+        self.reply_monitor = ReplyMonitor(self.now())
+        self.client_session: Session | None = None
+        self.polling_paused = False
+        self._reach: ObjectOpener | None = None
+        self._halt_connection: HaltConnection | None = None
+        self._stack = AsyncExitStack()
+        self._handle_table = HandleTable()
+        self._recorder = HistoryRecorder(self._on_record, self._subject_of)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="desk", daemon=True)
+        self._thread.start()
+
+    async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
+        """Have a coroutine of ours run in our thread, and wait for it; cancelling ends both."""
+        return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
+
+    def pause_polling(self, paused: bool) -> None:
+        """Read nothing that nobody asked for while another client, such as our player, is in slave mode."""
+        self.polling_paused = paused
+        if self._halt_connection is not None:
+            self._halt_connection.pause_heartbeat(paused)
+
+    def close(self) -> None:
+        """Let go of everything, `CLOSE_TIMEOUT` seconds at most, and end the thread. From any other thread."""
+        done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
+        with suppress(TimeoutError, BcapError, OSError):
+            done.result(CLOSE_TIMEOUT)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(1.0)
+        if not self._thread.is_alive():
+            self._loop.close()
+        self.action_log.close()
+
+    async def _shut_down(self) -> None:
+        """Let go of everything, and wait for whoever is letting go already."""
+        await self.disconnect()
+        others = asyncio.all_tasks() - {asyncio.current_task()}
+        if others:
+            await asyncio.wait(others)
+
+    def now(self) -> int:
+        """Return ns of a clock that does not go back."""
+        return time.monotonic_ns()
+
+    # The connection.
+
+    async def open_link(self, target: ControllerTarget) -> None:
+        """Open the way to a controller; nothing is said yet.
+
+        Raises:
+            OSError: there is none.
+        """
+        await self.disconnect()
+        session = open_target_session(target, observer=self._on_packet, listener=self._on_event)
+        self.client_session = await self._stack.enter_async_context(session)
+        self._reach = ObjectOpener(self.client_session, target.service, target.connect, {})
+        self.arming = ArmingState()
+        self.reply_monitor = ReplyMonitor(self.now())
+        self.update_status(target=target)
+
+    def open_halt_connection(self, robot: str) -> None:
+        """Open the line for HALT, anew where it is open for another robot."""
+        target = self.status.target
+        if target is None:
+            return
+        old = self._halt_connection
+        if old is not None:
+            old.report_only_halts()
+        self._halt_connection = HaltConnection(target, self.report, self._on_halt_packet, robot)
+        if old is not None:
+            threading.Thread(target=old.close, daemon=True).start()
+
+    async def disconnect(self) -> None:
+        """Leave slave mode, let go of everything, newest first, and close the connection."""
+        line, self._halt_connection = self._halt_connection, None
+        stack, self._stack = self._stack, AsyncExitStack()
+        INITIATOR.set(Initiator.SCREEN)
+        if self.client_session is not None:
+            self.client_session.retry_policies = self.client_session.retry_policies._replace(
+                others=CLEANUP_PACE
+            )
+        try:
+            with suppress(BcapError, OSError):
+                await stack.aclose()
+            if line is not None:
+                await asyncio.to_thread(line.close)
+        finally:
+            self._recorder.abandon_call(time.time_ns())
+            self.client_session = self._reach = None
+            self._handle_table = HandleTable()
+            self.arming.disarm()
+            if self.status.is_connected:
+                self.status = SessionStatus()
+                self.report(self.status)
+
+    async def handle_lost_connection(self, reason: str) -> None:
+        """Take notice that the connection is gone."""
+        await self.disconnect()
+        self.report(ConnectionLost(reason))
+
+    def update_status(self, **changes: Any) -> None:
+        """Change the status and tell it."""
+        self.status = replace(self.status, **changes)
+        self.report(self.status)
+
+    # Calls.
+
+    @property
+    def reach(self) -> ObjectOpener:
+        """What opens objects and makes calls.
+
+        Raises:
+            NotConnectedError: there is no connection.
+        """
+        if self._reach is None:
+            raise NotConnectedError(say("tester.not_connected"))
+        return self._reach
+
+    async def call(
+        self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
+    ) -> HistoryRecord:
+        """Make a call, however it ends; return its record.
+
+        Raises:
+            NotConnectedError: there is no connection.
+            NotArmedError: it may energise or move the robot, and nobody has armed. Nothing was sent.
+            LocalProtocolError: it cannot be sent. Nothing was.
+            ConnectionError: the link is gone.
+        """
+        reach = self.reach
+        if self._needs_arming(function.id, arguments):
+            self._check_armed()
+        INITIATOR.set(initiator)
+        await self._await_exchange(reach.perform_call(function, arguments))
+        return self.last_record
+
+    async def invoke(
+        self, name: str, *values: Variant, initiator: Initiator = Initiator.USER
+    ) -> HistoryRecord:
+        """As `call`, with the function's name."""
+        function = function_by_name(name)
+        assert function is not None, name
+        return await self.call(function, values, initiator)
+
+    async def send_raw(self, raw: bytes) -> HistoryRecord:
+        """Send bytes as they are and wait for what comes; return the record.
+
+        Raises:
+            NotArmedError: they may energise or move the robot, or are no sound frame.
+            NotConnectedError, ConnectionError: as `call`.
+        """
+        session = self.reach.session
+        caller = session.caller
+        assert isinstance(caller, Caller)
+        if any(self._raw_needs_arming(item) for item in parse_datagram(raw)):
+            self._check_armed()
+        INITIATOR.set(Initiator.USER)
+        await self._await_exchange(caller.send_raw(raw, session.retry_policies.others.timeout / 1e9))
+        self._recorder.complete_raw_call(time.time_ns())
+        return self.last_record
+
+    @property
+    def controller(self) -> ObjectHandle:
+        """The controller.
+
+        Raises:
+            NotConnectedError: there is no connection to one.
+        """
+        found = self._handle_table.open_handles(ObjectClass.CONTROLLER)
+        if not found:
+            raise NotConnectedError(say("tester.not_connected"))
+        return found[-1]
+
+    @property
+    def last_record(self) -> HistoryRecord:
+        """The record of the call that ended last; there has been one."""
+        assert self._recorder.last_record is not None
+        return self._recorder.last_record
+
+    def subject_of(self, record: HistoryRecord) -> ObjectHandle | None:
+        """Return what a call was asked of; None where that is not open any more."""
+        return self._subject_of(record.function_id, record.arguments)
+
+    def _subject_of(self, function_id: int, arguments: Sequence[Variant]) -> ObjectHandle | None:
+        function, first = FUNCTIONS.get(function_id), arguments[:1]
+        handle = first[0].value if first else None
+        if function is None or not isinstance(handle, int):
+            return None
+        return self._handle_table.find(function.owner, handle)
+
+    def last_failure_text(self) -> str:
+        """Tell why the last call failed."""
+        return failure_text(self.last_record)
+
+    async def open_object(
+        self,
+        parent: ObjectHandle,
+        kind: ObjectClass,
+        name: str,
+        option: str,
+        initiator: Initiator = Initiator.USER,
+    ) -> ObjectHandle | None:
+        """Open an object; None where that was refused or not answered, as the last record tells."""
+        values = (handle_argument(parent), Variant(VT.BSTR, name), Variant(VT.BSTR, option))
+        record = await self.invoke(f"{parent.kind}_Get{kind}", *values, initiator=initiator)
+        return (
+            self._handle_table.find(kind, _handle_in_reply(record))
+            if record.outcome is RecordOutcome.ANSWERED
+            else None
+        )
+
+    def select_robot(self, robot: ObjectHandle | None) -> None:
+        """Have commands of the robot go to this one."""
+        self.update_status(robot=robot)
+
+    def _needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
+        written = self._subject_of(function_id, arguments)
+        is_variable = written is not None and written.kind is ObjectClass.VARIABLE
+        return needs_arming(function_id, arguments, written.label if written and is_variable else "")
+
+    def _raw_needs_arming(self, item: Frame | Malformed) -> bool:
+        """Return whether raw bytes need arming; bytes that are not an intact frame do."""
+        if not isinstance(item, Frame) or item.problems:
+            return True
+        return self._needs_arming(item.code, item.variants)
+
+    def _check_armed(self) -> None:
+        if not self.arming.allows_armed_calls(self.now()):
+            raise NotArmedError(say("tester.not_armed"))
+        self.arming.extend(self.now())
+
+    async def _await_exchange(self, exchange: Coroutine[Any, Any, object]) -> None:
+        """Wait for an exchange; what was given up has its record, and what broke the link ends it."""
+        try:
+            await exchange
+        except asyncio.CancelledError:
+            self._recorder.abandon_call(time.time_ns())
+            raise
+        except OSError as error:
+            self._recorder.abandon_call(time.time_ns())
+            if not isinstance(error, BcapError):
+                await self.handle_lost_connection(error_text(error))
+            raise
+
+    # HALT.
+
+    def halt(self) -> bool:
+        """Stop the robot; return whether there is a connection. From any thread, at any time, at once."""
+        self.arming.disarm()
+        line = self._halt_connection
+        if line is not None:
+            line.press()
+        with suppress(RuntimeError):  # our loop has ended
+            self._loop.call_soon_threadsafe(self._start_halt_call)
+        return line is not None or self.client_session is not None
+
+    def _start_halt_call(self) -> None:
+        if self.client_session is not None and self.status.robot is not None:
+            self._loop.create_task(self._halt_on_session(self.status.robot))
+
+    async def _halt_on_session(self, robot: ObjectHandle) -> None:
+        """Say it on the connection of the other calls, too, as soon as that is free, and leave slave mode."""
+        with suppress(BcapError, OSError):
+            record = await self.invoke("Robot_Halt", handle_argument(robot), Variant(VT.BSTR, ""))
+            if self._halt_connection is None:
+                done = record.outcome is RecordOutcome.ANSWERED
+                state = HaltState.HALTED if done else HaltState.FAILED
+                self.report(HaltUpdate(state, record.outcome.value, record.took))
+            if self.status.slave_mode:
+                values = (handle_argument(robot), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0))
+                await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
+
+    # What comes back.
+
+    def _on_event(self, event: RequesterEvent) -> None:
+        self._recorder.on_event(event, time.time_ns())
+
+    def _on_packet(self, observation: Observation) -> None:
+        self._record_packet(observation, INITIATOR.get())
+        self._recorder.on_packet(observation)
+
+    def _on_halt_packet(self, observation: Observation) -> None:
+        is_halt = isinstance(observation.item, Frame) and observation.item.code == ID["Robot_Halt"]
+        self._record_packet(observation, Initiator.USER if is_halt else Initiator.SCREEN)
+
+    def _record_packet(self, observation: Observation, initiator: Initiator) -> None:
+        is_request = observation.flow.direction is Direction.REQUEST
+        (self.reply_monitor.on_request if is_request else self.reply_monitor.on_received)(self.now())
+        self._log_packet(observation, initiator)
+        self._tap(observation)
+
+    def _log_packet(self, observation: Observation, initiator: Initiator) -> None:
+        """Log a packet, unless it is the screen's own reading."""
+        item, connection = observation.item, LoggedConnection.of_conversation(observation.flow.conversation)
+        if observation.flow.direction is Direction.RESPONSE:
+            self.action_log.log_reply(connection, item, observation.time)
+            return
+        reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is CallEffect.READS
+        self.action_log.log_request(
+            connection,
+            item,
+            observation.time,
+            initiator.value,
+            is_logged=initiator is Initiator.USER or not reads,
+        )
+
+    def _on_log_error(self, path: Path, error: OSError) -> None:
+        self.report(SessionProblem(f"{path}: {error_text(error)}"))
+
+    def _on_record(self, record: HistoryRecord) -> None:
+        """Learn from a call that has ended, and hand its record on."""
+        changes: dict[str, object] = {}
+        function = FUNCTIONS.get(record.function_id)
+        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and function is not None:
+            self._handle_table.record_call(function, record.arguments, record.reply)
+            changes["open"] = self._handle_table.open_handles()
+            if self.status.robot not in self._handle_table.open_handles():
+                changes["robot"] = None
+            command = command_of(record.function_id, record.arguments)
+            if command in ("takearm", "givearm"):
+                changes["holds_arm"] = command == "takearm"
+        if record.reply is not None:
+            changes["round_trip"] = record.took
+        mode = _slave_mode_after(record)
+        if mode is not None and mode != self.status.slave_mode:
+            changes["slave_mode"] = mode
+            self.pause_polling(mode != 0)
+        if self.status.is_connected and changes:
+            self.update_status(**changes)
+        self.report(record)
+
+
+def _slave_mode_after(record: HistoryRecord) -> int | None:
+    """Tell the slave mode that the robot is in after a call; None where it tells nothing of that."""
+    command = command_of(record.function_id, record.arguments)
+    if record.outcome is RecordOutcome.ANSWERED:
+        if command == "slvchangemode" and len(record.arguments) > 2:
+            return integer_value(record.arguments[2]) or 0
+        return None
+    if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
+        code = record.reply.code
+        level = describe_hresult(code).level or 0
+        # Each error of that level ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
+        return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
+    return None
+
+
+def handle_argument(opened: ObjectHandle) -> Variant:
+    """Make the first argument of a call that is made of an object."""
+    return Variant(VT.I4, opened.handle)
+
+
+def _handle_in_reply(record: HistoryRecord) -> int | None:
+    arguments = record.reply.arguments if record.reply is not None else ()
+    value = arguments[0].variant.value if arguments else None
+    return value if isinstance(value, int) else None

@@ -1,0 +1,192 @@
+"""The guided connect: one step after the other, each with what was found or why it failed."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import replace
+
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.render.field_meaning import value_text
+from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.tui.controller_access.controller_session import ControllerSession, handle_argument
+from bcapscope.tui.controller_access.halt_connection import DEFAULT_ROBOT
+from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome, error_text
+from bcapscope.tui.controller_access.history_recorder import INITIATOR
+from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
+from bcapscope.tui.words import say, told
+
+ROBSLAVE = "RobSlave"
+"""The program that RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
+
+_UNKNOWN_PROVIDER_CODES = (0x80070057, 0x80000201)
+"""What a controller answers to the name of a provider that it does not have: E_INVALIDARG (RC8), and the CAO
+engine's own code (orin_bcap C/include/bcap_common.h)."""
+
+
+class ConnectStepError(BcapError):
+    """A step failed; it has been told which and why."""
+
+
+async def connect(
+    session: ControllerSession, target: ControllerTarget, providers: Sequence[str], robot: str, option: str
+) -> bool:
+    """Walk all steps, up to the first that fails.
+
+    Args:
+        session: that connects.
+        target: the controller.
+        providers: to be tried one after the other.
+        robot: name of the robot to open; empty to leave that for later.
+        option: for opening it.
+
+    Returns:
+        Whether all succeeded. After a failure before the controller was connected to, the link is closed.
+    """
+    INITIATOR.set(Initiator.SCREEN)
+    try:
+        await _run_step(session, ConnectStep.LINK, lambda: _open_link(session, target))
+        await _run_step(session, ConnectStep.SERVICE, lambda: _start_service(session))
+        await _run_step(
+            session, ConnectStep.CONTROLLER, lambda: _connect_controller(session, target, providers)
+        )
+    except ConnectStepError:
+        await session.disconnect()
+        return False
+    except asyncio.CancelledError:
+        await session.disconnect()
+        raise
+    session.open_halt_connection(robot or DEFAULT_ROBOT)
+    try:
+        await _run_step(session, ConnectStep.IDENTITY, lambda: identify_controller(session))
+        if robot:
+            await _run_step(session, ConnectStep.ROBOT, lambda: _open_robot(session, robot, option))
+    except ConnectStepError:
+        return False
+    return True
+
+
+async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
+    """Open a robot, choose it, learn its type, and have HALT ready for it; return the record of its opening.
+
+    Raises:
+        BcapError, OSError: as `ControllerSession.call`.
+    """
+    INITIATOR.set(Initiator.USER)
+    opened = await session.open_object(session.controller, ObjectClass.ROBOT, robot, option)
+    record = session.last_record
+    if opened is not None:
+        session.select_robot(opened)
+        session.report(
+            ConnectStepUpdate(
+                ConnectStep.ROBOT,
+                True,
+                ", ".join(filter(None, (robot, await read_robot_type(session, opened)))),
+            )
+        )
+        session.open_halt_connection(robot)
+    return record
+
+
+async def start_robslave(session: ControllerSession) -> HistoryRecord:
+    """Open the task RobSlave unless it is open, start it for one cycle; return the record of the last call.
+
+    Raises:
+        BcapError, OSError: as `ControllerSession.call`.
+    """
+    found = [
+        one for one in session.status.open_objects if one.kind is ObjectClass.TASK and one.label == ROBSLAVE
+    ]
+    task = (
+        found[-1] if found else await session.open_object(session.controller, ObjectClass.TASK, ROBSLAVE, "")
+    )
+    if task is None:
+        return session.last_record
+    return await session.invoke("Task_Start", handle_argument(task), Variant(VT.I4, 1), Variant(VT.BSTR, ""))
+
+
+async def _run_step(
+    session: ControllerSession, step: ConnectStep, action: Callable[[], Awaitable[str]]
+) -> None:
+    session.report(ConnectStepUpdate(step, None))
+    try:
+        text = await action()
+    except CallTimeout as error:
+        session.report(ConnectStepUpdate(step, False, session.last_failure_text()))
+        raise ConnectStepError from error
+    except (BcapError, OSError) as error:
+        session.report(ConnectStepUpdate(step, False, error_text(error)))
+        raise ConnectStepError from error
+    session.report(ConnectStepUpdate(step, True, text))
+
+
+async def _open_link(session: ControllerSession, target: ControllerTarget) -> str:
+    await session.open_link(target)
+    return told(str(target))
+
+
+async def _start_service(session: ControllerSession) -> str:
+    await session.reach.start_service()
+    return "Service_Start"
+
+
+async def _connect_controller(
+    session: ControllerSession, target: ControllerTarget, providers: Sequence[str]
+) -> str:
+    """Connect with the first provider that the controller has."""
+    for provider in providers:
+        tried = replace(target, provider=provider)
+        try:
+            await session.reach.invoke("Controller_Connect", *tried.connect)
+        except ControllerError as error:
+            if error.hresult not in _UNKNOWN_PROVIDER_CODES or provider == providers[-1]:
+                raise
+            continue
+        session.update_status(target=tried)
+        return provider or "Controller_Connect"
+    raise ConnectStepError("no provider to try")
+
+
+async def _open_robot(session: ControllerSession, name: str, option: str) -> str:
+    controller = session.controller
+    robot = await session.open_object(controller, ObjectClass.ROBOT, name, option)
+    if robot is None:
+        raise ConnectStepError(session.last_failure_text())
+    session.select_robot(robot)
+    found = await read_robot_type(session, robot)
+    return ", ".join(filter(None, (name, found)))
+
+
+async def identify_controller(session: ControllerSession) -> str:
+    """Learn what the peer is: our simulator, or what it says of itself."""
+    simulator = await session.reach.is_simulator()
+    version = await _read_variable(session, session.controller, "@VERSION")
+    session.arming.is_required = not simulator
+    session.update_status(identity=ControllerIdentity(simulator, version))
+    kind = say("desk.simulator" if simulator else "desk.controller")
+    return f"{kind}, {say('desk.version', version=version)}" if version else kind
+
+
+async def read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
+    """Read the robot's type, which is to be looked at before the first motion (DENSO Wave 2009)."""
+    name = await _read_variable(session, robot, "@TYPE_NAME")
+    number = await _read_variable(session, robot, "@TYPE")
+    session.update_status(identity=replace(session.status.identity, type_name=name, type_number=number))
+    return " ".join(filter(None, (name, f"(@TYPE {number})" if number else "")))
+
+
+async def _read_variable(session: ControllerSession, owner: ObjectHandle, name: str) -> str:
+    """Read a variable once; "" where there is none."""
+    variable = await session.open_object(owner, ObjectClass.VARIABLE, name, "", initiator=Initiator.SCREEN)
+    if variable is None:
+        return ""
+    handle = Variant(VT.I4, variable.handle)
+    record = await session.invoke("Variable_GetValue", handle, initiator=Initiator.SCREEN)
+    await session.invoke("Variable_Release", handle, initiator=Initiator.SCREEN)
+    if record.outcome is not RecordOutcome.ANSWERED or record.reply is None or not record.reply.arguments:
+        return ""
+    value = record.reply.arguments[0].variant
+    return value.value if isinstance(value.value, str) else value_text(value.value, value.vt)

@@ -1,0 +1,167 @@
+"""Makes records of calls out of what a session lets its observer and its listener know.
+
+Whoever makes the calls, the user or the program itself, they end up here, since all pass the same link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextvars import ContextVar
+
+from bcapscope.errors import Attempt
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.retry.requester import (
+    CallAnswered,
+    CallExecuting,
+    CallRefused,
+    CallTimedOut,
+    LateReply,
+    RequesterEvent,
+)
+from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.traffic.observation import Direction, Observation
+from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
+
+INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
+"""Who makes the calls of the running task."""
+
+MAX_PACKETS = 256
+"""Packets that a record keeps: a peer that floods us shall not fill the memory."""
+
+
+class HistoryRecorder:
+    """Follows one session, in which one call comes after the other.
+
+    Attributes:
+        last_record: the call that ended last.
+    """
+
+    def __init__(
+        self,
+        on_record: Callable[[HistoryRecord], None],
+        subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
+        first_number: int = 1,
+    ) -> None:
+        """Give each record to `on_record` as soon as its call has ended.
+
+        Args:
+            on_record: is given the records.
+            subject_of: tells what a call was made of, by its function and its arguments.
+            first_number: of the first record.
+        """
+        self._on_record = on_record
+        self._subject_of = subject_of
+        self.next_number = first_number
+        self.last_record: HistoryRecord | None = None
+        self._call: _CallInProgress | None = None
+
+    def on_packet(self, observation: Observation) -> None:
+        """Take a packet that goes out or came in."""
+        call = self._call
+        if observation.flow.direction is Direction.REQUEST and call is None:
+            call = self._call = _CallInProgress(observation, INITIATOR.get())
+        if call is not None:
+            call.add_packet(observation)
+
+    def on_event(self, event: RequesterEvent, now: int) -> None:
+        """Take what happened.
+
+        Args:
+            event: as the session tells it.
+            now: ns since 1970-01-01 UTC.
+        """
+        call = self._call
+        if call is None:
+            return
+        if isinstance(event, CallExecuting):
+            call.notices += 1
+        elif isinstance(event, LateReply):
+            call.late_replies += 1
+        elif isinstance(event, CallAnswered):
+            self._complete_call(call, RecordOutcome.ANSWERED, event.reply, event.attempts, event.elapsed)
+        elif isinstance(event, CallRefused):
+            self._complete_call(call, RecordOutcome.REFUSED, event.reply, event.attempts, event.elapsed)
+        elif isinstance(event, CallTimedOut):
+            self._complete_call(
+                call, RecordOutcome.UNANSWERED, None, event.attempts, max(0, now - call.began)
+            )
+
+    def abandon_call(self, now: int) -> HistoryRecord | None:
+        """End the call under way: nobody waits for its answer any more.
+
+        Args:
+            now: ns since 1970-01-01 UTC.
+        """
+        call = self._call
+        if call is None:
+            return None
+        self._complete_call(call, RecordOutcome.ABANDONED, None, (), max(0, now - call.began))
+        return self.last_record
+
+    def complete_raw_call(self, now: int) -> None:
+        """End a call that was sent as raw bytes: its reply is the frame that came last, if any came.
+
+        Args:
+            now: ns since 1970-01-01 UTC.
+        """
+        call = self._call
+        if call is None:
+            return
+        came = [seen.item for seen in call.packets if seen.flow.direction is Direction.RESPONSE]
+        reply = next((item for item in reversed(came) if isinstance(item, Frame)), None)
+        attempts = (Attempt(0, 0, 0),)
+        if reply is None:
+            self._complete_call(call, RecordOutcome.UNANSWERED, None, attempts, max(0, now - call.began))
+        else:
+            ending = RecordOutcome.REFUSED if is_failure(reply.code) else RecordOutcome.ANSWERED
+            self._complete_call(call, ending, reply, attempts, call.elapsed)
+
+    def _complete_call(
+        self,
+        call: _CallInProgress,
+        outcome: RecordOutcome,
+        reply: Frame | None,
+        attempts: tuple[Attempt, ...],
+        took: int,
+    ) -> None:
+        request = call.packets[0].item
+        code = request.code if isinstance(request, Frame) else -1
+        given = request.arguments if isinstance(request, Frame) else ()
+        arguments = tuple(each.variant for each in given)
+        self._call = None
+        self.last_record = HistoryRecord(
+            number=self.next_number,
+            initiator=call.initiator,
+            began=call.began,
+            function_id=code,
+            arguments=arguments,
+            outcome=outcome,
+            reply=reply,
+            took=took,
+            attempts=attempts,
+            packets=tuple(call.packets),
+            notices=call.notices,
+            late_replies=call.late_replies,
+            subject=self._subject_of(code, arguments),
+        )
+        self.next_number += 1
+        self._on_record(self.last_record)
+
+
+class _CallInProgress:
+    """A call under way."""
+
+    def __init__(self, first: Observation, initiator: Initiator) -> None:
+        self.began = first.time
+        self.initiator = initiator
+        self.packets: list[Observation] = []
+        self.elapsed = 0
+        self.notices = 0
+        self.late_replies = 0
+
+    def add_packet(self, observation: Observation) -> None:
+        self.elapsed = max(self.elapsed, observation.time - self.began)
+        if len(self.packets) < MAX_PACKETS:
+            self.packets.append(observation)

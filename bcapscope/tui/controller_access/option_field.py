@@ -1,0 +1,83 @@
+"""The Option field of the connection: ``Timeout=300`` and the like, as b-CAP Tester has it.
+
+What stands there is for us, for Service_Start or for Controller_Connect; its key tells which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.tui.words import say
+
+_SERVICE_KEYS = ("wdt", "invoketimeout")
+_UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
+_TCP_CONVENTIONS = (ReservedConvention.TCP0, ReservedConvention.TCP1)
+
+AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
+"""Providers that are tried one after the other where none is named: that of RC8 and COBOTTA, that of RC9 and
+COBOTTA PRO, none. RC7 takes the first, as it ignores the name."""
+
+
+def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[ControllerTarget, tuple[str, ...]]:
+    """Read the field.
+
+    Args:
+        text: pairs of key and value, commas between; empty for the usual.
+        host: of the controller.
+        port: of the controller.
+        tcp: TCP instead of UDP.
+
+    Returns:
+        The target, and the providers to be tried.
+
+    Raises:
+        ValueError: with the part that makes no sense, and what is expected.
+    """
+    target = ControllerTarget(host, port, tcp, name="")
+    providers: tuple[str, ...] = AUTOMATIC_PROVIDERS
+    for part in filter(None, (each.strip() for each in text.split(","))):
+        key, equals, value = (piece.strip() for piece in part.partition("="))
+        folded = key.casefold()
+        if key.startswith("@") or folded in ("interval", "server"):
+            target = replace(target, connect_option=",".join(filter(None, (target.connect_option, part))))
+        elif not equals:
+            raise ValueError(say("desk.option.pair", part=part, help=say("desk.option.help")))
+        elif folded in _SERVICE_KEYS:
+            _bounded_integer(key, value, 80, 10_000_000)
+            target = replace(target, service=f"{target.service},{key}={value}")
+        elif folded == "provider":
+            providers = (value,)
+        else:
+            target = _with_own_key(target, key, value)
+    return replace(target, provider=providers[0]), providers
+
+
+def _with_own_key(target: ControllerTarget, key: str, value: str) -> ControllerTarget:
+    folded = key.casefold()
+    if folded == "timeout":
+        return replace(target, timeout=float(_bounded_integer(key, value, 1, 600_000)))
+    if folded in ("retry", "retries"):
+        return replace(target, retries=_bounded_integer(key, value, 0, 100))
+    if folded == "machine":
+        return replace(target, machine=value)
+    if folded == "name":
+        return replace(target, name=value)
+    if folded == "reserved":
+        return replace(target, convention=_convention(value, target.tcp))
+    raise ValueError(say("desk.option.unknown", key=key, help=say("desk.option.help")))
+
+
+def _bounded_integer(key: str, value: str, low: int, high: int) -> int:
+    number = int(value) if value.isascii() and value.isdecimal() and len(value) < 12 else -1
+    if not low <= number <= high:
+        raise ValueError(say("desk.option.whole", key=key, value=value, low=low, high=high))
+    return number
+
+
+def _convention(value: str, tcp: bool) -> ReservedConvention:
+    allowed = [each.value for each in (_TCP_CONVENTIONS if tcp else _UDP_CONVENTIONS)]
+    if value.casefold() not in allowed:
+        raise ValueError(say("desk.option.reserved", value=value, allowed=", ".join(allowed)))
+    return ReservedConvention(value.casefold())

@@ -1,0 +1,95 @@
+"""Parameters as they are typed: a type chosen from a list, a value beside it, checked at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
+from bcapscope.protocol.codec.variant_notation import parse_variant
+from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
+from bcapscope.render.notation_text import type_word
+from bcapscope.tui.words import say, told
+
+PARAMETER_TYPES: tuple[int, ...] = (
+    *(int(vt) for vt in VT if vt is not VT.VARIANT),
+    *(ARRAY | vt for vt in VT if vt not in (VT.EMPTY, VT.NULL)),
+)
+"""Every type that b-CAP carries, scalars first."""
+
+
+def type_label(vt: int) -> str:
+    """Name a type as b-CAP Tester does: ``I4``, ``ARRAY | R4``."""
+    name = vt_name(vt & ~ARRAY).removeprefix("VT_")
+    return f"ARRAY | {name}" if vt & ARRAY else name
+
+
+_BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
+
+
+def type_number(name: str) -> int | None:
+    """Return the number of a type such as ``VT_R4|VT_ARRAY``; None for ``VARIANT``, which is any."""
+    return _BY_NAME.get(name)
+
+
+class CheckedText(NamedTuple):
+    """What typed text comes to.
+
+    Attributes:
+        value: None where the text does not go with the type.
+        problem: what is expected then; else empty.
+    """
+
+    value: Variant | None
+    problem: str
+
+
+def check_text(vt: int, text: str) -> CheckedText:
+    """Read what was typed for a type."""
+    typed = text if vt == VT.BSTR else text.strip()
+    try:
+        return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
+    except ValueError as error:
+        return CheckedText(None, f"{told(str(error))}; {expected_input(vt)}")
+
+
+def expected_input(vt: int) -> str:
+    """Say what is to be typed for a type."""
+    if vt in (VT.EMPTY, VT.NULL):
+        return say("desk.expected.nothing")
+    what = say(f"desk.expected.{VT(vt & ~ARRAY).name}")
+    several = vt & ARRAY and vt != ARRAY | VT.VARIANT
+    return say("desk.expected.several" if several else "desk.expected", what=what)
+
+
+class CommandHint(NamedTuple):
+    """What the catalogue says of a command.
+
+    Attributes:
+        types: of its parameter, the most usual first.
+        text: what it does and what its parameter holds.
+    """
+
+    types: tuple[int, ...]
+    text: str
+
+
+def command_hint(function_id: int, name: str) -> CommandHint | None:
+    """Look a command up; None for one that is not known."""
+    known = find_command(function_id, name.strip())
+    if known is None:
+        return None
+    types = tuple(vt for each in known.parameter_types if (vt := type_number(each)) is not None)
+    return CommandHint(types, _hint_text(known))
+
+
+def _hint_text(known: CommandSpec) -> str:
+    parts = [told(known.text)]
+    if known.elements:
+        parts.append(say("desk.command.parameter", elements=told(known.elements)))
+    if known.returns:
+        parts.append(say("desk.command.returns", returns=told(known.returns)))
+    if known.in_slave_mode is False:
+        parts.append(say("desk.command.refused"))
+    if known.controllers:
+        parts.append(told(known.controllers))
+    return "; ".join(parts)

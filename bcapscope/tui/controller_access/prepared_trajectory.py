@@ -1,0 +1,117 @@
+"""A trajectory made ready: read, brought to the pace, checked; all that can be said before it is played."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.player.arm_limits import limits_for_arm, with_limits
+from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
+from bcapscope.player.preflight import PreflightResult, run_preflight
+from bcapscope.player.resampling import resample
+from bcapscope.player.trajectory import Trajectory, TrajectoryError
+from bcapscope.player.trajectory_reader import read_trajectories
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS
+from bcapscope.render.color_palette import Palette
+from bcapscope.render.preflight_text import PreflightRenderer, source_lines, trajectory_line
+from bcapscope.tui.words import told
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackSettings:
+    """What the user wants played.
+
+    Attributes:
+        path: of the file or project.
+        index: which of several trajectories in it, from 1.
+        mode: ``sync``, ``async`` or a number for slvChangeMode.
+        interval: ms from one set point to the next.
+        speed: share of the file's speed.
+        rounds: how often; 0 until told to stop.
+        always_resample: resample even where speed and interval are those of the file.
+        limits: of the arm, as `player.limits.limited` takes them.
+    """
+
+    path: str
+    index: int = 1
+    mode: SlaveModePacing | int = SlaveModePacing.SYNC
+    interval: float = float(PERIOD_MS)
+    speed: float = 1.0
+    rounds: int = 1
+    always_resample: bool = False
+    limits: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedTrajectory:
+    """A trajectory that is ready.
+
+    Attributes:
+        settings: what was wanted.
+        all_trajectories: all trajectories in the file.
+        trajectory: the one that is played.
+        preflight: what speaks against it, without knowing where the robot is.
+    """
+
+    settings: PlaybackSettings
+    all_trajectories: tuple[Trajectory, ...]
+    trajectory: Trajectory
+    preflight: PreflightResult
+
+    def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
+        """Say how the file was read, what is in it, and what speaks against playing it."""
+        yield from source_lines(self.trajectory, told, width)
+        if len(self.all_trajectories) > 1:
+            yield from (
+                f"  {trajectory_line(number, each, told)}"
+                for number, each in enumerate(self.all_trajectories, 1)
+            )
+        yield ""
+        yield from PreflightRenderer(palette, width, told).lines(self.preflight)
+
+    def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
+        """Make the plan for the player.
+
+        Args:
+            target: the controller.
+            robot: its name.
+            armed: the user knows that a robot will move.
+            record: of all that is said, a new capture.
+        """
+        wish, trajectory = self.settings, self.trajectory
+        return PlayPlan(
+            target=target,
+            robot=robot,
+            kind=trajectory.kind,
+            mode=wish.mode,
+            period=round(wish.interval * 1e6),
+            points=list(map(tuple, trajectory.points.tolist())),
+            rounds=wish.rounds,
+            armed=armed,
+            limits=wish.limits,
+            record=str(record),
+        )
+
+
+def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
+    """Read the file, bring it to the pace, and check it. Takes its time.
+
+    Args:
+        settings: what is to be played.
+        type_name: of the robot; empty where it is not known.
+
+    Raises:
+        TrajectoryError: there is nothing to play.
+        ValueError: the limits make no sense.
+    """
+    found = read_trajectories(settings.path)
+    if not 1 <= settings.index <= len(found):
+        raise TrajectoryError(f"there are {len(found)} trajectories, and none has number {settings.index}")
+    trajectory = found[settings.index - 1]
+    if settings.always_resample or settings.speed != 1:
+        trajectory = resample(trajectory, settings.interval / 1000, speed=settings.speed)
+    limits = with_limits(limits_for_arm(type_name), settings.limits)
+    preflight = run_preflight(trajectory, settings.interval / 1000, limits, loop=settings.rounds != 1)
+    return PreparedTrajectory(settings, found, trajectory, preflight)

@@ -1,0 +1,180 @@
+"""Saved requests: a small YAML file each, which a team can keep in git.
+
+    function: Robot_Execute
+    arguments:
+    - slvChangeMode
+    - i4:2
+    note: slave mode with joints
+
+The handle is left out: a request goes to whatever object of its class is chosen when it is made.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import platformdirs
+
+from bcapscope.errors import BcapError
+from bcapscope.faults.document import read_document
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant_notation import parse_variant_as
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
+from bcapscope.render.notation_text import typed_text
+from bcapscope.tui.controller_access.history_record import error_text
+from bcapscope.tui.words import say, told
+
+MAX_FILE_SIZE = 100_000
+"""Bytes of a file; a request of b-CAP that people write by hand is far smaller."""
+
+_UNSAFE = re.compile(r"[^\w .-]+")
+_SUFFIX = ".yaml"
+
+
+class SavedRequestError(BcapError):
+    """A file holds no request, or cannot be read or written."""
+
+
+class _RequestFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    function: str
+    arguments: list[str | int | float | bool] = []
+    note: str = ""
+
+
+class SavedRequest(NamedTuple):
+    """A request without its handle.
+
+    Attributes:
+        name: of the file, without its ending.
+        function: to call.
+        values: its arguments; the handle is not among them.
+        note: what it is for.
+    """
+
+    name: str
+    function: Function
+    values: tuple[Variant, ...]
+    note: str = ""
+
+
+def default_requests_folder() -> Path:
+    """Say where requests are kept on this platform unless another folder is chosen."""
+    return platformdirs.user_data_path("bcapscope", appauthor=False) / "requests"
+
+
+def takes_handle(function: Function) -> bool:
+    """Tell whether the first argument of a function is a handle."""
+    return bool(function.params) and function.params[0].name.startswith("h")
+
+
+def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
+    """List the requests in a folder by name, each as it is or why it cannot be read."""
+    try:
+        paths = sorted(folder.glob(f"*{_SUFFIX}"))
+    except OSError:
+        return []
+    return [(path.stem, _load_or_reason(path)) for path in paths]
+
+
+def _load_or_reason(path: Path) -> SavedRequest | str:
+    try:
+        return load_request(path)
+    except SavedRequestError as error:
+        return str(error)
+
+
+def load_request(path: Path) -> SavedRequest:
+    """Read one file.
+
+    Raises:
+        SavedError: there is none, or it holds no request; with the field that makes no sense.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_FILE_SIZE + 1)
+        if len(content) > MAX_FILE_SIZE:
+            raise SavedRequestError(say("desk.saved.large", name=path.name, most=MAX_FILE_SIZE))
+        found = read_document(content.decode("utf-8"), _RequestFile)
+    except OSError as error:
+        raise SavedRequestError(f"{path.name}: {error_text(error)}") from None
+    except ValueError as error:  # no UTF-8, or a `DocumentError`
+        raise SavedRequestError(f"{path.name}: {told(' '.join(str(error).split()))}") from None
+    function = function_by_name(found.function)
+    if function is None:
+        raise SavedRequestError(say("desk.saved.function", name=path.name, function=repr(found.function)))
+    params = function.params[1:] if takes_handle(function) else function.params
+    if len(params) != len(found.arguments):
+        names = ", ".join(param.name for param in params) or say("desk.saved.none")
+        count = len(found.arguments)
+        raise SavedRequestError(say("desk.saved.count", name=path.name, count=count, names=names))
+    values = tuple(_parse_argument(path, *each) for each in zip(params, found.arguments, strict=True))
+    return SavedRequest(path.stem, function, values, found.note)
+
+
+def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -> Variant:
+    text = str(given).lower() if isinstance(given, bool) else str(given)
+    try:
+        return parse_variant_as(text, (param.type,))
+    except ValueError as error:
+        raise SavedRequestError(f"{path.name}: {param.name}: {told(str(error))}") from None
+
+
+def save_request(
+    folder: Path, name: str, function_id: int, arguments: Sequence[Variant], note: str = ""
+) -> Path:
+    """Write a request, whole or not at all; return its file.
+
+    Args:
+        folder: made where it does not exist.
+        name: by which people find it; becomes the file's.
+        function_id: what is called.
+        arguments: all of them, the handle first where there is one.
+        note: what it is for.
+
+    Raises:
+        SavedError: the request has no notation, the name is empty, or there is no room or no right.
+    """
+    function = FUNCTIONS.get(function_id)
+    if function is None or len(function.params) != len(arguments):
+        raise SavedRequestError(say("desk.saved.unknown"))
+    skipped = 1 if takes_handle(function) else 0
+    pairs = list(zip(function.params, arguments, strict=True))[skipped:]
+    texts = [_argument_text(param, argument) for param, argument in pairs]
+    if None in texts:
+        raise SavedRequestError(say("desk.saved.nested"))
+    stem = _UNSAFE.sub("_", name).strip(" .")[:80]
+    if not stem:
+        raise SavedRequestError(say("desk.saved.name"))
+    try:
+        content = msgspec.yaml.encode(_RequestFile(function.name, [text or "" for text in texts], note))
+    except UnicodeEncodeError:  # a lone surrogate
+        raise SavedRequestError(say("desk.saved.half")) from None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return _write_atomically(folder / f"{stem}{_SUFFIX}", content)
+    except OSError as error:
+        raise SavedRequestError(f"{folder}: {error_text(error)}") from None
+
+
+def _write_atomically(path: Path, content: bytes) -> Path:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return path
+
+
+def _argument_text(param: Param, argument: Variant) -> str | None:
+    if param.type == "VT_BSTR" and argument.vt == VT.BSTR and isinstance(argument.value, str):
+        return argument.value
+    return typed_text(argument)

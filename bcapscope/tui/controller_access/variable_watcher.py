@@ -1,0 +1,80 @@
+"""Reads the watched variables, one after the other, as long as there are any."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+from bcapscope.errors import BcapError
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.tui.controller_access.controller_session import ControllerSession
+from bcapscope.tui.controller_access.history_record import Initiator, RecordOutcome, error_text, failure_text
+from bcapscope.tui.controller_access.session_updates import WatchUpdate
+from bcapscope.tui.controller_access.watched_variable import WatchedVariable
+from bcapscope.tui.words import say
+
+READ_INTERVAL = 0.5
+"""Seconds from one reading to the next."""
+
+
+class VariableWatcher:
+    """Watches variables of one desk.
+
+    Attributes:
+        variables: what is read, in the order in which it was added; the desk's thread changes it.
+    """
+
+    def __init__(self, session: ControllerSession, interval: float = READ_INTERVAL) -> None:
+        """Watch nothing yet."""
+        self._session = session
+        self._interval = interval
+        self._task: asyncio.Task[None] | None = None
+        self.variables: list[WatchedVariable] = []
+
+    async def add(self, variable: ObjectHandle) -> None:
+        """Watch a variable, too."""
+        if all(each.handle != variable.handle for each in self.variables):
+            parent = variable.parent
+            label = f"{parent.label}.{variable.label}" if parent and parent.parent else variable.label
+            self.variables.append(WatchedVariable(label, variable.handle))
+        if self._task is None or self._task.done():
+            self._task = asyncio.get_running_loop().create_task(self._run(), name="watch")
+
+    async def remove(self, handle: int) -> None:
+        """Watch a variable no more."""
+        self.variables[:] = [each for each in self.variables if each.handle != handle]
+        self._session.report(WatchUpdate())
+
+    async def reset(self) -> None:
+        """Forget extremes and courses."""
+        for each in self.variables:
+            each.reset_extremes()
+        self._session.report(WatchUpdate())
+
+    async def _run(self) -> None:
+        while self.variables and self._session.status.is_connected:
+            for each in tuple(self.variables):
+                await self._read_variable(each)
+            self._session.report(WatchUpdate())
+            await asyncio.sleep(self._interval)
+        self.variables.clear()
+        self._session.report(WatchUpdate())
+
+    async def _read_variable(self, variable: WatchedVariable) -> None:
+        """Read one; in slave mode none, as other calls than set points may end it."""
+        if self._session.polling_paused:
+            variable.set_problem(say("desk.resting"))
+            return
+        try:
+            record = await self._session.invoke(
+                "Variable_GetValue", Variant(VT.I4, variable.handle), initiator=Initiator.WATCH
+            )
+        except (BcapError, OSError) as error:
+            variable.set_problem(error_text(error))
+            return
+        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
+            arguments = record.reply.arguments
+            variable.add_reading(arguments[0].variant if arguments else EMPTY, time.monotonic_ns())
+        else:
+            variable.set_problem(failure_text(record))

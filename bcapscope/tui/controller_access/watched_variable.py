@@ -1,0 +1,104 @@
+"""Variables that are read again and again: the latest value, its rate of change, extremes, recent course."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
+from bcapscope.render.sparkline import sparkline
+
+MAX_READINGS = 120
+"""Readings that the course shows at most."""
+
+_SECOND = 1_000_000_000
+_FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
+
+
+@dataclass(slots=True)
+class WatchSeries:
+    """One number of a variable over time: the variable itself, or an element of an array.
+
+    Attributes:
+        minimum: since the beginning, or since `reset`.
+        maximum: likewise.
+    """
+
+    readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
+    minimum: float | None = None
+    maximum: float | None = None
+
+    def add(self, time: int, value: float) -> None:
+        """Take a reading; times are ns of one clock."""
+        self.readings.append((time, value))
+        self.minimum = value if self.minimum is None else min(self.minimum, value)
+        self.maximum = value if self.maximum is None else max(self.maximum, value)
+
+    @property
+    def last(self) -> float | None:
+        """The newest reading."""
+        return self.readings[-1][1] if self.readings else None
+
+    @property
+    def rate(self) -> float | None:
+        """Change a second between the last two readings; None where there are not two."""
+        if len(self.readings) < 2:
+            return None
+        (before, was), (now, value) = self.readings[-2], self.readings[-1]
+        return (value - was) * _SECOND / (now - before) if now > before else None
+
+    def sparkline_text(self, width: int) -> str:
+        """Draw the last readings, one character each."""
+        return sparkline([value for _, value in self.readings][-width:])
+
+
+@dataclass(slots=True)
+class WatchedVariable:
+    """A variable that is watched.
+
+    Attributes:
+        label: as the user knows it, such as `Gundam.@CURRENT_ANGLE`.
+        handle: of the variable.
+        value: read last; None before the first time.
+        problem: why it could not be read the last time; else empty.
+        series: a `WatchSeries` for each number in it; empty for text.
+    """
+
+    label: str
+    handle: int
+    value: Variant | None = None
+    problem: str = ""
+    series: list[WatchSeries] = field(default_factory=list)
+
+    @property
+    def decimals(self) -> int:
+        """Places behind the point of its numbers, five as b-CAP Tester has them; none of whole ones."""
+        return 5 if self.value is not None and self.value.vt & ~ARRAY in _FRACTIONAL_TYPES else 0
+
+    def add_reading(self, value: Variant, time: int) -> None:
+        """Take a reading."""
+        self.value, self.problem = value, ""
+        numbers = _numbers(value)
+        if len(numbers) != len(self.series):
+            self.series = [WatchSeries() for _ in numbers]
+        for series, number in zip(self.series, numbers, strict=True):
+            series.add(time, number)
+
+    def set_problem(self, reason: str) -> None:
+        """Take notice that it could not be read."""
+        self.problem = reason
+
+    def reset_extremes(self) -> None:
+        """Forget extremes and course."""
+        self.series = [WatchSeries() for _ in self.series]
+
+
+def _numbers(variant: Variant) -> list[float]:
+    value = variant.value
+    if isinstance(value, bool | int | float):
+        return [float(value)]
+    if isinstance(value, bytes):
+        return []
+    if isinstance(value, tuple) and all(isinstance(each, bool | int | float) for each in value):
+        return [float(each) for each in value if isinstance(each, bool | int | float)]
+    return []

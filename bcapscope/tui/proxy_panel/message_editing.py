@@ -1,0 +1,78 @@
+"""Editing a message that waits: values of arguments, or all of its bytes."""
+
+from __future__ import annotations
+
+import json
+import re
+
+from bcapscope.faults.fault import RewriteFault
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.faults.rewriter import Rewriter
+from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.render.notation_text import untyped_text
+from bcapscope.traffic.observation import Flow
+from bcapscope.tui.words import say
+
+_HEX = re.compile(r"[0-9A-Fa-f\s]+")
+_BARE = re.compile(r'[^\s"]+')
+
+
+def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
+    """Return what becomes of a message.
+
+    Args:
+        data: the message.
+        flow: who says it to whom.
+        text: all bytes in hex, or what follows ``rewrite`` in a fault: ``set arg[2]=0 serial 7``.
+
+    Raises:
+        ValueError: it makes no sense, or changes nothing; says why.
+    """
+    if not text.strip():
+        raise ValueError(say("proxy.edit.empty"))
+    if _HEX.fullmatch(text):
+        return _from_hex(text)
+    fault = read_fault(f"rewrite {text}")
+    if not isinstance(fault, RewriteFault):  # the line begins with its action
+        raise ValueError(say("proxy.edit.empty"))
+    rewriter = Rewriter(fault)
+    made = b"".join(
+        rewriter.rewrite(item, flow) if isinstance(item, Frame) else item.raw for item in parse_datagram(data)
+    )
+    if made == data:
+        raise ValueError(say("proxy.edit.same"))
+    return made
+
+
+def _from_hex(text: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise ValueError(say("proxy.edit.hex")) from None
+
+
+def proposed_edit(data: bytes, offset: int) -> str:
+    """Return what to type to leave the argument at an offset as it is, or the last one: to be changed.
+
+    "" where there is no argument that can be typed.
+    """
+    for item in parse_datagram(data)[:1]:
+        if isinstance(item, Frame) and not item.problems:
+            return _argument_edit(item, offset)
+    return ""
+
+
+def _argument_edit(frame: Frame, offset: int) -> str:
+    numbered = list(enumerate(frame.arguments))
+    here = [(index, each) for index, each in numbered if each.start <= offset < each.stop]
+    for index, argument in (*here, *reversed(numbered)):
+        text = untyped_text(argument.variant)
+        if text is not None:
+            return f"set arg[{index}]={_typeable_text(text)}"
+    return ""
+
+
+def _typeable_text(text: str) -> str:
+    """Write a text as one would type it; what is not plainly visible is escaped."""
+    is_plain = text.isprintable()
+    return text if is_plain and _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=not is_plain)

@@ -1,0 +1,207 @@
+"""The lists of a proxy's screen: clients, rules, messages that wait, what the proxy told."""
+
+from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+from rich.cells import cell_len
+
+from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatus
+from bcapscope.render.escape import printable
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say
+
+_SILENT_AFTER = 1.0
+"""Seconds without an answer to the last request after which that is said."""
+
+_MAX_MESSAGES = 5000
+
+T = TypeVar("T", ClientStatus, FaultStatus, HeldStatus)
+
+
+class ItemList(Lines, Generic[T]):
+    """Shows items that are told anew from time to time; the cursor stays on the same one."""
+
+    EMPTY = ""
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.items: list[T] = []
+
+    def key_of(self, item: T) -> object:
+        """Return what an item is known by."""
+        raise NotImplementedError
+
+    def item_line(self, item: T) -> str:
+        """Return the line of an item."""
+        raise NotImplementedError
+
+    def show(self, items: list[T]) -> None:
+        """Show these items."""
+        if items == self.items:
+            return
+        here = self.current_item
+        names = [self.key_of(item) for item in items]
+        same = names == [self.key_of(item) for item in self.items]
+        self.items = items
+        if same and items:
+            self.repaint()
+            return
+        at = self.cursor
+        if here is not None and self.key_of(here) in names:
+            at = names.index(self.key_of(here))
+        self.reset_lines(at)
+
+    @property
+    def current_item(self) -> T | None:
+        """The item under the cursor."""
+        return self.items[self.cursor] if self.cursor < len(self.items) else None
+
+    @property
+    def count(self) -> int:
+        """How many lines there are; one says that there are no items."""
+        return max(len(self.items), 1)
+
+    def line(self, index: int) -> str:
+        """Write a line."""
+        if index < len(self.items):
+            return self.item_line(self.items[index])
+        return f"{INK.dim} {say(self.EMPTY)}{INK.reset}"
+
+
+class ClientList(ItemList[ClientStatus]):
+    """Shows who is there."""
+
+    EMPTY = "proxy.empty.clients"
+
+    def key_of(self, item: ClientStatus) -> object:
+        """Return the number."""
+        return item.number
+
+    def header(self) -> str:
+        """Return what stands above the columns."""
+        return (
+            f" {_left_aligned(say('proxy.head.client'), 21)} {_left_aligned(say('proxy.head.transport'), 4)}"
+            f" {_right_aligned(say('proxy.head.since'), 7)} {_right_aligned(say('proxy.head.up'), 8)}"
+            f" {_right_aligned(say('proxy.head.down'), 8)} {_right_aligned(say('proxy.head.heard'), 8)}"
+            f"  {say('proxy.head.upstream')}"
+        )
+
+    def item_line(self, item: ClientStatus) -> str:
+        """Write a client."""
+        heard = "" if item.heard_s is None else f"{item.heard_s:.1f} s"
+        text = f"{item.client:<21} {item.transport:<4} {_duration_text(item.since_s):>7} {item.up:>8,} {item.down:>8,}"
+        return f" {printable(text)} {heard:>8}  {_upstream_text(item)}"
+
+
+def _upstream_text(client: ClientStatus) -> str:
+    """Say how the controller does, as this client sees it."""
+    heard, answered = client.heard_s, client.answered_s
+    if client.upstream in ("refused", "connecting"):
+        return f"{INK.bad}{say(f'proxy.upstream.{client.upstream}')}{INK.reset}"
+    if answered is None:
+        key = "proxy.upstream.unanswered" if client.up else "proxy.upstream.open"
+        return f"{INK.bad if client.up else INK.dim}{say(key)}{INK.reset}"
+    if heard is not None and answered - heard > _SILENT_AFTER:
+        return f"{INK.bad}{say('proxy.upstream.silent', seconds=f'{answered:.0f}')}{INK.reset}"
+    return f"{INK.good}{say('proxy.upstream.answers')}{INK.reset}"
+
+
+class RuleList(ItemList[FaultStatus]):
+    """Shows the faults and whether they are on."""
+
+    EMPTY = "proxy.empty.rules"
+
+    def key_of(self, item: FaultStatus) -> object:
+        """Return the name."""
+        return item.name
+
+    def header(self) -> str:
+        """Return what stands above the columns."""
+        name, struck = _left_aligned(say("proxy.head.rule"), 16), _right_aligned(say("proxy.head.struck"), 8)
+        return f"       {name} {struck}  {say('proxy.head.what')}"
+
+    def item_line(self, item: FaultStatus) -> str:
+        """Write a fault."""
+        state = f"{INK.good}●{INK.reset}" if item.on else f"{INK.dim}○{INK.reset}"
+        word = _left_aligned(say("proxy.on" if item.on else "proxy.off"), 4)
+        struck = f"{INK.number}{item.struck:>8,}{INK.reset}"
+        name = _left_aligned(printable(item.name), 16)
+        return f" {state} {word}{INK.name}{name}{INK.reset} {struck}  {printable(item.rule)}"
+
+
+class HeldList(ItemList[HeldStatus]):
+    """Shows the messages that wait."""
+
+    EMPTY = "proxy.empty.held"
+
+    def key_of(self, item: HeldStatus) -> object:
+        """Return the number."""
+        return item.number
+
+    def header(self) -> str:
+        """Return what stands above the columns."""
+        return (
+            f" {_right_aligned('#', 4)} {_left_aligned(say('proxy.head.client'), 21)} {_left_aligned('', 8)}"
+            f" {_right_aligned(say('proxy.head.left'), 7)}  {say('proxy.head.message')}"
+        )
+
+    def item_line(self, item: HeldStatus) -> str:
+        """Write a message."""
+        what = " ".join(filter(None, (item.function, item.command)))
+        left = f"{item.left_s:.0f} s"
+        text = f"{item.number:>4} {item.client:<21} {item.direction:<8} {left:>7}"
+        return f" {printable(text)}  {INK.name}{printable(what)}{INK.reset}"
+
+
+class ProxyLog(Lines):
+    """Shows what the proxy said, the last of it in sight."""
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._messages: list[str] = []
+
+    def add_message(self, text: str) -> None:
+        """Show one more line."""
+        if len(self._messages) < _MAX_MESSAGES:
+            self._messages.append(printable(text))
+            if self.message_count == 1:
+                self.reset_lines()
+            else:
+                self.lines_added()
+
+    @property
+    def follows_end(self) -> bool:
+        """A cursor on the last line goes along."""
+        return True
+
+    @property
+    def message_count(self) -> int:
+        """How many there are."""
+        return len(self._messages)
+
+    @property
+    def count(self) -> int:
+        """How many lines are shown; one says that there are none."""
+        return max(len(self._messages), 1)
+
+    def line(self, index: int) -> str:
+        """Return a line."""
+        if index < len(self._messages):
+            return f" {self._messages[index]}"
+        return f"{INK.dim} {say('proxy.empty.told')}{INK.reset}"
+
+
+def _left_aligned(text: str, width: int) -> str:
+    return text + " " * (width - cell_len(text))
+
+
+def _right_aligned(text: str, width: int) -> str:
+    return " " * (width - cell_len(text)) + text
+
+
+def _duration_text(seconds: float) -> str:
+    """Write a length of time in few characters."""
+    whole = round(seconds)
+    return f"{whole // 60}:{whole % 60:02}" if whole < 3600 else f"{whole // 3600}h{whole // 60 % 60:02}"

@@ -1,0 +1,69 @@
+"""What is said above the lists of a proxy's screen: how long it holds what passes, and what was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bcapscope.proxy.control_answers import ProxyStats, RelayDelays
+from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS
+from bcapscope.render.escape import printable
+from bcapscope.tui.ink import INK
+from bcapscope.tui.words import say
+
+
+def summary_lines(figures: ProxyStats) -> list[str]:
+    """Write at most five lines; with marks of `INK`."""
+    held = figures.held_up_ns
+    passed, wrong = list(_traffic_counts(figures)), list(_problem_counts(figures))
+    counts = (
+        [passed, wrong] if len(passed) > 1 else [passed + wrong]
+    )  # narrow terminals have room for it then
+    lines = [
+        _delay_line("proxy.held.up", (held.p50_up, held.p99_up, held.p999_up, held.most_up)),
+        _delay_line("proxy.held.down", (held.p50_down, held.p99_down, held.p999_down, held.most_down)),
+        *(f" {' · '.join(each)}" for each in counts),
+    ]
+    return lines + ([_slow_warning(held)] if held.slow else [])
+
+
+def _delay_line(key: str, times: tuple[int, int, int, int]) -> str:
+    p50, p99, p999, most = (f"{INK.number}{time / 1000:,.0f}{INK.reset}" for time in times)
+    return f" {say(key)}  p50 {p50}  p99 {p99}  p99.9 {p999}  {say('proxy.most')} {most} µs"
+
+
+def _traffic_counts(figures: ProxyStats) -> Iterator[str]:
+    is_tcp = figures.bytes_up or figures.bytes_down
+    if figures.came_up or figures.came_down or not is_tcp:  # there is no room for what is not used
+        up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
+        yield say("proxy.datagrams", up=up, down=down)
+    if is_tcp:
+        yield say("proxy.tcp", up=f"{figures.bytes_up:,}", down=f"{figures.bytes_down:,}")
+
+
+def _problem_counts(figures: ProxyStats) -> Iterator[str]:
+    if figures.are_scripts_off:
+        yield f"{INK.problem}{say('proxy.script.off')}{INK.reset}"
+    yield say("proxy.faults", count=f"{sum(figures.struck.values()):,}")
+    if figures.guard:
+        yield say("proxy.refused", count=f"{figures.refused:,}")
+    for key, count in (("lost", figures.lost + figures.full), ("denied", figures.denied)):
+        ink = INK.problem if count else ""
+        if count or key == "lost":
+            yield f"{ink}{say(f'proxy.{key}', count=f'{count:,}')}{INK.reset if ink else ''}"
+    if figures.unwatched:
+        yield f"{INK.problem}{say('proxy.unwatched', count=f'{figures.unwatched:,}')}{INK.reset}"
+
+
+def _slow_warning(held: RelayDelays) -> str:
+    worst = max(held.most_up, held.most_down) / 1e6
+    text = say(
+        "proxy.slow", count=f"{held.slow:,}", limit=SET_POINT_DEADLINE_NS // 1_000_000, worst=f"{worst:.1f}"
+    )
+    return f"{INK.problem} {text}{INK.reset}"
+
+
+def intercept_line(figures: ProxyStats) -> str:
+    """Say what is being held, harmless and with marks of `INK`."""
+    if figures.intercept is None:
+        return f"{INK.dim} {say('proxy.intercept.none')}{INK.reset}"
+    return f" {say('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"

@@ -1,0 +1,77 @@
+"""What every screen has: the bar above, the keys below, help, the list of commands, and a name."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.command import CommandPalette
+from textual.events import ScreenResume
+from textual.screen import Screen
+
+from bcapscope.tui.app import app_of
+from bcapscope.tui.screens.help_screen import HelpScreen
+from bcapscope.tui.screens.screen_commands import ScreenCommandProvider, all_commands
+from bcapscope.tui.widgets.key_bar import KeyBar
+from bcapscope.tui.widgets.plain_containers import PlainContainer
+from bcapscope.tui.widgets.top_bar import TopBar
+from bcapscope.tui.words import say
+
+
+class BaseScreen(Screen[None], PlainContainer):
+    """A screen that one can go to; its content is what `content` yields.
+
+    Attributes:
+        NAME: key of its name in the catalogue of words.
+        ABOUT: key of what is said of it under F1.
+    """
+
+    NAME: ClassVar[str]
+    ABOUT: ClassVar[str]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f1", "help", "shell.help", id="help", tooltip="shell.help.tip"),
+        Binding("ctrl+p", "palette", "shell.palette", id="palette", tooltip="shell.palette.tip"),
+        Binding("tab", "app.focus_next", "shell.next", id="next", show=False),
+        Binding("shift+tab", "app.focus_previous", "shell.previous", id="previous", show=False),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """Put the content, styled for this size at once, between the two bars."""
+        classes = self._get_breakpoint_classes(self.app.size.width, self.HORIZONTAL_BREAKPOINTS or [])
+        self.set_class(True, *classes, update=False)
+        yield TopBar()
+        yield from self.content()
+        yield KeyBar()
+
+    def on_mount(self) -> None:
+        """Once all is there, look no more for garbage in it: that would delay keys."""
+        self.call_after_refresh(gc.freeze)
+
+    def on_screen_resume(self, event: ScreenResume) -> None:
+        """Keep the styles: each widget had its own from the first, and a new theme is taken before this."""
+        event.refresh_styles = False
+
+    def content(self) -> ComposeResult:
+        """Yield the widgets of the screen."""
+        raise NotImplementedError
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Yield what the list of commands has beyond the keys: a name, an explanation, an action."""
+        yield from ()
+
+    async def action_palette(self) -> None:
+        """Open the list of commands."""
+        palette = CommandPalette(providers=[ScreenCommandProvider], placeholder=say("shell.palette.hint"))
+        await self.app.push_screen(palette)
+
+    async def action_help(self) -> None:
+        """Tell what this screen is, and all of its keys."""
+        keys = [
+            (command.key, command.name, command.tip)
+            for command in all_commands(self, app_of(self))
+            if command.key
+        ]
+        await self.app.push_screen(HelpScreen(say(self.NAME), say(self.ABOUT), keys))

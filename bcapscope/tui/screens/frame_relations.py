@@ -1,0 +1,146 @@
+"""What belongs to a frame, in words, as numbers and as a filter: for the screen that goes there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+
+from bcapscope.capture.observation_store import ObservationStore
+from bcapscope.protocol.number_parsing import parse_integer, parse_number
+from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+from bcapscope.render.call_text import milliseconds
+from bcapscope.render.escape import printable, quoted
+from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.filter.getters import AnnotatedFrame
+from bcapscope.tui.words import say
+from bcapscope.tui.words import told as spoken
+
+_SECONDS_PATTERN = re.compile(r"([0-9]+(?:\.[0-9]*)?)\s*s")
+_MAX_SECONDS = 1e9  # seconds after the start, 30 years
+_MAX_FRAMES_IN_FILTER = 64
+
+
+def call_frames(settled: PairingResult | None) -> frozenset[int]:
+    """Number the frames of a call."""
+    if not isinstance(settled, Call):
+        return frozenset()
+    return frozenset(event.observation.number for event in settled.frames)
+
+
+def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note: str | None) -> str:
+    """Say in one line what a frame is."""
+    number = frame.observation.number
+    parts = []
+    if isinstance(settled, Call):
+        role = next((event.role for event in settled.frames if event.observation.number == number), "")
+        parts.append(say("traffic.about.request", number=number, role=spoken(role), call=settled.number))
+        reply, time = settled.reply, settled.latency
+        if reply is None or time is None:
+            parts.append(say(f"traffic.about.{settled.outcome}"))
+        elif reply.number != number:
+            parts.append(say("traffic.about.answered", frame=reply.number, time=milliseconds(time)))
+    elif settled is not None:
+        parts.append(say("traffic.about.stray", number=number))
+    else:
+        parts.append(say("traffic.about.frame", number=number))
+    if frame.observation.packet and frame.observation.packet != number:
+        parts.append(say("traffic.about.packet", packet=frame.observation.packet))
+    flow = frame.observation.flow
+    parts.append(printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport}"))
+    parts += [f"# {printable(spoken(comment))}" for comment in frame.comments]
+    parts += [f"# {printable(note)}"] if note else []
+    return " " + " · ".join(parts)
+
+
+def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
+    """Find the reply to a request, or the request of a reply; or the key of why there is none."""
+    if not isinstance(settled, Call):
+        return None, "traffic.no_call" if settled is None else "traffic.no_request"
+    asked = [seen.number for seen in settled.attempts]
+    if number in asked:
+        return (None, "traffic.no_partner") if settled.reply is None else (settled.reply.number, "")
+    before = [each for each in asked if each < number]
+    return (before or asked)[-1], ""
+
+
+def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult | None) -> str | None:
+    """Write the filter for all that has to do with a frame; None where there is nothing.
+
+    Args:
+        relation: client, handle, chain or kind.
+        frame: the frame.
+        settled: its call.
+    """
+    client = f"client == {frame.observation.flow.conversation.client}"
+    if relation == "client":
+        return client
+    if relation == "chain":
+        frames = sorted(call_frames(settled))[:_MAX_FRAMES_IN_FILTER]
+        return f"frame in ({', '.join(map(str, frames))})" if frames else None
+    if relation == "kind":
+        return _kind_filter(frame)
+    handle = _handle_of(settled)
+    return None if handle is None else f"{client} and arg[0] == {handle}"
+
+
+def _kind_filter(frame: AnnotatedFrame) -> str | None:
+    question = frame.call_kind
+    if question is None:
+        return None
+    text = f"function_id == {question.function_id}"
+    if question.function_id in FUNCTIONS:
+        text = f"function == {function_name(question.function_id)}"
+    return text if question.command is None else f"{text} and command == {quoted(question.command)}"
+
+
+def _handle_of(settled: PairingResult | None) -> int | None:
+    if not isinstance(settled, Call):
+        return None
+    function = FUNCTIONS.get(settled.kind.function_id)
+    arguments = settled.request.item.arguments
+    if (
+        function is None
+        or not arguments
+        or not function.params
+        or not function.params[0].name.startswith("h")
+    ):
+        return None
+    value = arguments[0].variant.value
+    return value if type(value) is int else None
+
+
+def find_frame(text: str, journal: ObservationStore) -> int | None:
+    """Find the frame with a number, or the first from so many seconds after the start on, as in ``12.5s``.
+
+    Returns:
+        Its number, the last one's where the journal ends before; None where the text is neither.
+    """
+    text = text.strip()
+    number = parse_integer(text, 0, 1 << 63)
+    if number is not None:
+        return max(1, min(number, len(journal)))
+    moment = _SECONDS_PATTERN.fullmatch(text)
+    seconds = parse_number(moment[1], 0, _MAX_SECONDS) if moment else None
+    if seconds is None:
+        return None
+    aim = journal.time_of(1) + round(seconds * 1e9)
+    low, high = 1, len(journal)
+    while low < high:
+        middle = (low + high) // 2
+        if journal.time_of(middle) < aim:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
+    """Put notes on frames on the packets that completed these; several on one packet are joined."""
+    notes: dict[int, str] = {}
+    for number, note in sorted(marks.items()):
+        seen = read_frame(number).observation
+        if not seen.packet:
+            continue
+        before = notes.get(seen.packet, "")
+        notes[seen.packet] = f"{before}; {note}" if before and note else before or note
+    return notes

@@ -1,0 +1,52 @@
+"""How far reading and searching have come, in the few words that a bar has room for."""
+
+from __future__ import annotations
+
+from bcapscope.render.escape import printable
+from bcapscope.tui.traffic_processes.process_messages import ReadProgress
+from bcapscope.tui.words import say
+
+_BAR = 12
+
+
+def progress_texts(
+    progress: ReadProgress, source_problem: str, searched: int | None, title: str
+) -> tuple[str, ...]:
+    """Say how reading and searching go, the longest way first.
+
+    Args:
+        progress: what the process that reads told last.
+        source_problem: why nothing more may come although it would be read; "" where it may.
+        searched: percent of what is there that was searched; None while nothing is left to be searched.
+        title: of what is read.
+    """
+    long, short = [], []
+    if searched is not None:
+        long.append(say("traffic.searching", percent=searched))
+        short.append(f"/{searched}%")
+    if progress.lost:
+        long.append(say("traffic.lost", count=progress.lost))
+    if source_problem:
+        long.append(f"○ {printable(source_problem)}")
+        short.append(f"○ {say('traffic.ended')}")
+    elif not progress.ended and progress.size:
+        percent = 100 * progress.position // progress.size
+        long.append(f"{say('traffic.reading')} {_progress_bar(percent)} {percent:>3} %")
+        short.append(f"{percent}%")
+    elif not progress.ended:
+        long.append(f"● {say('traffic.live')}")
+        short.append("●")
+    return "  ".join((*long, printable(title))), "  ".join(long), " ".join(short)
+
+
+def count_text(number: int, brief: bool) -> str:
+    """Write a count, in a narrow place rounded down to three digits."""
+    if not brief or number < 10_000:
+        return f"{number:,}"
+    return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"
+
+
+def _progress_bar(percent: int) -> str:
+    """Draw how far reading has come."""
+    full = _BAR * percent // 100
+    return f"{'━' * full}{'╌' * (_BAR - full)}"

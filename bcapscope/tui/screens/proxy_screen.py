@@ -1,0 +1,399 @@
+"""Proxy: who is there, faults on and off, messages held and changed, how long it holds what passes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.events import Resize
+from textual.widgets import Static
+
+from bcapscope.errors import BcapError
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.live.child_process import ChildProcess
+from bcapscope.protocol.codec.frame import parse_datagram
+from bcapscope.proxy.control_answers import ControlAnswer, HeldStatus
+from bcapscope.proxy.control_client import ControlRefused
+from bcapscope.render.escape import printable
+from bcapscope.traffic.observation import Observation
+from bcapscope.tui.app import app_of
+from bcapscope.tui.ink import INK
+from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
+from bcapscope.tui.proxy_panel.proxy_events import OrderDone, ProxyOutput, ProxyStateRead
+from bcapscope.tui.proxy_panel.proxy_lists import ClientList, HeldList, ProxyLog, RuleList
+from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+from bcapscope.tui.proxy_panel.proxy_summary import intercept_line, summary_lines
+from bcapscope.tui.proxy_panel.shared_control_client import SharedControlClient
+from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+from bcapscope.tui.widgets.checked_input import CheckedInput
+from bcapscope.tui.widgets.field_tree import FieldTree
+from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.packet_view import PacketView
+from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
+from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.words import say, told
+
+POLL_INTERVAL = 0.5
+"""Seconds between two questions how the proxy stands."""
+
+_RULE_ACTIONS = frozenset({"switch", "remove"})
+_HELD_ACTIONS = frozenset({"forward", "drop", "edit", "bytes"})
+
+
+class ProxyScreen(ViewsScreen):
+    """Shows a proxy and tells it what to do."""
+
+    NAME = "proxy"
+    ABOUT = "proxy.about"
+    AUTO_FOCUS = "#clients"
+    VIEWS: ClassVar[Mapping[str, str]] = {
+        "clients": "proxy.clients",
+        "rules": "proxy.rules",
+        "held": "proxy.held",
+        "told": "proxy.told",
+    }
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *view_keys(VIEWS, "proxy.view.tip"),
+        Binding("space", "switch", "proxy.switch", id="proxy.switch", tooltip="proxy.switch.tip"),
+        Binding("a", "add", "proxy.add", id="proxy.add", tooltip="proxy.add.tip"),
+        Binding("d", "remove", "proxy.remove", id="proxy.remove", tooltip="proxy.remove.tip"),
+        Binding("f", "forward", "proxy.forward", id="proxy.forward", tooltip="proxy.forward.tip"),
+        Binding("e", "edit", "proxy.edit", id="proxy.edit", tooltip="proxy.edit.tip"),
+        Binding("b", "bytes", "proxy.bytes", id="proxy.bytes", tooltip="proxy.bytes.tip"),
+        Binding("x", "drop", "proxy.drop", id="proxy.drop", tooltip="proxy.drop.tip"),
+        Binding("i", "intercept", "proxy.intercept", id="proxy.intercept", tooltip="proxy.intercept.tip"),
+        Binding("escape", "back", "proxy.back", id="proxy.back", show=False, tooltip="proxy.back.tip"),
+    ]
+
+    def __init__(
+        self,
+        address: str,
+        route: str,
+        feed: TrafficFeed | None = None,
+        child: ChildProcess | None = None,
+        note: str = "",
+    ) -> None:
+        """Take the proxy.
+
+        Args:
+            address: of its control socket.
+            route: where it listens and where that leads, for people.
+            feed: what passes, where that is shown: it is told when nothing more will.
+            child: the proxy itself, where the screen has started it.
+            note: what is to be said at first; "" for nothing.
+        """
+        super().__init__()
+        self._control_client = SharedControlClient(address)
+        self.route = route
+        self._feed = feed
+        self._child = child
+        self._note = note
+        self._state: ProxyState | None = None
+        self._problem = ""
+        self._has_ended = False
+        self._summary_lines: list[str] = []
+        self._shown_message: int | None = None
+
+    def content(self) -> ComposeResult:
+        """Yield what is true of all of it, then the lists."""
+        yield InkedText(id="summary")
+        yield self.make_view_bar()
+        yield Static(id="head")
+        with Switcher(initial="clients", id="lists"):
+            yield ClientList(id="clients")
+            yield RuleList(id="rules")
+            yield HeldList(id="held")
+            yield ProxyLog(id="told")
+        yield CheckedInput("fault", read_fault, say("proxy.add.hint"))
+        with PlainVertical(id="message"):
+            yield InkedText(id="intercepts")
+            yield PacketView(id="packet")
+            yield CheckedInput("change", self._edited_bytes, say("proxy.edit.hint"))
+
+    def on_mount(self) -> None:
+        """Begin to ask."""
+        if self._child is not None:
+            self._child.subscribe_output(lambda text: self._post_output(text, False))
+            self._child.subscribe_end(lambda text: self._post_output(text, True))
+        app_of(self).add_closer(self._close)
+        if self._note:
+            app_of(self).show_message(self._note, "warning")
+        self.set_interval(POLL_INTERVAL, self._poll)
+        self.action_view("clients")
+        self._poll()
+
+    def _post_output(self, text: str, is_end: bool) -> None:
+        """Take what the proxy says in another thread."""
+        self.post_message(ProxyOutput(text, is_end))
+
+    async def _close(self) -> None:
+        self._control_client.close()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer what has to do with a rule or a message only where one is."""
+        if action in _RULE_ACTIONS:
+            return self.view == "rules" and self.rules.current_item is not None
+        if action in _HELD_ACTIONS:
+            return self.view == "held" and self.held.current_item is not None
+        return True
+
+    # asking and telling
+
+    @work(thread=True, group="poll", exclusive=True)
+    def _poll(self) -> None:
+        """Ask how the proxy stands."""
+        if not self._has_ended:
+            self.post_message(self._read_state())
+
+    def _read_state(self) -> ProxyStateRead:
+        """Ask; in a thread, as it may wait."""
+        try:
+            return ProxyStateRead(self._control_client.read_state())
+        except BcapError as error:
+            return ProxyStateRead(None, str(error))
+
+    @work(thread=True, group="order")
+    def _send_order(self, order: Mapping[str, object], done: Callable[[ControlAnswer], None]) -> None:
+        """Have the proxy do something; `done` is called when it has."""
+        try:
+            self.post_message(OrderDone(partial(done, self._control_client.send_order(order))))
+        except ControlRefused as error:
+            text = say("proxy.refusal", reason=printable(told(str(error))))
+            self.post_message(OrderDone(partial(app_of(self).show_message, text, "error")))
+        except BcapError as error:
+            self.post_message(ProxyStateRead(None, str(error)))
+        self.post_message(self._read_state())
+
+    def on_order_done(self, message: OrderDone) -> None:
+        """Do what is next."""
+        message.stop()
+        message.callback()
+
+    def on_proxy_state_read(self, message: ProxyStateRead) -> None:
+        """Show how the proxy stands."""
+        message.stop()
+        if self._has_ended:
+            return
+        if message.state is None:
+            if not self._problem:
+                text = say("proxy.gone", reason=printable(told(message.problem)))
+                app_of(self).show_message(text, "error")
+                self._report_source_problem(text)
+            self._problem = message.problem
+        else:
+            if self._problem:
+                self._report_source_problem("")
+            self._problem = ""
+            self._state = message.state
+            self.clients.show(message.state.clients)
+            self.rules.show(message.state.rules)
+            self.held.show(message.state.held)
+        self.show_state()
+
+    def _report_source_problem(self, reason: str) -> None:
+        """Let whoever looks at what passes know why nothing more may."""
+        if self._feed is not None:
+            self._feed.report_source_problem(reason)
+
+    def on_proxy_output(self, message: ProxyOutput) -> None:
+        """Show what the proxy said."""
+        message.stop()
+        if message.is_end:
+            reason = printable(told(message.text)) or say("proxy.no_words")
+            self._has_ended = True
+            self._problem = say("proxy.ended", reason=reason)
+            app_of(self).show_message(self._problem, "error")
+            self._report_source_problem(self._problem)
+            if self._feed is not None:
+                self._feed.stop_reading()
+        else:
+            self.query_one(ProxyLog).add_message(told(message.text))
+        self.show_state()
+
+    # what is shown
+
+    @property
+    def clients(self) -> ClientList:
+        """The list of clients."""
+        return self.query_one(ClientList)
+
+    @property
+    def rules(self) -> RuleList:
+        """The list of faults."""
+        return self.query_one(RuleList)
+
+    @property
+    def held(self) -> HeldList:
+        """The list of messages that wait."""
+        return self.query_one(HeldList)
+
+    def show_state(self) -> None:
+        """Show how the proxy stands, and the message under the cursor."""
+        app, standing = app_of(self), self._state
+        key, ink = ("proxy.not_here", "bad") if self._problem else ("proxy.here", "good")
+        waiting = (
+            ""
+            if standing is None or not standing.held or self._has_ended
+            else f" · {say('proxy.waiting', count=len(standing.held))}"
+        )
+        app.status = ((f"{say(key, way=printable(self.route))}{waiting} ", ink),)
+        counts = {"told": f"{self.query_one(ProxyLog).message_count or ''}"}
+        lines = [] if standing is None else summary_lines(standing.figures)
+        if self._problem:
+            lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
+        if standing is not None:
+            counts |= {
+                "clients": f"{len(standing.clients) or ''}",
+                "rules": f"{len(standing.rules) or ''}",
+                "held": f"{len(standing.held) or ''}",
+            }
+            self.query_one("#intercepts", InkedText).show_text(intercept_line(standing.figures))
+        if lines != self._summary_lines:  # its height may be another, which is to lay out the screen anew
+            self._summary_lines = lines
+            self.query_one("#summary", InkedText).show_text("\n".join(lines))
+        self.query_one(ViewBar).show_counts(self.view, counts, ())
+        self._show_message()
+        self.refresh_bindings()
+
+    def _show_message(self) -> None:
+        """Show the message under the cursor, if it is another one than before."""
+        held = self.held.current_item
+        number = None if held is None else held.number
+        if number != self._shown_message:
+            self._shown_message = number
+            self._change_line.set_text("")
+            self._show_bytes(held, b"" if held is None else held.data)
+
+    def _show_bytes(self, held: HeldStatus | None, data: bytes) -> None:
+        """Show a message as it is or as it would be; the first of its frames."""
+        items = parse_datagram(data) if held is not None else ()
+        if held is None or not items:
+            self.query_one(PacketView).show_packet(None)
+            return
+        seen = Observation(held.number, 0, 0, held.flow, items[0], 0)
+        self.query_one(PacketView).show_packet(seen, held.call_kind)
+
+    def on_resize(self, event: Resize) -> None:
+        """Give the message what the list can spare."""
+        self.query_one("#message").styles.height = max(9, min(30, event.size.height // 2))
+
+    @on(Lines.Moved)
+    def _cursor_moved(self, message: Lines.Moved) -> None:
+        if message.lines is self.held:
+            self._show_message()
+
+    def show_view(self) -> None:
+        """Show what is above the columns, and below them what belongs to them."""
+        self.query_one("#fault-line").display = self.view == "rules"
+        self.query_one("#message").display = self.view == "held"
+        shown = self.shown_list
+        head = shown.header() if isinstance(shown, ClientList | RuleList | HeldList) else ""
+        self.query_one("#head", Static).update(Text(head, no_wrap=True, overflow="crop"))
+
+    # rules
+
+    def action_switch(self) -> None:
+        """Switch the fault under the cursor on or off."""
+        rule = self.rules.current_item
+        if rule is not None:
+            self._send_order({"do": "off" if rule.on else "on", "name": rule.name}, _ignore_answer)
+
+    def action_remove(self) -> None:
+        """Take the fault under the cursor away."""
+        rule = self.rules.current_item
+        if rule is not None:
+            self._send_order({"do": "remove", "name": rule.name}, _ignore_answer)
+
+    def action_add(self) -> None:
+        """Go to the line where a fault is typed."""
+        self.action_view("rules")
+        self.set_focus(self.query_one("#fault"))
+
+    @on(CheckedInput.Entered, "#fault-line")
+    def _fault_entered(self, message: CheckedInput.Entered) -> None:
+        if message.text:
+            self._send_order({"do": "add", "rule": message.text}, self._fault_added)
+
+    def _fault_added(self, answer: ControlAnswer) -> None:
+        self.query_one("#fault-line", CheckedInput).set_text("")
+        self.set_focus(self.shown_list)
+
+    # messages that wait
+
+    @work
+    async def action_intercept(self) -> None:
+        """Ask which messages are to be held."""
+        self.action_view("held")
+        known = self._state.figures.intercept if self._state is not None else None
+        prompt = Prompt(say("proxy.intercept.title"), say("proxy.intercept.hint"), known or "")
+        answer = await self.app.push_screen_wait(prompt)
+        if answer is not None:
+            wanted = {"if": answer.strip()} if answer.strip() else {}
+            self._send_order({"do": "intercept", **wanted}, _ignore_answer)
+
+    def action_forward(self) -> None:
+        """Send the message under the cursor on."""
+        self._send_decision("forward", "proxy.sent")
+
+    def action_drop(self) -> None:
+        """Drop the message under the cursor."""
+        self._send_decision("drop", "proxy.dropped")
+
+    def _send_decision(self, do: str, word: str, **more: object) -> None:
+        held = self.held.current_item
+        if held is not None:
+            text = say(word, number=held.number)
+            self._send_order({"do": do, "number": held.number, **more}, partial(self._decision_done, text))
+
+    def _decision_done(self, text: str, answer: ControlAnswer) -> None:
+        self.query_one(ProxyLog).add_message(text)
+        self.set_focus(self.shown_list)
+
+    def action_edit(self) -> None:
+        """Propose a change of the argument that the cursor of the tree is on."""
+        held = self.held.current_item
+        if held is not None:
+            self._propose_change(proposed_edit(held.data, self.query_one(FieldTree).offset_in_frame))
+
+    def action_bytes(self) -> None:
+        """Propose all bytes in hex."""
+        held = self.held.current_item
+        if held is not None:
+            self._propose_change(held.data.hex(" ").upper())
+
+    @property
+    def _change_line(self) -> CheckedInput:
+        return self.query_one("#change-line", CheckedInput)
+
+    def _propose_change(self, text: str) -> None:
+        self._change_line.set_text(text)  # what is proposed changes nothing yet
+        self.set_focus(self._change_line.field)
+
+    def _edited_bytes(self, text: str) -> bytes | None:
+        """Return what becomes of the message by what was typed; None where there is no message any more."""
+        held = self.held.current_item
+        return None if held is None else edited_message(held.data, held.flow, text)
+
+    @on(CheckedInput.Typed, "#change-line")
+    def _change_typed(self, message: CheckedInput.Typed) -> None:
+        """Show what would become of the message."""
+        held, made = self.held.current_item, message.parsed
+        if held is not None:
+            self._show_bytes(held, made if isinstance(made, bytes) else held.data)
+
+    @on(CheckedInput.Entered, "#change-line")
+    def _change_entered(self, message: CheckedInput.Entered) -> None:
+        if isinstance(message.parsed, bytes):
+            self._send_decision("edit", "proxy.edited", hex=message.parsed.hex())
+
+
+def _ignore_answer(answer: ControlAnswer) -> None:
+    """Do nothing more: the list tells."""

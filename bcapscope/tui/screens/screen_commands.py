@@ -1,0 +1,114 @@
+"""The list of commands: every action of a screen by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Coroutine, Iterator
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+from textual.binding import Binding
+from textual.command import DiscoveryHit, Hit, Hits, Provider
+from textual.content import Content
+from textual.dom import DOMNode
+from textual.widget import Widget
+
+from bcapscope.tui.app import BcapApp
+from bcapscope.tui.themes import THEMES
+from bcapscope.tui.words import CATALOGUE, Language, say
+
+
+class ScreenCommand(NamedTuple):
+    """Something that can be done.
+
+    Attributes:
+        name: what it is called.
+        tip: what it does.
+        action: as in a binding.
+        node: whose action it is.
+        key: that does it as well, as people write it; "" for none.
+    """
+
+    name: str
+    tip: str
+    action: str
+    node: DOMNode
+    key: str = ""
+
+
+def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
+    """Yield what the keys of one node do, each action once."""
+    for kind in type(node).__mro__:
+        for binding in vars(kind).get("BINDINGS", ()):
+            if isinstance(binding, Binding) and binding.description in CATALOGUE:
+                tip = say(binding.tooltip) if binding.tooltip in CATALOGUE else ""
+                key = app.get_key_display(
+                    Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
+                )
+                yield ScreenCommand(say(binding.description), tip, binding.action, node, key)
+
+
+def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
+    """Yield everything that can be done on a screen, each once."""
+    known: set[tuple[str, str]] = set()
+    widgets = [widget for widget in screen.query(Widget) if widget.display]
+    for node in (screen, *widgets, app):
+        for command in node_commands(node, app):
+            if (command.name, command.action) not in known:
+                known.add((command.name, command.action))
+                yield command
+    for name, tip, action in getattr(screen, "commands", lambda: ())():
+        yield ScreenCommand(name, tip, action, screen)
+    yield from _app_commands(app)
+
+
+def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
+    for spot in app.screen_entries:
+        name = say("shell.screen", name=say(spot.name))
+        yield ScreenCommand(
+            name, say("shell.screen.tip"), f"switch_mode('{spot.mode}')", app, spot.key.upper()
+        )
+    for theme in THEMES:
+        name = say("shell.theme", name=say(f"shell.theme.{theme.name}"))
+        yield ScreenCommand(name, say("shell.theme.tip"), f"theme('{theme.name}')", app)
+    for code, key in (("", "auto"), *((each.value, each.value) for each in Language)):
+        name = say("shell.language", name=say(f"shell.language.{key}"))
+        yield ScreenCommand(name, say("shell.language.tip"), f"language('{code}')", app)
+
+
+class ScreenCommandProvider(Provider):
+    """Gives the palette every action of the screen that it was opened on."""
+
+    def _available_commands(self) -> Iterator[ScreenCommand]:
+        return filter(_is_available, all_commands(self.screen, cast(BcapApp, self.app)))
+
+    async def discover(self) -> Hits:
+        """Yield all of them."""
+        for command in self._available_commands():
+            yield DiscoveryHit(
+                _command_label(command), self._command_runner(command), command.name, command.tip or None
+            )
+
+    async def search(self, query: str) -> Hits:
+        """Yield those whose name fits."""
+        matcher = self.matcher(query)
+        for command in self._available_commands():
+            score = matcher.match(command.name)
+            if score > 0:
+                yield Hit(
+                    score,
+                    matcher.highlight(command.name),
+                    self._command_runner(command),
+                    command.name,
+                    command.tip or None,
+                )
+
+    def _command_runner(self, command: ScreenCommand) -> partial[Coroutine[Any, Any, bool]]:
+        return partial(self.app.run_action, command.action, command.node)
+
+
+def _is_available(command: ScreenCommand) -> bool:
+    return command.node.check_action(command.action.partition("(")[0], ()) is not False
+
+
+def _command_label(command: ScreenCommand) -> Content:
+    return Content(f"{command.name}  ({command.key})" if command.key else command.name)

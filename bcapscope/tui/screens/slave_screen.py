@@ -1,0 +1,385 @@
+"""Slave Mode, as the button of b-CAP Tester has it: choose a log, look at it, Start; watch; Stop."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.css.query import NoMatches
+from textual.widgets import Button, ContentSwitcher, Input, Select
+
+from bcapscope.client.action_log import LoggedConnection
+from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.errors import BcapError
+from bcapscope.player.armed_message_logger import ArmedMessageLogger
+from bcapscope.player.player_messages import PlayProgress, QuestionTopic, SlaveModePacing
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.number_parsing import parse_integer, parse_number
+from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
+from bcapscope.render.escape import printable
+from bcapscope.render.play_text import controller_line, play_summary_lines, trouble_lines
+from bcapscope.render.preflight_text import PreflightRenderer
+from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.controller_session import ControllerSession, handle_argument
+from bcapscope.tui.controller_access.error_recovery import RecoveryStep, run_recovery_step
+from bcapscope.tui.controller_access.history_record import Initiator, error_text
+from bcapscope.tui.controller_access.playback_run import PlaybackRun
+from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.controller_access.prepared_trajectory import (
+    PlaybackSettings,
+    PreparedTrajectory,
+    prepare_trajectory,
+)
+from bcapscope.tui.controller_access.session_updates import SessionStatus
+from bcapscope.tui.ink import INK
+from bcapscope.tui.screens.base_screen import BaseScreen
+from bcapscope.tui.settings import with_recent
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.dialogs import ChoiceDialog
+from bcapscope.tui.tester.file_picker import FilePicker
+from bcapscope.tui.tester.playback_view import PlaybackView
+from bcapscope.tui.tester.tick_box import TickBox
+from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.words import say, told
+
+_MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
+_MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
+    *((pacing.value, pacing) for pacing in SlaveModePacing),
+    *((f"0x{number:03X} {pose_type_of_mode(number)}", number) for number in _MODE_NUMBERS),
+)
+_CHECK_DELAY = 0.4
+"""Seconds after the last change before a file is read."""
+
+
+_MAX_ROUNDS = 1_000_000_000
+
+
+class SlaveScreen(BaseScreen):
+    """Plays a trajectory. The player is a process of its own: what is drawn here holds up no set point."""
+
+    NAME = "tester.slave"
+    ABOUT = "tester.slave.about"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]  # noqa: RUF012 - as Textual has it
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f9", "start", "tester.start", id="slave.start", tooltip="tester.slave.start.tip"),
+        Binding("escape", "leave", "tester.slave.leave", id="slave.leave", key_display="esc"),
+        Binding("ctrl+o", "browse", "tester.browse", id="slave.browse"),
+    ]
+
+    def __init__(
+        self,
+        session: ControllerSession,
+        player_slot: PlayerSlot,
+        ask_to_arm: Callable[[], Awaitable[bool]],
+        recordings: Path,
+        path: str = "",
+    ) -> None:
+        """Take what to play with.
+
+        Args:
+            session: that is connected.
+            player_slot: where the player works.
+            ask_to_arm: asks the user to arm.
+            recordings: folder for captures of all that is said.
+            path: of a file to begin with.
+        """
+        super().__init__()
+        self._session, self._player_slot, self._ask_to_arm, self._recordings = (
+            session,
+            player_slot,
+            ask_to_arm,
+            recordings,
+        )
+        self._initial_path = path
+        self._prepared: PreparedTrajectory | None = None
+        self._playback: PlaybackRun | None = None
+        self._question_dialog: ChoiceDialog | None = None
+
+    @property
+    def playback(self) -> PlaybackRun | None:
+        """The run that is watched, or was last; None before the first."""
+        return self._playback
+
+    def content(self) -> ComposeResult:
+        """Put the choice above what is known of it."""
+        with Vertical(id="slave"):
+            with Horizontal(classes="row"):
+                yield Caption("tester.file")
+                yield Input(self._initial_path, id="file")
+                yield Button(say("tester.browse"), compact=True, id="browse")
+            with Horizontal(classes="row"):
+                yield Caption("tester.mode")
+                yield Select(_MODES, value=SlaveModePacing.SYNC, allow_blank=False, compact=True, id="mode")
+                yield Caption("tester.interval")
+                yield Input("8", id="interval", classes="number")
+                yield Caption("tester.speed")
+                yield Input("1", id="speed", classes="number")
+                yield Caption("tester.rounds")
+                yield Input("1", id="rounds", classes="number")
+                yield Caption("tester.index")
+                yield Input("1", id="index", classes="number")
+            with Horizontal(classes="row"):
+                yield Caption("tester.limits")
+                yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
+                yield TickBox(say("tester.resample"), id="again")
+            with Horizontal(classes="row"):
+                yield Button(say("tester.start"), compact=True, variant="success", id="start", disabled=True)
+                yield Button(say("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
+                yield Button(say("shell.halt"), compact=True, variant="error", id="halt")
+                yield InkedText(id="slave-state")
+            with ContentSwitcher(initial="before", id="slave-views"):
+                with VerticalScroll(id="before"):
+                    yield InkedText(id="report")
+                yield PlaybackView(id="live")
+
+    def on_mount(self) -> None:
+        """Begin with the file that was given."""
+        self._schedule_check()
+        self.query_one("#file", Input).focus()
+
+    # Before: read and check.
+
+    @on(Input.Changed)
+    @on(Select.Changed)
+    @on(TickBox.Changed)
+    def _field_changed(self) -> None:
+        self._schedule_check()
+
+    def _schedule_check(self) -> None:
+        """Read and check anew, a little later, unless something else is typed by then."""
+        self._prepared = None
+        self.query_one("#start", Button).disabled = True
+        self._show_state("")
+        self._check_later()
+
+    @work(group="prepare", exclusive=True)
+    async def _check_later(self) -> None:
+        await asyncio.sleep(_CHECK_DELAY)
+        with suppress(NoMatches):  # the screen is being closed
+            await self._check_trajectory()
+
+    async def _check_trajectory(self) -> None:
+        """Read and check what is wished, and show what was found."""
+        wish = self._read_fields()
+        if isinstance(wish, str):
+            self._show_report([f"{INK.dim}{wish}{INK.reset}"])
+            return
+        self._show_report([f"{INK.dim}{say('tester.reading')}{INK.reset}"])
+        try:
+            ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
+        except ValueError as error:  # what is wrong with the file, or with the limits
+            self._show_report([f"{INK.bad}{printable(told(str(error)))}{INK.reset}"])
+            return
+        self._prepared = ready
+        lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
+        self._show_report(lines)
+        self._show_state(lines[-1])  # the verdict, which a low terminal has no room for below all the rest
+        self.query_one("#start", Button).disabled = (
+            not ready.preflight.is_playable or self._player_slot.is_playing
+        )
+        scope = app_of(self)
+        scope.settings.trajectories = with_recent(
+            str(Path(wish.path).absolute()), scope.settings.trajectories
+        )
+        scope.save_settings()
+
+    def _read_fields(self) -> PlaybackSettings | str:
+        """Return what the fields ask for, or what is wrong with them."""
+        path = self.query_one("#file", Input).value.strip()
+        if not path:
+            return say("tester.file.missing")
+        interval = parse_number(self._field_text("interval"), 0.5, 1000)
+        speed = parse_number(self._field_text("speed"), 0.01, 10)
+        rounds = parse_integer(self._field_text("rounds"), 0, _MAX_ROUNDS)
+        index = parse_integer(self._field_text("index"), 0, _MAX_ROUNDS)
+        if interval is None or speed is None or rounds is None or index is None:
+            return say("tester.play.numbers")
+        return PlaybackSettings(
+            path=str(Path(path).expanduser()),
+            mode=self._chosen_mode,
+            interval=interval,
+            speed=speed,
+            rounds=rounds,
+            index=index,
+            always_resample=self.query_one("#again", TickBox).value,
+            limits=tuple(self._field_text("limits").replace(",", " ").split()),
+        )
+
+    @property
+    def _chosen_mode(self) -> SlaveModePacing | int:
+        chosen = self.query_one("#mode", Select).value
+        return chosen if isinstance(chosen, SlaveModePacing | int) else SlaveModePacing.SYNC
+
+    def _field_text(self, name: str) -> str:
+        return self.query_one(f"#{name}", Input).value
+
+    def _show_report(self, lines: list[str]) -> None:
+        self.query_one("#slave-views", ContentSwitcher).current = "before"
+        self.query_one("#report", InkedText).show_text("\n".join(lines))
+
+    @on(Button.Pressed, "#browse")
+    def action_browse(self) -> None:
+        """Choose a file."""
+
+        def take(path: str | None) -> None:
+            if path:
+                self.query_one("#file", Input).value = path
+
+        here = Path(self.query_one("#file", Input).value).expanduser().parent
+        recent = app_of(self).settings.trajectories
+        self.app.push_screen(
+            FilePicker(say("tester.browse"), recent, here if here.is_dir() else Path.cwd()), take
+        )
+
+    # While it plays.
+
+    @on(Button.Pressed, "#start")
+    def action_start(self) -> None:
+        """Play; where nothing was read yet, say so."""
+        if self._prepared is None and not self._player_slot.is_playing:
+            self._show_state(f"{INK.bad}{say('tester.start.none')}")
+        elif (
+            self._prepared is not None
+            and self._prepared.preflight.is_playable
+            and not self._player_slot.is_playing
+        ):
+            self.run_worker(self._play(self._prepared), group="play")
+
+    async def _play(self, ready: PreparedTrajectory) -> None:
+        desk, status = self._session, self._session.status
+        if status.target is None:
+            self._show_state(f"{INK.bad}{say('tester.not_connected')}")
+            return
+        if not desk.arming.allows_armed_calls(desk.now()) and not await self._ask_to_arm():
+            self._show_state(f"{INK.bad}{say('tester.not_armed')}")
+            return
+        if not await self._release_controller(status):
+            return
+        robot = status.robot.label if status.robot else "Arm"
+        record = (
+            self._recordings
+            / f"slave-{time.strftime('%Y%m%d-%H%M%S')}-{time.monotonic_ns() % 1000:03}.pcapng"
+        )
+        target = replace(status.target, name=f"{status.target.name}-player" if status.target.name else "")
+        plan = ready.make_plan(target, robot, desk.arming.is_required, record)
+        self._playback = run = PlaybackRun(plan, ready.trajectory)
+        self._set_playing(True)
+        desk.pause_polling(True)
+        try:
+            self._recordings.mkdir(parents=True, exist_ok=True)
+            await self._player_slot.start_player(plan)
+            await self._follow_playback(run)
+        except OSError as error:
+            self._show_state(f"{INK.bad}{printable(error_text(error))}")
+        finally:
+            await self._player_slot.end_player()
+            desk.pause_polling(desk.status.slave_mode != 0)
+            if self.query("#start"):  # else the screen is being closed
+                self._set_playing(False)
+
+    async def _release_controller(self, status: SessionStatus) -> bool:
+        """Leave slave mode, and give the arm back: the player is a client of its own, and needs both."""
+        desk = self._session
+        try:
+            if status.slave_mode:
+                await desk.run_in_loop(run_recovery_step(desk, RecoveryStep.MODE, "", 0))
+            if status.holds_arm and status.robot is not None:
+                values = handle_argument(status.robot), Variant(VT.BSTR, "GiveArm"), EMPTY
+                await desk.run_in_loop(desk.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN))
+        except (BcapError, OSError) as error:
+            self._show_state(f"{INK.bad}{printable(error_text(error))}")
+            return False
+        return True
+
+    async def _follow_playback(self, run: PlaybackRun) -> None:
+        live = self.query_one(PlaybackView)
+        self.query_one("#slave-views", ContentSwitcher).current = "live"
+        live.focus()
+        received = b""
+        log = ArmedMessageLogger(
+            ArmedCallLogger(self._session.action_log, LoggedConnection.of_target(run.plan.target))
+        )
+        while run.ended is None:
+            for message in await self._player_slot.next_messages():
+                if isinstance(message, PlayProgress) and message.received != received:
+                    received = message.received
+                    self._session.reply_monitor.on_received(self._session.now())
+                log.on_message(message)
+                answer = run.on_message(message)
+                if answer is not None:
+                    self._player_slot.answer_question(answer)
+            if run.question is not None:
+                self._ask_user(run)
+            doing = told(run.progress.state) if run.progress else say("tester.waiting")
+            self._show_state(f"{INK.number}{printable(doing)}")
+            live.show_run(run)
+        self._show_end(run)
+
+    def _ask_user(self, run: PlaybackRun) -> None:
+        """Let the user answer a question of the player's, while what it tells is read on."""
+        question, run.question = run.question, None
+        assert question is not None
+        if question.topic is QuestionTopic.ARM and self._session.arming.is_armed(self._session.now()):
+            self._player_slot.answer_question("yes")
+            return
+        facts = [told(line) for trouble in run.troubles[-1:] for line in trouble_lines(trouble)]
+        if question.topic is not QuestionTopic.CLEAR:
+            facts = [] if run.peer is None else [controller_line(run.peer, told)]
+        facts += ["", printable(told(question.text))]
+        choices = question.choices
+        self._question_dialog = ChoiceDialog(facts, choices)
+        self.app.push_screen(
+            self._question_dialog, lambda choice: self._player_slot.answer_question(choice or choices[0])
+        )
+
+    def _show_end(self, run: PlaybackRun) -> None:
+        assert run.ended is not None
+        if self._question_dialog is not None and self._question_dialog.is_current:
+            self._question_dialog.dismiss(None)  # nobody waits for the answer any more
+        if run.preflight is not None and not run.preflight.is_playable:
+            width = self.query_one("#before").size.width - 2
+            self._show_report(list(PreflightRenderer(INK, width, told).lines(run.preflight)))
+        self._show_state(f"{INK.name}{told(next(play_summary_lines(run.ended)))}")
+
+    def _set_playing(self, playing: bool) -> None:
+        self.query_one("#start", Button).disabled = playing or self._prepared is None
+        self.query_one("#stop", Button).disabled = not playing
+        for name in (
+            "#file",
+            "#mode",
+            "#interval",
+            "#speed",
+            "#rounds",
+            "#index",
+            "#limits",
+            "#again",
+            "#browse",
+        ):
+            self.query_one(name).disabled = playing
+
+    def _show_state(self, line: str) -> None:
+        self.query_one("#slave-state", InkedText).show_text(line)
+
+    @on(Button.Pressed, "#stop")
+    def _stop_playback(self) -> None:
+        self._player_slot.stop()
+
+    @on(Button.Pressed, "#halt")
+    def _press_halt(self) -> None:
+        app_of(self).action_halt()
+
+    def action_leave(self) -> None:
+        """Let the robot come to rest if it moves, else go back."""
+        if self._player_slot.is_playing:
+            self._player_slot.stop()
+        else:
+            self.dismiss()

@@ -1,0 +1,76 @@
+"""Going from part to part of the Tester by keys: connection, forms in tabs, packets and calls in views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from textual.widget import Widget
+
+from bcapscope.tui.screens.base_screen import BaseScreen
+from bcapscope.tui.tester.form_tabs import TABS, FormTabs
+from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
+from bcapscope.tui.words import say
+
+_PART_SELECTOR = "#left .box, #function, #raw, #right"
+_FOCUS_SELECTOR = "Input, HexView, Lines, Button"
+_SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
+"""They stand above what their part is for."""
+
+
+class TesterNavigation(BaseScreen):
+    """A screen of parts, among them `FormTabs` and a `PacketPane`; which keys go there, a subclass says."""
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Yield the tabs and the views, which else are some keys away."""
+        for tab in TABS:
+            yield say("tester.tab", name=say(f"tester.tab.{tab}")), say("tester.tab.tip"), f"tab('{tab}')"
+        for view in VIEWS:
+            yield (
+                say("tester.view", name=say(f"tester.view.{view}")),
+                say("tester.view.tip"),
+                f"view('{view}')",
+            )
+
+    def action_next_part(self) -> None:
+        """Go to the next part: connection, each of the forms in sight, packets."""
+        self._focus_other_part(1)
+
+    def action_part_before(self) -> None:
+        """Go to the part before."""
+        self._focus_other_part(-1)
+
+    def _focus_other_part(self, by: int) -> None:
+        parts = list(self.query(_PART_SELECTOR))
+        here = next((at for at, part in enumerate(parts) if part.has_focus_within), -1 if by > 0 else 0)
+        for step in range(1, len(parts) + 1):
+            if self._focus_first_in(parts[(here + by * step) % len(parts)]):
+                return
+
+    def action_next_tab(self) -> None:
+        """Show the next tab."""
+        here = self.query_one(FormTabs).current_tab
+        self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
+
+    def action_next_view(self) -> None:
+        """Show the next view."""
+        here = self.query_one(PacketPane).current_view
+        self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
+
+    def action_tab(self, name: str) -> None:
+        """Show a tab, and go to its first field."""
+        self.query_one(FormTabs).show_tab(name)
+        self.call_after_refresh(self._focus_first_in, self.query_one("#panels"))
+
+    def action_view(self, name: str) -> None:
+        """Show one of the views of packets and calls, and go there."""
+        self.query_one(PacketPane).show_view(name)
+        self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
+
+    def _focus_first_in(self, part: Widget) -> bool:
+        """Focus what can be done first in a part of the screen; return whether there is anything."""
+        among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
+        shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
+        found = next((each for each in shown if each.focusable), None)
+        if found is not None:
+            found.focus()
+        return found is not None

@@ -1,0 +1,444 @@
+"""The Tester: b-CAP Tester's window in the terminal.
+
+The widgets say what they want; here it is done, at the desk, and what comes back is given to them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from contextlib import AsyncExitStack, ExitStack
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.message import Message
+from textual.widgets import Button
+
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.render.escape import printable
+from bcapscope.traffic.observation import Observation
+from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
+from bcapscope.tui.controller_access.controller_session import ControllerSession
+from bcapscope.tui.controller_access.copy_formats import copy_text
+from bcapscope.tui.controller_access.error_recovery import LastSlaveSession
+from bcapscope.tui.controller_access.guided_connect import connect
+from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
+from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
+from bcapscope.tui.controller_access.option_field import read_option_field
+from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.controller_access.session_updates import (
+    ConnectionLost,
+    ConnectStepUpdate,
+    SessionProblem,
+    SessionStatus,
+    SessionUpdate,
+    WatchUpdate,
+)
+from bcapscope.tui.controller_access.variable_watcher import VariableWatcher
+from bcapscope.tui.screens.slave_screen import SlaveScreen
+from bcapscope.tui.screens.tester_navigation import TesterNavigation
+from bcapscope.tui.settings import with_recent
+from bcapscope.tui.tester.call_notice import CallNotice
+from bcapscope.tui.tester.call_runner import CallRunner
+from bcapscope.tui.tester.command_form import CommandForm
+from bcapscope.tui.tester.connection_panel import ConnectionPanel
+from bcapscope.tui.tester.dialogs import ArmDialog
+from bcapscope.tui.tester.form_tabs import FormTabs
+from bcapscope.tui.tester.history_panel import HistoryLines
+from bcapscope.tui.tester.open_object_row import OpenObjectRow
+from bcapscope.tui.tester.packet_pane import PacketPane
+from bcapscope.tui.tester.recovery_dialog import RecoveryDialog
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.saved_list import SavedList
+from bcapscope.tui.tester.status_line import arming_facts, status_pieces
+from bcapscope.tui.tester.wanted_messages import (
+    CallWanted,
+    ConnectWanted,
+    DisconnectWanted,
+    OpenWanted,
+    RawWanted,
+    RobSlaveWanted,
+    WatchWanted,
+)
+from bcapscope.tui.tester.watch_list import WatchList
+from bcapscope.tui.words import say
+
+_EXECUTE_CONTROLLER = 17
+
+
+class TesterOptions(NamedTuple):
+    """What the Tester begins with.
+
+    Attributes:
+        host: of the controller; empty for the built-in simulator.
+        port: of the controller.
+        tcp: TCP instead of UDP.
+        option: as in the field.
+        profile: of the built-in simulator.
+        requests_folder: folder of saved requests.
+        log_folder: folder of the action log.
+        tap: sees every packet, in another thread.
+    """
+
+    requests_folder: Path
+    log_folder: Path
+    host: str = ""
+    port: int = 5007
+    tcp: bool = False
+    option: str = ""
+    profile: str = "rc7"
+    tap: Callable[[Observation], None] = lambda seen: None
+
+
+class SessionUpdated(Message):
+    """Something happened at the desk."""
+
+    def __init__(self, update: SessionUpdate) -> None:
+        super().__init__()
+        self.update = update
+
+
+class TesterScreen(TesterNavigation):
+    """Connects to a controller, makes calls, shows what went over the wire."""
+
+    NAME = "tester.name.screen"
+    ABOUT = "tester.about"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual has it
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
+        Binding("f5", "disconnect", "tester.disconnect", id="disconnect", tooltip="tester.disconnect.tip"),
+        Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
+        Binding("shift+f6", "part_before", "", show=False),
+        Binding("f7", "recover", "tester.recovery", id="recover", tooltip="tester.recovery.tip"),
+        Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
+        Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
+        Binding("f10", "digits", "tester.digits", id="digits", show=False, tooltip="tester.digits.tip"),
+        Binding("ctrl+n", "next_tab", "tester.tab.next", id="tab", show=False, tooltip="tester.tab.next.tip"),
+        Binding("ctrl+y", "next_view", "tester.view.next", id="view", show=False, tooltip="tester.view.tip"),
+        Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
+        Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
+    ]
+
+    def __init__(self, tester_options: TesterOptions) -> None:
+        """Take what to begin with."""
+        super().__init__()
+        self._options = tester_options
+        self.session = ControllerSession(self._post_update, tester_options.log_folder, tester_options.tap)
+        self.variable_watcher = VariableWatcher(self.session)
+        self.call_runner = CallRunner(self.session, self._ask_to_arm)
+        self.player_slot = PlayerSlot()
+        self._halt_update = HaltUpdate(HaltState.CLOSED)
+        self._simulator_stack = ExitStack()
+        self._simulator: BuiltInSimulator | None = None
+        self._is_connected = False
+        self._is_connecting = False
+        self._last_slave_session = LastSlaveSession()
+
+    @property
+    def halt_state(self) -> HaltState:
+        """What pressing HALT would do, or has done."""
+        return self._halt_update.state
+
+    def content(self) -> ComposeResult:
+        """Lay it out as b-CAP Tester is laid out."""
+        start = self._options
+        with Horizontal(id="desk"):
+            with VerticalScroll(id="left", can_focus=False):
+                with Vertical(classes="box", id="controller-box"):
+                    yield ConnectionPanel(start.host, start.port, start.tcp, start.option)
+                with Vertical(classes="box", id="execute-box"):
+                    yield CommandForm(_EXECUTE_CONTROLLER, id="controller-execute")
+                yield FormTabs(FUNCTIONS[_EXECUTE_CONTROLLER])
+            yield PacketPane(start.requests_folder, id="right")
+
+    def on_mount(self) -> None:
+        """Begin: HALT is at hand, and without a host the built-in simulator starts."""
+        for name, title in (
+            ("controller-box", "tester.box.controller"),
+            ("execute-box", "tester.box.execute"),
+            ("add-robot", "tester.box.robot"),
+            ("robot-variable", "tester.box.variable"),
+            ("variable", "tester.box.variable"),
+            ("task-box", "tester.box.task"),
+        ):
+            self.query_one(f"#{name}").border_title = say(title)
+        app = app_of(self)
+        app.add_halt_callback(self.player_slot.halt)
+        app.add_halt_callback(self.session.halt)
+        app.add_closer(self._close)
+        self.set_interval(1.0, self._show_status)
+        self.watch(app, "theme", self._show_status, init=False)
+        self._show_status()
+        self.query_one("#connect", Button).focus()
+        if not self._options.host:
+            self.run_worker(self._start_simulator(), group="simulator")
+
+    async def _start_simulator(self) -> None:
+        """Start the built-in simulator, anew where it has ended, and put its place into the fields."""
+        panel = self.query_one(ConnectionPanel)
+        panel.wait_for_address()
+        await asyncio.to_thread(self._simulator_stack.close)
+        entered = asyncio.to_thread(
+            self._simulator_stack.enter_context, run_builtin_simulator(self._options.profile)
+        )
+        try:
+            self._simulator = await entered
+        except OSError as error:
+            panel.show_problem(say("tester.simulator.failed", reason=printable(error_text(error))))
+            return
+        panel.fill_address(self._simulator.host, self._simulator.port)
+
+    async def _close(self) -> None:
+        """Let go of everything; an error in one step keeps nobody from the others."""
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(asyncio.to_thread, self._simulator_stack.close)
+            stack.push_async_callback(asyncio.to_thread, self.session.close)
+            stack.push_async_callback(self.player_slot.end_player)
+            if self.is_running:  # else an error of ours has ended the screen, and its workers
+                self.workers.cancel_group(self, "call")
+
+    # What the desk tells.
+
+    def _post_update(self, update: SessionUpdate) -> None:
+        """Bring news from a thread of the desk's to our event loop."""
+        self.post_message(SessionUpdated(update))
+
+    @on(SessionUpdated)
+    def _show_update(self, message: SessionUpdated) -> None:
+        news = message.update
+        if isinstance(news, HistoryRecord):
+            self.query_one(PacketPane).add_record(news)
+            self._last_slave_session.on_record(news)
+        elif isinstance(news, SessionStatus):
+            self._apply_status(news)
+        elif isinstance(news, ConnectStepUpdate):
+            self.query_one(ConnectionPanel).show_step(news)
+        elif isinstance(news, HaltUpdate):
+            self._apply_halt_update(news)
+        elif isinstance(news, WatchUpdate):
+            self.query_one(WatchList).show_variables(tuple(self.variable_watcher.variables))
+        elif isinstance(news, ConnectionLost):
+            self.query_one(ConnectionPanel).show_problem(say("tester.lost", reason=printable(news.reason)))
+            app_of(self).show_message(say("tester.lost", reason=printable(news.reason)), "error")
+        elif isinstance(news, SessionProblem):
+            app_of(self).show_message(say("tester.log.broken", reason=printable(news.text)), "warning")
+
+    def _apply_status(self, status: SessionStatus) -> None:
+        if status.is_connected != self._is_connected:
+            self._is_connected = status.is_connected
+            self.query_one(ConnectionPanel).show_status(status)
+            self.refresh_bindings()
+        self.query_one(FormTabs).set_open_objects(status.open_objects)
+        self._show_status()
+
+    def _apply_halt_update(self, news: HaltUpdate) -> None:
+        before, self._halt_update = self._halt_update, news
+        if news.state in (HaltState.HALTED, HaltState.FAILED):
+            key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
+            text = say(key, ms=f"{news.round_trip / 1e6:.1f}", reason=printable(news.reason))
+            app_of(self).show_message(text, "warning" if news.state is HaltState.HALTED else "error")
+        elif news.state is HaltState.LOST and before.state is HaltState.READY:
+            app_of(self).show_message(say("tester.halt.gone", reason=printable(news.reason)), "error")
+        self._show_status()
+
+    def _show_status(self) -> None:
+        desk = self.session
+        line = status_pieces(desk.status, desk.arming, desk.now(), self._halt_update, desk.reply_monitor)
+        app_of(self).status = tuple(line)
+
+    # What the widgets want.
+
+    def _run_in_group(self, step: Coroutine[Any, Any, object], group: str = "call") -> None:
+        self.run_worker(step, group=group)
+
+    @on(ConnectWanted)
+    def _connect_wanted(self, message: ConnectWanted) -> None:
+        gone = self._simulator
+        if gone is not None and gone.has_ended and (message.host, message.port) == (gone.host, gone.port):
+            self._run_in_group(self._reconnect_simulator(), "connect")
+        else:
+            self._run_in_group(self._connect_controller(message), "connect")
+
+    async def _reconnect_simulator(self) -> None:
+        """Connect to the built-in simulator, which has ended."""
+        await self._start_simulator()
+        wish = self.query_one(ConnectionPanel).wanted_connection()
+        if isinstance(wish, ConnectWanted):
+            await self._connect_controller(wish)
+
+    async def _connect_controller(self, wanted: ConnectWanted) -> None:
+        panel = self.query_one(ConnectionPanel)
+        target, providers = read_option_field(wanted.option, wanted.host, wanted.port, wanted.tcp)
+        opener = self.query_one("#add-robot OpenObjectRow", OpenObjectRow)
+        panel.clear_steps()
+        self._set_connecting(panel, True)
+        try:
+            if await self.session.run_in_loop(
+                connect(self.session, target, providers, opener.object_name, "")
+            ):
+                self._focus_next_form(panel)
+            if self.session.status.is_connected and self._simulator is None:
+                settings = app_of(self).settings
+                settings.hosts = with_recent(wanted.host, settings.hosts)
+                app_of(self).save_settings()
+        finally:
+            if panel.children:  # else the screen is being closed
+                self._set_connecting(panel, False)
+                panel.show_status(self.session.status)
+
+    def _focus_next_form(self, panel: ConnectionPanel) -> None:
+        """Go to what is done next, unless the user has gone somewhere else meanwhile."""
+        if self.focused is None or panel in self.focused.ancestors:
+            self._focus_first_in(self.query_one("#robot-forms")) or self._focus_first_in(
+                self.query_one("#panels")
+            )
+
+    def _set_connecting(self, panel: ConnectionPanel, connecting: bool) -> None:
+        self._is_connecting = connecting
+        panel.set_connecting(connecting)
+        self.refresh_bindings()
+
+    @on(DisconnectWanted)
+    def _disconnect_wanted(self) -> None:
+        for group in ("call", "connect"):
+            self.workers.cancel_group(self, group)
+        self._run_in_group(self._disconnect_controller(), "disconnect")
+
+    async def _disconnect_controller(self) -> None:
+        await self.session.run_in_loop(self.session.disconnect())
+        self.query_one(ConnectionPanel).show_status(self.session.status)
+
+    @on(CallWanted)
+    def _make_call(self, message: CallWanted) -> None:
+        self._run_in_group(self.call_runner.make_wanted_call(message))
+
+    @on(RawWanted)
+    def _send_raw(self, message: RawWanted) -> None:
+        self._run_in_group(self.call_runner.send_raw(message.result_display, message.raw))
+
+    @on(RobSlaveWanted)
+    def _start_robslave(self, message: RobSlaveWanted) -> None:
+        self._run_in_group(self.call_runner.run_robslave(message.result_display))
+
+    @on(OpenWanted)
+    def _open_or_release(self, message: OpenWanted) -> None:
+        if isinstance(message, OpenObjectRow.ReleaseWanted):
+            self._run_in_group(self.call_runner.release_object(message))
+        else:
+            self._run_in_group(self._open_object(message))
+
+    async def _open_object(self, wanted: OpenWanted) -> None:
+        if await self.call_runner.open_object(wanted) and wanted.kind is ObjectClass.VARIABLE:
+            self.query_one(FormTabs).variable_opened(wanted.parent, wanted.name)
+
+    @on(WatchWanted)
+    def _add_watched(self, message: WatchWanted) -> None:
+        self.query_one(PacketPane).show_view("watch")
+        self._run_in_group(self.session.run_in_loop(self.variable_watcher.add(message.variable)), "watch")
+
+    @on(WatchList.RemoveWanted)
+    def _remove_watched(self, message: WatchList.RemoveWanted) -> None:
+        self._run_in_group(self.session.run_in_loop(self.variable_watcher.remove(message.handle)), "watch")
+
+    @on(WatchList.ResetWanted)
+    def _reset_watched(self) -> None:
+        self._run_in_group(self.session.run_in_loop(self.variable_watcher.reset()), "watch")
+
+    @on(SavedList.RequestWanted)
+    async def _use_saved_request(self, message: SavedList.RequestWanted) -> None:
+        saved = message.saved
+        form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
+        if not message.edit:
+            self._run_in_group(self.call_runner.make_saved_call(form.query_one(ResultView), saved))
+
+    @on(HistoryLines.ActionWanted)
+    async def _use_record(self, message: HistoryLines.ActionWanted) -> None:
+        record = message.record
+        if message.what == "again":
+            self._run_in_group(self.call_runner.repeat_call(CallNotice(app_of(self)), record))
+        elif message.what == "edit":
+            await self.query_one(FormTabs).edit_call(record)
+        else:
+            self._copy_record(record, message.what)
+
+    def _copy_record(self, record: HistoryRecord, what: str) -> None:
+        target = (
+            self.session.status.target
+            or read_option_field("", self._options.host or "127.0.0.1", 5007, False)[0]
+        )
+        text = copy_text(record, what, target, self.session.subject_of(record))
+        if text is None:
+            app_of(self).show_message(say("tester.copy.none"), "warning")
+            return
+        self.app.copy_to_clipboard(text)
+        app_of(self).show_message(say("tester.copied", text=printable(text.partition("\n")[0])[:200]))
+
+    # What keys do.
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer to connect or to disconnect, as the buttons do."""
+        if action in ("connect", "disconnect"):
+            return (action == "disconnect") == (self._is_connected or self._is_connecting)
+        return super().check_action(action, parameters)
+
+    def action_connect(self) -> None:
+        """Connect."""
+        self.query_one(ConnectionPanel).request_connect()
+
+    def action_disconnect(self) -> None:
+        """Disconnect, or connect no further."""
+        self._disconnect_wanted()
+
+    def action_robslave(self) -> None:
+        """Start RobSlave."""
+        self._run_in_group(self.call_runner.run_robslave(CallNotice(app_of(self))))
+
+    @on(Button.Pressed, "#slave-mode")
+    def action_slave(self) -> None:
+        """Open Slave Mode."""
+        path = next(iter(app_of(self).settings.trajectories), "")
+        self.app.push_screen(
+            SlaveScreen(self.session, self.player_slot, self._ask_to_arm, self._options.log_folder, path)
+        )
+
+    def action_recover(self) -> None:
+        """Open the way out of an error."""
+        stay = self._last_slave_session
+        self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, stay.move_position, stay.mode))
+
+    def action_digits(self) -> None:
+        """Show all digits of all results, or five behind the point where one shows all."""
+        views = self.query(ResultView)
+        full = not any(view.shows_all_digits for view in views)
+        for view in views:
+            view.show_digits(full)
+
+    def action_cancel(self) -> None:
+        """Give up the calls under way."""
+        for group in ("call", "connect"):
+            self.workers.cancel_group(self, group)
+
+    def action_arm(self) -> None:
+        """Arm, or disarm."""
+        if self.session.arming.is_armed(self.session.now()):
+            self.session.arming.disarm()
+            self._show_status()
+        else:
+            self.run_worker(self._ask_to_arm())
+
+    async def _ask_to_arm(self) -> bool:
+        """Ask the user to arm; return whether it is armed then."""
+        status = self.session.status
+        if status.target is None:
+            app_of(self).show_message(say("tester.not_connected"), "warning")
+            return False
+        if not await self.app.push_screen_wait(ArmDialog(arming_facts(status))):
+            return False
+        self.session.arming.arm(self.session.now())
+        self._show_status()
+        return True

@@ -1,0 +1,343 @@
+"""Traffic: frames, calls, findings, slave mode and statistics of a file, an interface or another screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
+
+from textual import on, work
+from textual.binding import Binding, BindingType
+from textual.message import Message
+
+from bcapscope.render.escape import printable
+from bcapscope.render.timestamp import TimeFormat
+from bcapscope.tui.app import app_of
+from bcapscope.tui.screens import frame_relations
+from bcapscope.tui.screens.prompt import Prompt
+from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
+from bcapscope.tui.screens.views_screen import view_keys
+from bcapscope.tui.traffic_processes.process_messages import SaveJob
+from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+from bcapscope.tui.widgets.checked_input import CheckedInput
+from bcapscope.tui.widgets.finding_page import FindingPage
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say, told
+
+_FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock", "goto", "follow"})
+_CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
+
+
+class NotesSaved(Message):
+    """A file was written, or not all of it; then `reason` says why."""
+
+    def __init__(self, target: str, reason: str) -> None:
+        super().__init__()
+        self.target, self.reason = target, reason
+
+
+class TrafficScreen(TrafficViews):
+    """Goes from a frame to all that belongs to it, marks and saves what matters, and opens other captures."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
+        Binding(
+            "slash",
+            "filter",
+            "traffic.filter",
+            id="traffic.filter",
+            key_display="/",
+            tooltip="traffic.filter.tip",
+        ),
+        Binding("escape", "back", "traffic.back", id="traffic.back", show=False, tooltip="traffic.back.tip"),
+        Binding("r", "partner", "traffic.partner", id="traffic.partner", tooltip="traffic.partner.tip"),
+        Binding("c", "call", "traffic.call", id="traffic.call", tooltip="traffic.call.tip"),
+        Binding("w", "why", "traffic.why", id="traffic.why", tooltip="traffic.why.tip"),
+        Binding("n", "proof(1)", "traffic.next", id="traffic.next", tooltip="traffic.next.tip"),
+        Binding(
+            "N",
+            "proof(-1)",
+            "traffic.previous",
+            id="traffic.previous",
+            show=False,
+            tooltip="traffic.previous.tip",
+        ),
+        Binding("m", "mark", "traffic.mark", id="traffic.mark", tooltip="traffic.mark.tip"),
+        Binding("e", "note", "traffic.note", id="traffic.note", tooltip="traffic.note.tip"),
+        Binding("s", "save", "traffic.save", id="traffic.save", tooltip="traffic.save.tip"),
+        Binding("o", "open", "traffic.open", id="traffic.open", show=False, tooltip="traffic.open.tip"),
+        Binding("ctrl+o", "open", "", show=False),
+        Binding("t", "clock", "traffic.clock", id="traffic.clock", show=False, tooltip="traffic.clock.tip"),
+        Binding("ctrl+g", "goto", "traffic.goto", id="traffic.goto", show=False, tooltip="traffic.goto.tip"),
+        Binding(
+            "C", "follow('client')", "traffic.follow.client", show=False, tooltip="traffic.follow.client.tip"
+        ),
+        Binding(
+            "H", "follow('handle')", "traffic.follow.handle", show=False, tooltip="traffic.follow.handle.tip"
+        ),
+        Binding(
+            "X", "follow('chain')", "traffic.follow.chain", show=False, tooltip="traffic.follow.chain.tip"
+        ),
+        Binding("K", "follow('kind')", "traffic.follow.kind", show=False, tooltip="traffic.follow.kind.tip"),
+        Binding("S", "stop", "traffic.stop", id="traffic.stop", show=False, tooltip="traffic.stop.tip"),
+    ]
+
+    def _set_feed(self, feed: TrafficFeed, title: str) -> None:
+        super()._set_feed(feed, title)
+        self._evidence_frames: list[int] = []
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer what has to do with a frame only where there is one, to stop only what goes on."""
+        if action in _FRAME_ACTIONS:
+            return self.view in RECORD_KINDS
+        if action == "proof":
+            return bool(self._evidence_frames)
+        going_on = self.feed.is_live and not self.feed.progress.ended
+        if action in ("stop", "open"):
+            return going_on == (action == "stop")
+        return True
+
+    # filter and time
+
+    def action_filter(self) -> None:
+        """Go to the filter."""
+        self.set_focus(self.query_one("#filter"))
+
+    def action_back(self) -> None:
+        """Go from the filter to the list; from the list, end the filter."""
+        if self.shown_list.has_focus and self.query_one(CheckedInput).field.value:
+            self.set_filter("")
+        super().action_back()
+
+    def action_clock(self) -> None:
+        """Tell the time in another way."""
+        self.clock = _CLOCKS[(_CLOCKS.index(self.clock) + 1) % len(_CLOCKS)]
+        self.update_line_format()
+
+    # going places
+
+    def go_to_frame(self, number: int) -> None:
+        """Show a frame in the list of frames, ending a filter that hides it."""
+        if self.view != "frames":
+            self.action_view("frames")
+        index = self.frames.rows.index(number)
+        if index is None:
+            self.set_filter("")
+            app_of(self).show_message(say("traffic.hidden", number=number))
+            index = number - 1
+        self.frames.move_cursor_to(index)
+
+    def action_partner(self) -> None:
+        """Go from a reply to its request, and back."""
+        number, calls = self.frame_number, self.feed.calls
+        if number is None or calls is None:
+            return
+        row = calls.index_of_frame(number)
+        other, why = frame_relations.find_partner(
+            None if row is None else calls.read_call(row).settled, number
+        )
+        if other is None:
+            app_of(self).show_message(say(why))
+        else:
+            self.go_to_frame(other)
+
+    def action_call(self) -> None:
+        """Go from a frame to its call, and back."""
+        number, calls = self.frame_number, self.feed.calls
+        if number is None or calls is None:
+            return
+        if self.view == "calls":
+            self.go_to_frame(number)
+            return
+        row = calls.index_of_frame(number)
+        if row is None:
+            app_of(self).show_message(say("traffic.no_call"))
+            return
+        self.action_view("calls")
+        if not self.calls.go_to_call(row + 1):
+            self.set_filter("")
+            self.calls.go_to_call(row + 1)
+
+    def action_why(self) -> None:
+        """Go to the finding that names this frame; from a finding to its cause."""
+        page, findings = self.query_one(FindingPage), self.analysis.findings
+        if self.view == "findings":
+            number = page.current_finding()
+            cause = findings[number - 1].consequence_of if number is not None else 0
+            if cause:
+                page.go_to_finding(cause)
+            else:
+                app_of(self).show_message(say("traffic.no_cause"))
+            return
+        frame, calls = self.frame_number, self.feed.calls
+        if frame is None or calls is None:
+            return
+        row = calls.index_of_frame(frame)
+        frames = (
+            {frame} if row is None else {frame, *frame_relations.call_frames(calls.read_call(row).settled)}
+        )
+        for number, cause_found in enumerate(findings, 1):
+            if frames.intersection(cause_found.frames):
+                self.action_view("findings")
+                page.go_to_finding(number)
+                return
+        app_of(self).show_message(say("traffic.no_finding"))
+
+    @on(FindingPage.Chosen)
+    def _line_chosen(self, message: Lines.Chosen) -> None:
+        """Go to the first frame that proves a finding; from a frame to its fields."""
+        if isinstance(message.lines, FindingPage):
+            number = message.lines.current_finding()
+            if number is not None and self.analysis.findings[number - 1].frames:
+                self._evidence_frames = list(self.analysis.findings[number - 1].frames)
+                self.refresh_bindings()
+                self.frames.evidence = frozenset(self._evidence_frames)
+                self.frames.repaint()
+                self.go_to_frame(self._evidence_frames[0])
+        elif message.lines is self.frames:
+            self.set_focus(self.query_one("#fields"))
+        elif message.lines is self.calls:
+            number = self.frame_number
+            if number is not None:
+                self.go_to_frame(number)
+
+    def action_proof(self, by: int) -> None:
+        """Go to another frame that proves the finding chosen."""
+        number = self.frame_number
+        if by > 0:
+            later = [each for each in self._evidence_frames if number is None or each > number]
+            self.go_to_frame((later or self._evidence_frames)[0])
+        else:
+            earlier = [each for each in self._evidence_frames if number is None or each < number]
+            self.go_to_frame((earlier or self._evidence_frames)[-1])
+
+    def action_follow(self, what: str) -> None:
+        """Show only what has to do with the frame under the cursor."""
+        number, calls = self.frame_number, self.feed.calls
+        if number is None or calls is None:
+            return
+        row = calls.index_of_frame(number)
+        found = frame_relations.related_filter(
+            what, self.frames.read_frame(number), None if row is None else calls.read_call(row).settled
+        )
+        if found is None:
+            app_of(self).show_message(say("traffic.no_handle" if what == "handle" else "traffic.no_call"))
+            return
+        view = {"handle": "calls", "chain": "frames"}.get(what, self.view)
+        if view != self.view:
+            self.action_view(view)
+        self.set_filter(found)
+
+    @work
+    async def action_goto(self) -> None:
+        """Ask for a frame or a moment, and go there."""
+        journal = self.feed.journal
+        answer = await self.app.push_screen_wait(Prompt(say("traffic.goto.title"), say("traffic.goto.hint")))
+        if not answer or journal is None or not len(journal):
+            return
+        number = frame_relations.find_frame(answer, journal)
+        if number is None:
+            app_of(self).show_message(say("traffic.goto.wrong", text=printable(answer)), "warning")
+        else:
+            self.go_to_frame(number)
+
+    # marks, notes, saving
+
+    def action_mark(self) -> None:
+        """Mark the frame, or unmark it."""
+        number = self.frame_number
+        if number is None:
+            return
+        if self.frames.marks.pop(number, None) is None:
+            self.frames.marks[number] = ""
+        self.frames.repaint()
+        self.show_frame()
+
+    @work
+    async def action_note(self) -> None:
+        """Write a note on the frame."""
+        number = self.frame_number
+        if number is None:
+            return
+        title = say("traffic.note.title", number=number)
+        prompt = Prompt(title, say("traffic.note.hint"), self.frames.marks.get(number, ""))
+        note = await self.app.push_screen_wait(prompt)
+        if note is None:
+            return
+        if note.strip():
+            self.frames.marks[number] = printable(note.strip())
+        else:
+            self.frames.marks.pop(number, None)
+        self.frames.repaint()
+        self.show_frame()
+
+    @work
+    async def action_save(self) -> None:
+        """Save the packets with marks and notes in a new file."""
+        packets = self.feed.progress.packets
+        if not packets or self.feed.journal is None:
+            app_of(self).show_message(say("traffic.nothing_to_save"), "warning")
+            return
+        source = self.feed.display_path
+        proposed = source.with_name(f"{source.name.removesuffix('.gz').rpartition('.')[0]}-notes.pcapng")
+        prompt = Prompt(say("traffic.save.title"), say("traffic.save.hint"), str(proposed))
+        target = await self.app.push_screen_wait(prompt)
+        if target:
+            notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.read_frame)
+            app_of(self).show_message(say("traffic.saving", path=printable(target)))
+            self._save_packets(self.feed.make_save_job(str(Path(target).expanduser()), notes))
+
+    @work(thread=True)
+    def _save_packets(self, job: SaveJob) -> None:
+        """Wait for the process that saves."""
+        self.post_message(NotesSaved(job.target, self.feed.save(job)))
+
+    def on_notes_saved(self, message: NotesSaved) -> None:
+        """Tell how it went."""
+        message.stop()
+        path = printable(message.target)
+        if message.reason:
+            text = say("traffic.unsaved", path=path, reason=printable(told(message.reason)))
+            app_of(self).show_message(text, "error")
+        else:
+            app_of(self).show_message(say("traffic.saved", path=path))
+
+    def commands(self) -> Iterator[tuple[str, str, str]]:
+        """Offer the captures that were opened lately."""
+        if self.check_action("open", ()):
+            for number, path in enumerate(app_of(self).settings.captures):
+                name = say("traffic.open.recent", path=printable(path))
+                yield name, say("traffic.open.tip"), f"open_recent({number})"
+
+    def action_open_recent(self, number: int) -> None:
+        """Show a capture that was opened lately instead."""
+        self._open_capture(app_of(self).settings.captures[number])
+
+    @work
+    async def action_open(self) -> None:
+        """Ask for another capture and show it instead."""
+        known = app_of(self).settings.captures
+        folder = f"{Path(known[0]).parent}/" if known else ""
+        path = await self.app.push_screen_wait(Prompt(say("traffic.open"), say("traffic.open.hint"), folder))
+        if path:
+            self._open_capture(str(Path(path).expanduser()))
+
+    def _open_capture(self, path: str) -> None:
+        try:
+            is_there = Path(path).is_file()
+        except OSError:  # a name that no file can have
+            is_there = False
+        if not is_there:
+            app_of(self).show_message(say("traffic.open.none", path=printable(path)), "warning")
+            return
+        try:
+            feed = TrafficFeed(path=path, ports=self.feed.job.ports)
+        except TemporaryFolderError as error:
+            app_of(self).show_message(printable(told(str(error))), "error")
+        else:
+            self.replace_feed(feed, Path(path).name)
+
+    def action_stop(self) -> None:
+        """Capture no more."""
+        self.feed.stop_reading()

@@ -1,0 +1,363 @@
+"""What is shown of traffic: frames, calls, what is thought of them, and the frame under the cursor."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+from rich.text import Text
+from textual import on
+from textual.app import ComposeResult
+from textual.events import Resize
+from textual.message import Message
+from textual.widgets import Static
+
+from bcapscope.render.escape import printable
+from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.filter.compiler import compile_filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.getters import AnnotatedFrame
+from bcapscope.tui.app import app_of
+from bcapscope.tui.screens import frame_relations
+from bcapscope.tui.screens.progress_text import count_text, progress_texts
+from bcapscope.tui.screens.views_screen import ViewsScreen
+from bcapscope.tui.settings import with_recent
+from bcapscope.tui.traffic_processes.process_messages import (
+    NO_ANALYSIS,
+    ReadProgress,
+    SearchMatches,
+    TrafficAnalysis,
+)
+from bcapscope.tui.traffic_processes.traffic_feed import FeedUpdate, SourceProblem, TrafficFeed
+from bcapscope.tui.widgets.call_list import CallList
+from bcapscope.tui.widgets.checked_input import CheckedInput
+from bcapscope.tui.widgets.finding_page import FindingPage
+from bcapscope.tui.widgets.frame_list import FrameList
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.packet_view import PacketView
+from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
+from bcapscope.tui.widgets.text_page import TextPage
+from bcapscope.tui.widgets.view_bar import ViewBar
+from bcapscope.tui.words import say
+from bcapscope.tui.words import told as spoken
+
+RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
+"""Views of which each line is a frame, or stands for one, by what their filter tells of."""
+
+_NARROW_WIDTH = 100
+"""Columns below which large counts are rounded."""
+
+
+class FeedUpdated(Message):
+    """One of the processes of a feed told something."""
+
+    def __init__(self, feed: TrafficFeed, update: FeedUpdate) -> None:
+        super().__init__()
+        self.feed = feed
+        self.update = update
+
+
+class TrafficViews(ViewsScreen):
+    """Shows what a feed reads.
+
+    Attributes:
+        feed: what is shown.
+        clock: how the time is told.
+    """
+
+    NAME = "traffic"
+    ABOUT = "traffic.about"
+    AUTO_FOCUS = "#frames"
+    VIEWS: ClassVar[Mapping[str, str]] = {
+        "frames": "traffic.frames",
+        "calls": "traffic.calls",
+        "findings": "traffic.findings",
+        "slave": "traffic.slave",
+        "statistics": "traffic.statistics",
+    }
+
+    def __init__(self, feed: TrafficFeed, title: str) -> None:
+        """Take what is read, and its name for people."""
+        super().__init__()
+        self.clock = TimeFormat.RELATIVE
+        self._generation = 0
+        self._header_text = ""
+        self._set_feed(feed, title)
+
+    def _set_feed(self, feed: TrafficFeed, title: str) -> None:
+        """Begin with a feed of which nothing is known yet."""
+        self.feed = feed
+        self._title = title
+        self._source_problem = ""
+        self.analysis = NO_ANALYSIS
+        self.expressions = dict.fromkeys(RECORD_KINDS, "")
+        self._searched = 0
+        self._is_problem_shown = False
+        self._unsettled_frame: AnnotatedFrame | None = None
+        self._shown_frame: int | None = None
+
+    def content(self) -> ComposeResult:
+        """Yield the views, and below them the frame under the cursor."""
+        yield self.make_view_bar()
+        yield CheckedInput("filter", self._check_filter, say("traffic.filter.hint"), say("traffic.filter"))
+        yield Static(id="head")
+        with Switcher(initial="frames", id="lists"):
+            yield FrameList(id="frames")
+            yield CallList(id="calls")
+            yield FindingPage(id="findings")
+            yield TextPage([say("traffic.empty.slave")], id="slave")
+            yield TextPage([say("traffic.empty.statistics")], id="statistics")
+        with PlainVertical(id="detail"):
+            yield Static(id="about")
+            yield PacketView(id="packet")
+
+    def on_mount(self) -> None:
+        """Begin to listen."""
+        app_of(self).add_closer(self._close)
+        for target in (self.frames, self.calls):
+            self.watch(target, "cursor", self._cursor_moved, init=False)
+        self._subscribe_feed()
+
+    def _subscribe_feed(self) -> None:
+        path = self.feed.job.path
+        if path and not self.feed.job.follow:
+            settings = app_of(self).settings
+            settings.captures = with_recent(str(Path(path).absolute()), settings.captures)
+            self.call_after_refresh(app_of(self).save_settings)  # what is read is shown first
+        self.feed.subscribe(partial(self._post_update, self.feed))
+        self.show_state()
+
+    def _post_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
+        """Take what is told in another thread."""
+        self.post_message(FeedUpdated(feed, update))
+
+    async def _close(self) -> None:
+        self._close_feed()
+
+    def _close_feed(self) -> None:
+        """Close the feed; nothing that is shown or still to be heard needs it any more."""
+        for target in (self.frames, self.calls):
+            target.clear_source()
+        self.feed.close()
+
+    def replace_feed(self, feed: TrafficFeed, title: str) -> None:
+        """Show another feed instead."""
+        self._close_feed()
+        self._show_analysis(NO_ANALYSIS)
+        self._set_feed(feed, title)
+        self.action_view("frames")
+        self._subscribe_feed()
+
+    # what is told
+
+    def on_feed_updated(self, message: FeedUpdated) -> None:
+        """Take in what one of the processes told."""
+        message.stop()
+        told = message.update
+        if message.feed is not self.feed or message.feed.is_closed:
+            return
+        if isinstance(told, ReadProgress):
+            self._show_progress(told)
+        elif isinstance(told, TrafficAnalysis):
+            self._show_analysis(told)
+        elif isinstance(told, SourceProblem):
+            self._source_problem = told.reason
+        elif told.generation == self._generation:
+            self._add_matches(told)
+        self.show_state()
+
+    def _show_progress(self, progress: ReadProgress) -> None:
+        feed = self.feed
+        ended_now = progress.ended and not feed.progress.ended
+        feed.progress = progress
+        if feed.open_journal() and feed.journal is not None and feed.calls is not None:
+            self.frames.open_journal(feed.journal, feed.is_live)
+            self.calls.open_calls(feed.calls, feed.is_live)
+            feed.journal.refresh()
+            feed.calls.refresh()
+            self.update_line_format()
+            self._show_growth()
+            if self._unsettled_frame is not None:
+                self._show_about(self._unsettled_frame)
+        if progress.ended and progress.problem and not self._is_problem_shown:
+            self._is_problem_shown = True
+            app_of(self).show_message(
+                say("traffic.trouble", reason=printable(spoken(progress.problem))), "warning"
+            )
+        if ended_now:
+            self.refresh_bindings()
+
+    def _show_growth(self) -> None:
+        """Show that there is more in the list that is seen; the other one is asked when it is shown."""
+        target = self.shown_list
+        if isinstance(target, FrameList | CallList):
+            target.lines_added()
+
+    def _show_analysis(self, analysis: TrafficAnalysis) -> None:
+        self.analysis = analysis
+        self.query_one(FindingPage).show_analysis(analysis)
+        self.query_one("#slave", TextPage).show_lines(analysis.slave_sessions or [say("traffic.empty.slave")])
+        self.query_one("#statistics", TextPage).show_lines(
+            analysis.statistics or [say("traffic.empty.statistics")]
+        )
+
+    def _add_matches(self, matches: SearchMatches) -> None:
+        self._searched = matches.searched
+        rows = array("I")
+        rows.frombytes(matches.rows)
+        target = self.shown_list
+        if isinstance(target, FrameList | CallList) and rows and target.rows.matches is not None:
+            target.rows.matches.extend(rows)
+            target.lines_added()
+
+    # what is shown
+
+    @property
+    def frames(self) -> FrameList:
+        """The list of frames."""
+        return self.query_one(FrameList)
+
+    @property
+    def calls(self) -> CallList:
+        """The list of calls."""
+        return self.query_one(CallList)
+
+    def update_line_format(self) -> None:
+        """Tell times, and name clients where there are several."""
+        journal = self.feed.journal
+        first = journal.time_of(1) if journal is not None and len(journal) else 0
+        several = self.feed.progress.clients > 1
+        self.frames.set_line_format(self.clock, several)
+        self.calls.set_line_format(self.clock, several, first)
+        head = {"frames": self.frames.header, "calls": self.calls.header}.get(self.view)
+        text = "" if head is None else head()
+        if text != self._header_text:
+            self._header_text = text
+            self.query_one("#head", Static).update(Text(text), layout=False)
+
+    def show_state(self) -> None:
+        """Show how much there is, and how reading and searching go."""
+        journal, calls, brief = self.feed.journal, self.feed.calls, self.size.width < _NARROW_WIDTH
+        counts = {"findings": str(len(self.analysis.findings) or "")}
+        if journal is not None and calls is not None:
+            counts |= {"frames": count_text(len(journal), brief), "calls": count_text(len(calls), brief)}
+            target = self.shown_list
+            if isinstance(target, FrameList | CallList) and target.rows.matches is not None:
+                counts[self.view] = f"{count_text(len(target.rows.matches), brief)}/{counts[self.view]}"
+        told = progress_texts(self.feed.progress, self._source_problem, self._search_percent(), self._title)
+        self.query_one(ViewBar).show_counts(self.view, counts, told)
+
+    def _search_percent(self) -> int | None:
+        """Tell how much of what is there was searched; None where there is nothing left to search."""
+        source = {"frames": self.feed.journal, "calls": self.feed.calls}.get(self.view)
+        if source is None or not self.expressions[self.view] or self._searched >= len(source):
+            return None
+        return 100 * self._searched // len(source)
+
+    @on(Lines.Moved)
+    def _list_moved(self, message: Lines.Moved) -> None:
+        """Show the frame under the cursor, where others are listed than before."""
+        if message.lines is self.shown_list:
+            self._cursor_moved()
+
+    def _cursor_moved(self) -> None:
+        """Show the frame under the cursor; called at once, so that list and frame are drawn together."""
+        if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
+            self.show_frame()
+
+    @property
+    def frame_number(self) -> int | None:
+        """Number of the frame under the cursor; None where there is none."""
+        if self.view == "calls":
+            current = self.calls.current_call
+            return None if current is None else current[1]
+        return self.frames.frame_number if self.view == "frames" else None
+
+    def show_frame(self) -> None:
+        """Show the frame under the cursor below the list."""
+        number, calls = self.frame_number, self.feed.calls
+        self._shown_frame = number
+        packet = self.query_one(PacketView)
+        if number is None or calls is None:
+            packet.show_packet(None)
+            self.query_one("#about", Static).update("", layout=False)
+            return
+        told = self.frames.read_frame(number)
+        packet.show_packet(told.observation, told.call_kind)
+        self._show_about(told)
+
+    def _show_about(self, frame: AnnotatedFrame) -> None:
+        """Tell which call a frame belongs to, as soon as that has settled."""
+        calls, number = self.feed.calls, frame.observation.number
+        if calls is None:
+            return
+        row = calls.index_of_frame(number)
+        self._unsettled_frame = frame if row is None else None
+        settled = None if row is None else calls.read_call(row).settled
+        self.frames.show_related(frame_relations.call_frames(settled))
+        about = frame_relations.frame_description(frame, settled, self.frames.marks.get(number))
+        self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
+
+    def on_resize(self, event: Resize) -> None:
+        """Give the frame what the list can spare."""
+        height = event.size.height
+        self.query_one("#detail").styles.height = max(8, min(26, height * 2 // 5))
+
+    # views and filter
+
+    def show_view(self) -> None:
+        """Show the filter and the frame where there are frames."""
+        of_frames = self.view in RECORD_KINDS
+        for name in ("#filter-line", "#head", "#detail"):
+            self.query_one(name).display = of_frames
+        if of_frames:
+            self.query_one(CheckedInput).set_text(self.expressions[self.view])
+            self._search()
+            self._show_growth()
+            self.update_line_format()
+            self.show_frame()
+
+    def _check_filter(self, expression: str) -> object:
+        """Make a filter for the view, as a check."""
+        return compile_filter(expression, RECORD_KINDS.get(self.view, RecordKind.FRAME))
+
+    def set_filter(self, expression: str) -> None:
+        """Show only what an expression is true for; "" for all."""
+        self.query_one(CheckedInput).set_text(expression)
+        self._apply_filter(expression)
+
+    @on(CheckedInput.Typed)
+    def _filter_typed(self, message: CheckedInput.Typed) -> None:
+        """Search for what was typed at once."""
+        self._apply_filter(message.text)
+
+    @on(CheckedInput.Entered)
+    def _filter_entered(self) -> None:
+        """Go from the filter to what it lets pass."""
+        self.set_focus(self.shown_list)
+
+    def _apply_filter(self, expression: str) -> None:
+        if self.view in RECORD_KINDS and expression != self.expressions[self.view]:
+            self.expressions[self.view] = expression
+            self._search()
+
+    def _search(self) -> None:
+        """Search for the expression of this view from the start, or show all."""
+        target, expression = self.shown_list, self.expressions[self.view]
+        if not isinstance(target, FrameList | CallList):
+            return
+        here = self.frame_number if target is self.frames else None
+        was_filtered = target.rows.matches is not None
+        self._searched = 0
+        self._generation = self.feed.search(RECORD_KINDS[self.view], expression)
+        if not expression and not was_filtered:
+            return
+        target.rows.matches = array("I") if expression else None
+        if isinstance(target, CallList):
+            target.show_rows()
+        else:
+            target.reset_lines(target.rows.nearest(here) if here is not None and not expression else 0)
+        self.show_state()

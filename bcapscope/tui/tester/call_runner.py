@@ -1,0 +1,154 @@
+"""Does at the desk what the widgets want, and tells them what became of it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
+
+from bcapscope.errors import BcapError
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
+from bcapscope.render.escape import printable
+from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.tui.controller_access.controller_session import (
+    ControllerSession,
+    NotArmedError,
+    handle_argument,
+)
+from bcapscope.tui.controller_access.guided_connect import add_robot, start_robslave
+from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
+from bcapscope.tui.controller_access.saved_requests import SavedRequest, takes_handle
+from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
+from bcapscope.tui.words import say
+
+CallStep = Callable[[], Coroutine[Any, Any, HistoryRecord]]
+
+_RELEASES = {function.releases: function for function in FUNCTIONS.values() if function.releases}
+
+
+class ObjectMissingError(BcapError):
+    """What a call is to be made of is not open."""
+
+
+class CallRunner:
+    """Between the screen and the desk; its coroutines are for the screen's event loop."""
+
+    def __init__(self, session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]]) -> None:
+        """Take the desk, and what asks the user to arm."""
+        self._session = session
+        self._ask_to_arm = ask_to_arm
+
+    async def make_wanted_call(self, wanted: CallWanted) -> None:
+        """Make a call."""
+        await self.make_call(wanted.result_display, wanted.function, wanted.values, wanted.subject)
+
+    async def make_call(
+        self,
+        result_display: ResultDisplay,
+        function: Function,
+        values: tuple[Variant, ...],
+        subject: ObjectHandle | None = None,
+    ) -> None:
+        """Make a call with arguments that have no handle yet."""
+
+        async def step() -> HistoryRecord:
+            handle = (self._handle_for(function, subject),) if takes_handle(function) else ()
+            return await self._session.call(function, (*handle, *values))
+
+        await self._run_reported(result_display, step)
+
+    async def repeat_call(self, result_display: ResultDisplay, record: HistoryRecord) -> None:
+        """Make a call once more as it was, its handle included."""
+        function = FUNCTIONS.get(record.function_id)
+        if function is None:
+            await self.send_raw(
+                result_display, record.sent_packets[0].item.raw if record.sent_packets else b""
+            )
+            return
+        await self._run_reported(result_display, lambda: self._session.call(function, record.arguments))
+
+    async def make_saved_call(self, result_display: ResultDisplay, saved: SavedRequest) -> None:
+        """Make a saved request."""
+        await self.make_call(result_display, saved.function, saved.values)
+
+    async def send_raw(self, result_display: ResultDisplay, raw: bytes) -> None:
+        """Send bytes as they are."""
+        await self._run_reported(result_display, lambda: self._session.send_raw(raw))
+
+    async def open_object(self, wanted: OpenWanted) -> bool:
+        """Open an object; a robot is chosen then, and its type read."""
+        desk = self._session
+
+        async def step() -> HistoryRecord:
+            if wanted.kind is ObjectClass.ROBOT:
+                return await add_robot(desk, wanted.name, wanted.option)
+            parent = self._parent_object(wanted.parent)
+            values = (handle_argument(parent), Variant(VT.BSTR, wanted.name), Variant(VT.BSTR, wanted.option))
+            return await desk.invoke(f"{wanted.parent}_Get{wanted.kind}", *values)
+
+        return await self._run_reported(wanted.result_display, step)
+
+    async def release_object(self, wanted: OpenWanted) -> None:
+        """Release the object of that name."""
+        name = wanted.name.casefold()
+        found = [one for one in self._session.status.open_objects if one.kind is wanted.kind]
+        subject = next((one for one in reversed(found) if one.label.casefold() == name), None)
+        if subject is None:
+            wanted.result_display.show_error(say("tester.release.missing", name=printable(wanted.name)))
+            return
+        await self.make_call(wanted.result_display, _RELEASES[wanted.kind], (), subject)
+
+    async def run_robslave(self, result_display: ResultDisplay) -> None:
+        """Open the task RobSlave and start it."""
+        await self._run_reported(result_display, lambda: start_robslave(self._session))
+
+    def _handle_for(self, function: Function, subject: ObjectHandle | None) -> Variant:
+        """Return the handle of what is chosen, or of the latest of its class."""
+        owner, status = function.owner, self._session.status
+        if subject is None and owner is ObjectClass.ROBOT:
+            subject = status.robot
+        if subject is None:
+            subject = next((one for one in reversed(status.open_objects) if one.kind is owner), None)
+        if subject is None:
+            key = "tester.missing" if status.is_connected else "tester.not_connected"
+            raise ObjectMissingError(say(key, kind=owner))
+        return handle_argument(subject)
+
+    def _parent_object(self, kind: ObjectClass) -> ObjectHandle:
+        found = self._session.status.robot if kind is ObjectClass.ROBOT else None
+        found = found or next(
+            (one for one in reversed(self._session.status.open_objects) if one.kind is kind), None
+        )
+        if found is None:
+            key = "tester.missing" if self._session.status.is_connected else "tester.not_connected"
+            raise ObjectMissingError(say(key, kind=kind))
+        return found
+
+    async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
+        """Do something and tell whoever wanted it; arm first where that is needed.
+
+        Returns:
+            Whether it was done, however it ended.
+        """
+        result_display.show_pending()
+        try:
+            result_display.show_record(await self._run_armed(step))
+        except asyncio.CancelledError:
+            result_display.show_error(say("tester.cancelled"))
+            raise
+        except NotArmedError:
+            result_display.show_error(say("tester.not_armed"))
+        except (BcapError, OSError) as error:
+            result_display.show_error(error_text(error))
+        else:
+            return True
+        return False
+
+    async def _run_armed(self, step: CallStep) -> HistoryRecord:
+        try:
+            return await self._session.run_in_loop(step())
+        except NotArmedError:
+            if not await self._ask_to_arm():
+                raise
+        return await self._session.run_in_loop(step())

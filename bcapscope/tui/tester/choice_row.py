@@ -1,0 +1,76 @@
+"""A row of names, one of which is chosen: left and right, or a click."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from rich.text import Text
+from textual.app import RenderResult
+from textual.binding import Binding, BindingType
+from textual.events import Click
+from textual.message import Message
+from textual.reactive import reactive
+from textual.widget import Widget
+
+from bcapscope.tui.words import say
+
+
+class ChoiceRow(Widget, can_focus=True):
+    """Shows names of which one is chosen.
+
+    Attributes:
+        chosen: the value that is chosen.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("left", "step(-1)", "", show=False),
+        Binding("right", "step(1)", "", show=False),
+    ]
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"choice--chosen", "choice--other"}
+    chosen: reactive[str] = reactive("", init=False)
+
+    class Chosen(Message):
+        """Another one was chosen."""
+
+        def __init__(self, choice: ChoiceRow, value: str) -> None:
+            super().__init__()
+            self.choice, self.value = choice, value
+
+        @property
+        def control(self) -> ChoiceRow:
+            """The row."""
+            return self.choice
+
+    def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
+        """Take values, each with the key of its name in the catalogue of words; the first is chosen."""
+        super().__init__(id=id)
+        self._options = tuple(options)
+        self.set_reactive(ChoiceRow.chosen, self._options[0][0])
+
+    def watch_chosen(self, value: str) -> None:
+        """Tell."""
+        self.post_message(self.Chosen(self, value))
+
+    def render(self) -> RenderResult:
+        """Write the row."""
+        text = Text(no_wrap=True, end="")
+        for value, name in self._options:
+            kind = "choice--chosen" if value == self.chosen else "choice--other"
+            text.append(f" {say(name)} ", style=self.get_component_rich_style(kind))
+        return text
+
+    def action_step(self, by: int) -> None:
+        """Choose the one beside."""
+        values = [value for value, _ in self._options]
+        self.chosen = values[(values.index(self.chosen) + by) % len(values)]
+
+    def on_click(self, event: Click) -> None:
+        """Choose what was clicked."""
+        at = 0
+        for value, name in self._options:
+            width = Text(f" {say(name)} ").cell_len
+            if at <= event.x < at + width:
+                self.chosen = value
+                return
+            at += width

@@ -1,0 +1,136 @@
+"""Execute as b-CAP Tester has it: Command, Type, Parameter, Result."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.suggester import SuggestFromList
+from textual.widgets import Button, Input
+
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.command_catalogue import commands_of
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.parameter_input import command_hint, expected_input
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.list_pickers import CommandPicker
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.typed_value import TypedValue
+from bcapscope.tui.tester.wanted_messages import CallWanted
+from bcapscope.tui.words import say
+
+
+class CommandForm(Vertical):
+    """Makes calls of one of the ..._Execute functions; the catalogue completes the command as it is typed."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("f4", "pick", "tester.pick", id="command.pick", tooltip="tester.pick.tip"),
+    ]
+
+    def __init__(self, function_id: int, *, id: str | None = None) -> None:
+        """Take the function: Controller_Execute, Robot_Execute and the like."""
+        super().__init__(id=id)
+        self.function = FUNCTIONS[function_id]
+        self._sent_parameters: dict[str, tuple[int, str]] = {}
+        self._last_parameter: tuple[int, str] | None = None
+
+    def compose(self) -> ComposeResult:
+        """Put command, type and parameter into two rows, and the result below."""
+        names = [each.name for each in commands_of(self.function.id)]
+        with Horizontal(classes="row"):
+            yield Caption("tester.command")
+            yield Input(suggester=SuggestFromList(names, case_sensitive=False), classes="command")
+        with Horizontal(classes="row"):
+            yield Caption("tester.parameter")
+            yield TypedValue()
+            yield Button(say("tester.execute"), compact=True, variant="primary", classes="execute")
+        yield ResultView()
+
+    def fill_command(self, name: str, parameter: Variant, text: str) -> None:
+        """Show a command with its parameter."""
+        with self.prevent(Input.Changed):
+            self.query_one(".command", Input).value = name
+        self.query_one(TypedValue).fill_value(parameter.vt, text)
+
+    @on(Input.Changed, ".command")
+    def _show_suggestion(self, message: Input.Changed) -> None:
+        """Choose the type that the command has, and say what it does.
+
+        The parameter that was sent with another command goes; what was sent with this one comes back.
+        """
+        message.stop()
+        found = command_hint(self.function.id, message.value)
+        if found is None:
+            self.query_one(ResultView).show_hint("")
+            return
+        typed = self.query_one(TypedValue)
+        before = self._sent_parameters.get(message.value.strip().casefold())
+        if before is not None:
+            typed.fill_value(*before)
+        elif typed.typed == self._last_parameter:
+            typed.fill_value(found.types[0] if found.types else typed.vt, "")
+        elif found.types:
+            typed.select_type(found.types[0])
+        self.query_one(ResultView).show_hint(found.text)
+
+    @on(TypedValue.Changed)
+    def _show_check(self, message: TypedValue.Changed) -> None:
+        message.stop()
+        if message.problem:
+            self.query_one(ResultView).show_problem(message.problem)
+            return
+        found = command_hint(self.function.id, self.query_one(".command", Input).value)
+        vt = message.value.vt
+        wanted = "" if vt in (VT.EMPTY, VT.NULL) else expected_input(vt)
+        self.query_one(ResultView).show_hint(found.text if found else wanted)
+
+    @on(Input.Submitted, ".command")
+    def _submit_command(self, message: Input.Submitted) -> None:
+        """Complete a name that was begun; execute one that is known, or that nothing known begins with.
+
+        Where the parameter of it is still to be typed, go there.
+        """
+        begun = message.value.strip().casefold()
+        names = [
+            each.name for each in commands_of(self.function.id) if each.name.casefold().startswith(begun)
+        ]
+        if begun and names and begun not in map(str.casefold, names):
+            message.stop()
+            message.input.value = names[0]
+            message.input.cursor_position = len(names[0])
+        elif begun and self.query_one(TypedValue).is_missing:
+            message.stop()
+            self.query_one(TypedValue).query_one(Input).focus()
+        else:
+            self._execute(message)
+
+    @on(Button.Pressed)
+    @on(TypedValue.Submitted)
+    def _execute(self, message: Button.Pressed | TypedValue.Submitted | Input.Submitted) -> None:
+        message.stop()
+        result, name = self.query_one(ResultView), self.query_one(".command", Input).value.strip()
+        checked = self.query_one(TypedValue).checked_text
+        if not name:
+            result.show_problem(say("tester.command.missing"))
+        elif checked.value is None:
+            result.show_problem(checked.problem)
+        else:
+            if command_hint(self.function.id, name) is not None:  # else it may be a slip of the pen
+                self._last_parameter = self._sent_parameters[name.casefold()] = self.query_one(
+                    TypedValue
+                ).typed
+            self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
+
+    def action_pick(self) -> None:
+        """Choose from all commands that are known."""
+
+        def take(name: str | None) -> None:
+            if name:
+                self.query_one(".command", Input).value = name
+                self.query_one(TypedValue).query_one(Input).focus()
+
+        app_of(self).push_screen(CommandPicker(self.function.id), take)

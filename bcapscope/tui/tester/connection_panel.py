@@ -1,0 +1,179 @@
+"""Controller: where it is, how it is reached, Connect and Disconnect, and each step of connecting."""
+
+from __future__ import annotations
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.suggester import SuggestFromList
+from textual.widgets import Button, Input
+
+from bcapscope.client.controller_target import split_host_port
+from bcapscope.protocol.number_parsing import parse_integer
+from bcapscope.render.escape import printable
+from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.option_field import read_option_field
+from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, SessionStatus
+from bcapscope.tui.ink import INK
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.tick_box import TickBox
+from bcapscope.tui.tester.wanted_messages import ConnectWanted, DisconnectWanted
+from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.words import say
+
+DEFAULT_PORT = 5007
+_STEP_MARKS = {None: "◌", True: "●", False: "✗"}
+
+
+class ConnectionPanel(Vertical):
+    """The fields of a connection; Enter in any of them connects."""
+
+    def __init__(self, host: str, port: int, tcp: bool, option: str, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._initial_fields = (host, port, tcp, option)
+        self._steps: dict[ConnectStep, ConnectStepUpdate] = {}
+        self._problem = ""
+        self._is_address_pending = False
+        self._is_connect_pending = False
+
+    def compose(self) -> ComposeResult:
+        """Put the fields above the buttons and the steps, and below what was found."""
+        host, port, tcp, option = self._initial_fields
+        with Horizontal(classes="row"):
+            yield Caption("tester.ip")
+            known = SuggestFromList(app_of(self).settings.hosts, case_sensitive=False)
+            yield Input(host, suggester=known, id="host")
+            yield TickBox("UDP", not tcp, id="udp")
+            yield Input(str(port), id="port", type="integer", max_length=5)
+            yield Caption("tester.option")
+            yield Input(option, placeholder="Timeout=300", id="option")
+        with Horizontal(classes="row"):
+            yield Button(say("tester.connect"), compact=True, variant="primary", id="connect")
+            yield Button(say("tester.disconnect"), compact=True, id="disconnect", disabled=True)
+            yield InkedText(id="steps")
+        yield InkedText(id="found")
+
+    def on_mount(self) -> None:
+        """Say what to do first."""
+        self._update_texts()
+
+    def wait_for_address(self) -> None:
+        """Take notice that where the controller is will be told; connect not before."""
+        self._is_address_pending, self._is_connect_pending = True, False
+        self._problem = ""
+        self._update_texts()
+
+    def fill_address(self, host: str, port: int) -> None:
+        """Fill in where the controller is, and connect if that is wanted by now."""
+        self.query_one("#host", Input).value = host
+        self.query_one("#port", Input).value = str(port)
+        self._is_address_pending = False
+        self._update_texts()
+        if self._is_connect_pending:
+            self.request_connect()
+
+    def wanted_connection(self) -> ConnectWanted | str:
+        """Return what the fields ask for, or what is wrong with them."""
+        host, port = self._host_and_port()
+        tcp = not self.query_one("#udp", TickBox).value
+        option = self.query_one("#option", Input).value
+        if not host:
+            return say("tester.host.missing")
+        number = parse_integer(port, 1, 65535)
+        if number is None:
+            return say("tester.port.wrong")
+        try:
+            read_option_field(option, host, number, tcp)
+        except ValueError as error:
+            return str(error)
+        return ConnectWanted(host, number, tcp, option)
+
+    def _host_and_port(self) -> tuple[str, str]:
+        """Return host and port as they stand there; a port behind the host counts, as in `host:5007`."""
+        host, port = split_host_port(self.query_one("#host", Input).value.strip())
+        return host, port or self.query_one("#port", Input).value.strip()
+
+    def clear_steps(self) -> None:
+        """Forget the steps of the connection before."""
+        self._steps = {}
+        self._problem = ""
+        self._update_texts()
+
+    def show_step(self, step_update: ConnectStepUpdate) -> None:
+        """Show a step."""
+        self._steps[step_update.step] = step_update
+        self._update_texts()
+
+    def show_problem(self, reason: str) -> None:
+        """Show what broke the connection."""
+        self._is_address_pending = False
+        self._problem = reason
+        self._update_texts()
+
+    def show_status(self, status: SessionStatus) -> None:
+        """Show whether there is a connection."""
+        self.query_one("#disconnect", Button).disabled = not status.is_connected
+        for name in ("#host", "#port", "#option", "#udp", "#connect"):
+            self.query_one(name).disabled = status.is_connected
+        if not status.is_connected and all(each.done is not False for each in self._steps.values()):
+            self._steps = {}
+            self._update_texts()
+
+    def set_connecting(self, connecting: bool) -> None:
+        """Let Disconnect end an attempt to connect."""
+        self.query_one("#disconnect", Button).disabled = not connecting
+        self.query_one("#connect", Button).disabled = connecting
+
+    def _update_texts(self) -> None:
+        parts = [self._step_text(step) for step in ConnectStep]
+        last = next(
+            (each for each in reversed(self._steps.values()) if each.text or each.done is False), None
+        )
+        text = f"{INK.bad}{printable(self._problem)}{INK.reset}" if self._problem else ""
+        if not text and last is not None:
+            color = INK.bad if last.done is False else INK.dim
+            text = f"{color}{printable(last.text)}{INK.reset}"
+        if not text:
+            hint = "tester.simulator.starting" if self._is_address_pending else "tester.connect.hint"
+            text = f"{INK.dim}{say(hint)}{INK.reset}"
+        self.query_one("#steps", InkedText).show_text(" ".join(parts))
+        self.query_one("#found", InkedText).show_text(text)
+
+    def _step_text(self, step: ConnectStep) -> str:
+        name, news = say(f"tester.step.{step}"), self._steps.get(step)
+        if news is None:
+            return f"{INK.dim}○ {name}{INK.reset}"
+        color = {None: INK.number, True: INK.good, False: INK.bad}[news.done]
+        return f"{color}{_STEP_MARKS[news.done]} {name}{INK.reset}"
+
+    @on(Input.Changed)
+    def _check_fields(self, message: Input.Changed) -> None:
+        message.stop()
+        wish = "" if self._is_address_pending else self.wanted_connection()
+        self._problem = wish if isinstance(wish, str) else ""
+        self._update_texts()
+
+    @on(Button.Pressed, "#connect")
+    @on(Input.Submitted)
+    def _connect(self, message: Button.Pressed | Input.Submitted) -> None:
+        message.stop()
+        self.request_connect()
+
+    def request_connect(self) -> None:
+        """Ask for the connection, or say what is wrong with the fields."""
+        if self._is_address_pending:
+            self._is_connect_pending = True
+            return
+        wish = self.wanted_connection()
+        if isinstance(wish, str):
+            self._problem = wish
+            self._update_texts()
+        else:
+            self.query_one("#host", Input).value = wish.host
+            self.query_one("#port", Input).value = str(wish.port)
+            self.post_message(wish)
+
+    @on(Button.Pressed, "#disconnect")
+    def _disconnect(self, message: Button.Pressed) -> None:
+        message.stop()
+        self.post_message(DisconnectWanted())

@@ -1,0 +1,107 @@
+"""Small dialogs: a question with two answers, and a question for a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.screen import ModalScreen
+from textual.widgets import Button, Input, Static
+
+from bcapscope.tui.words import say, told
+
+_ARROW_BINDINGS = (
+    Binding("left", "app.focus_previous", show=False),
+    Binding("right", "app.focus_next", show=False),
+)
+"""Answers stand side by side, and arrows are how people go from one to the other."""
+
+
+class ArmDialog(ModalScreen[bool]):
+    """Asks whether to arm; says what would move. The answer that does nothing has the focus."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,n", "dismiss(False)", "tester.arm.no", key_display="esc"),
+        *_ARROW_BINDINGS,
+    ]
+
+    def __init__(self, facts: list[str]) -> None:
+        """Take what is known of the controller and the robot, a line each, harmless already."""
+        super().__init__()
+        self._facts = facts
+
+    def compose(self) -> ComposeResult:
+        """Put the answers below the facts."""
+        with Vertical(classes="dialog -warning") as box:
+            box.border_title = say("tester.arm.title")
+            yield Static("\n".join(self._facts), markup=False, id="facts")
+            yield Static(say("tester.arm.warning"), markup=False)
+            with Horizontal(classes="answers"):
+                yield Button(say("tester.arm.no"), compact=True, id="no")
+                yield Button(say("tester.arm.yes"), compact=True, variant="error", id="yes")
+
+    def on_mount(self) -> None:
+        """Let Enter do nothing."""
+        self.query_one("#no").focus()
+
+    @on(Button.Pressed)
+    def _answer(self, message: Button.Pressed) -> None:
+        self.dismiss(message.button.id == "yes")
+
+
+class ChoiceDialog(ModalScreen[str | None]):
+    """Asks the user to choose; the first choice, which does nothing, has the focus."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
+        *_ARROW_BINDINGS,
+    ]
+
+    def __init__(self, facts: list[str], choices: Sequence[str]) -> None:
+        """Take what there is to decide, harmless already, and the choices."""
+        super().__init__()
+        self._facts, self._choices = facts, tuple(choices)
+
+    def compose(self) -> ComposeResult:
+        """Put the choices below the facts."""
+        with Vertical(classes="dialog -warning"):
+            yield Static("\n".join(self._facts), markup=False, id="facts")
+            with Horizontal(classes="answers"):
+                for at, choice in enumerate(self._choices):
+                    yield Button(
+                        told(choice), compact=True, id=f"choice{at}", variant="error" if at else "default"
+                    )
+
+    def on_mount(self) -> None:
+        """Let Enter do nothing."""
+        self.query_one("#choice0").focus()
+
+    @on(Button.Pressed)
+    def _answer(self, message: Button.Pressed) -> None:
+        self.dismiss(self._choices[int((message.button.id or "choice0").removeprefix("choice"))])
+
+
+class NameDialog(ModalScreen[str | None]):
+    """Asks for a name."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
+    ]
+
+    def __init__(self, title: str, initial_name: str) -> None:
+        super().__init__()
+        self._title, self._initial_name = title, initial_name
+
+    def compose(self) -> ComposeResult:
+        """Put the field under the title."""
+        with Vertical(classes="dialog -small") as box:
+            box.border_title = self._title
+            yield Input(self._initial_name)
+
+    @on(Input.Submitted)
+    def _submit(self, message: Input.Submitted) -> None:
+        self.dismiss(message.value.strip() or None)

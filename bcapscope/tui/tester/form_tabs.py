@@ -1,0 +1,102 @@
+"""The tabs below the connection: robot, variables, tasks, any function, raw packets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Vertical
+from textual.widgets import Button, ContentSwitcher
+
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
+from bcapscope.render.notation_text import untyped_text
+from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.tui.controller_access.history_record import HistoryRecord
+from bcapscope.tui.controller_access.saved_requests import takes_handle
+from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
+from bcapscope.tui.tester.list_pickers import FunctionPicker
+from bcapscope.tui.tester.raw_form import RawForm
+from bcapscope.tui.tester.robot_panel import RobotPanel
+from bcapscope.tui.tester.task_panel import TaskPanel
+from bcapscope.tui.tester.variable_panel import VariablePanel
+
+TABS = ("robot", "variable", "task", "function", "raw")
+"""Names of the tabs, in their order."""
+
+
+class FormTabs(Vertical):
+    """Shows one of them at a time; puts calls that were made before into a form."""
+
+    def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
+        """Take the function whose form is shown first."""
+        super().__init__(id=id)
+        self._initial_function = initial_function
+
+    def compose(self) -> ComposeResult:
+        """Put the choice above what is chosen."""
+        yield ChoiceRow([(tab, f"tester.tab.{tab}") for tab in TABS], id="tabs")
+        with ContentSwitcher(initial=TABS[0], id="panels"):
+            yield RobotPanel(id="robot")
+            yield VariablePanel(ObjectClass.CONTROLLER, "@MODE", id="variable")
+            yield TaskPanel(id="task")
+            yield FunctionPanel(self._initial_function, id="function")
+            yield RawForm(id="raw")
+
+    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
+        """Take note of what is open."""
+        for panel in self.query(VariablePanel):
+            panel.set_open_objects(open_objects)
+        self.query_one(TaskPanel).set_open_objects(open_objects)
+
+    def variable_opened(self, owner: ObjectClass, name: str) -> None:
+        """Take note that the user has opened a variable."""
+        for panel in self.query(VariablePanel):
+            panel.variable_opened(owner, name)
+
+    @property
+    def current_tab(self) -> str:
+        """The tab that is shown."""
+        return self.query_one("#tabs", ChoiceRow).chosen
+
+    def show_tab(self, tab: str) -> None:
+        """Show one of the tabs."""
+        self.query_one("#tabs", ChoiceRow).chosen = tab
+        self.query_one("#panels", ContentSwitcher).current = tab
+
+    async def fill_function(self, function: Function, values: tuple[Variant, ...]) -> FunctionForm:
+        """Show the form of a function with arguments, the handle not among them; return it."""
+        self.show_tab("function")
+        form = await self.query_one(FunctionPanel).show_function(function)
+        form.fill_values(values, tuple(untyped_text(value) or "" for value in values))
+        return form
+
+    async def edit_call(self, record: HistoryRecord) -> None:
+        """Put a call into a form: that of its function, or raw bytes where there is none."""
+        function = FUNCTIONS.get(record.function_id)
+        if function is None or len(function.params) != len(record.arguments):
+            self.show_tab("raw")
+            self.query_one(RawForm).fill_bytes(record.sent_packets[0].item.raw)
+            return
+        values = record.arguments[1:] if takes_handle(function) else record.arguments
+        form = await self.fill_function(function, values)
+        form.focus_first()
+
+    @on(ChoiceRow.Chosen, "#tabs")
+    def _switch_tab(self, message: ChoiceRow.Chosen) -> None:
+        message.stop()
+        self.query_one("#panels", ContentSwitcher).current = message.value
+
+    @on(Button.Pressed, "#choose-function")
+    def _choose_function(self, message: Button.Pressed) -> None:
+        message.stop()
+
+        async def choose(name: str | None) -> None:
+            function = function_by_name(name) if name else None
+            if function is not None:
+                form = await self.query_one(FunctionPanel).show_function(function)
+                form.focus_first()
+
+        self.app.push_screen(FunctionPicker(), choose)

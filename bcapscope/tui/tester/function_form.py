@@ -1,0 +1,143 @@
+"""Any function, by a form that is built from its signature."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Button, Label, Select
+
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
+from bcapscope.protocol.tables.function_table import Function, Param
+from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES, expected_input
+from bcapscope.tui.controller_access.saved_requests import takes_handle
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.typed_value import TypedValue
+from bcapscope.tui.tester.wanted_messages import CallWanted
+from bcapscope.tui.words import say, told
+
+_PARAMETER_TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
+_NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
+    ("Robot_Move", "lComp"): INTERPOLATIONS,
+    ("Task_Start", "lMode"): TASK_START_MODES,
+    ("Task_Stop", "lMode"): TASK_STOP_MODES,
+}
+
+
+class FunctionForm(Vertical):
+    """A row for each argument but the handle; text that does not go with its type is told at once."""
+
+    def __init__(self, function: Function, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.function = function
+        self.params = function.params[1:] if takes_handle(function) else function.params
+
+    def compose(self) -> ComposeResult:
+        """Make the rows."""
+        for index, param in enumerate(self.params):
+            last = index == len(self.params) - 1
+            with Horizontal(classes="row"):
+                yield Label(param.name, markup=False, classes="param")
+                yield from self._make_field(index, param)
+                if last:
+                    yield self._execute_button()
+        if not self.params:
+            with Horizontal(classes="row"):
+                yield self._execute_button()
+        yield ResultView()
+
+    def _execute_button(self) -> Button:
+        return Button(say("tester.execute"), compact=True, variant="primary", classes="execute")
+
+    def _make_field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
+        known = _NAMED_VALUES.get((self.function.name, param.name))
+        if known is not None:
+            options = [(f"{value} {told(text)}", value) for value, text in known.items()]
+            yield Select(options, allow_blank=False, compact=True, id=f"field{index}", classes="named")
+        elif param.type == "VARIANT":
+            yield TypedValue(VT.BSTR, PARAMETER_TYPES, id=f"field{index}")
+        else:
+            vt = _PARAMETER_TYPES[param.type]
+            yield TypedValue(vt, (vt,), id=f"field{index}")
+
+    def focus_first(self) -> None:
+        """Go to the first field, or to the button where there is none."""
+        found = [each for each in self.query("Input, Select, Button") if each.focusable]
+        if found:
+            found[0].focus()
+
+    def fill_values(self, values: tuple[Variant, ...], texts: tuple[str, ...]) -> None:
+        """Show arguments."""
+        for index, (value, text) in enumerate(zip(values, texts, strict=True)):
+            field = self.query_one(f"#field{index}")
+            if isinstance(field, TypedValue):
+                field.fill_value(value.vt, text)
+            elif isinstance(field, Select) and isinstance(value.value, int):
+                field.value = value.value
+
+    def argument_values(self) -> tuple[Variant, ...] | str:
+        """Return the arguments without the handle, or what is wrong with the first that makes no sense."""
+        found: list[Variant] = []
+        for index, param in enumerate(self.params):
+            field = self.query_one(f"#field{index}")
+            if isinstance(field, TypedValue):
+                value, problem = field.checked_text
+                if value is None:
+                    return f"{param.name}: {problem}"
+                found.append(value)
+            elif isinstance(field, Select) and isinstance(field.value, int):
+                found.append(Variant(VT.I4, field.value))
+        return tuple(found)
+
+    @on(TypedValue.Changed)
+    def _show_check(self, message: TypedValue.Changed) -> None:
+        message.stop()
+        result = self.query_one(ResultView)
+        if message.problem:
+            result.show_problem(message.problem)
+        else:
+            vt = message.value.vt
+            result.show_hint("" if vt in (VT.EMPTY, VT.NULL) else expected_input(vt))
+
+    @on(Button.Pressed, ".execute")
+    @on(TypedValue.Submitted)
+    def _execute(self, message: Button.Pressed | TypedValue.Submitted) -> None:
+        message.stop()
+        values = self.argument_values()
+        result = self.query_one(ResultView)
+        if isinstance(values, str):
+            result.show_problem(values)
+        else:
+            self.post_message(CallWanted(result, self.function, values))
+
+
+class FunctionPanel(Vertical):
+    """Chooses one of the 137 functions and shows its form."""
+
+    def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._initial_function = initial_function
+
+    def compose(self) -> ComposeResult:
+        """Put the choice above the form."""
+        with Horizontal(classes="row"):
+            yield Caption("tester.function")
+            yield Button(self._button_label(self._initial_function), compact=True, id="choose-function")
+        yield FunctionForm(self._initial_function)
+
+    async def show_function(self, function: Function) -> FunctionForm:
+        """Show the form of another function."""
+        button = self.query_one("#choose-function", Button)
+        button.label = self._button_label(function)
+        button.refresh(layout=True)  # it is as wide as its label
+        await self.query_one(FunctionForm).remove()
+        form = FunctionForm(function)
+        await self.mount(form)
+        return form
+
+    def _button_label(self, function: Function) -> str:
+        return f"{function.id} {function.name} ▾"

@@ -1,0 +1,176 @@
+"""All calls with result and time: filtered, run again, changed and run, copied, saved."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.message import Message
+
+from bcapscope.tui.controller_access.call_history import history_filter, history_line
+from bcapscope.tui.controller_access.history_record import HistoryRecord
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.checked_input import CheckedInput
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say
+
+MAX_CALLS = 20_000
+"""Calls that are kept; the oldest go first."""
+
+
+MAX_BYTES = 32 << 20
+"""Bytes of their packets; beyond that a tenth of the calls is dropped, but never the latest."""
+
+
+class HistoryLines(Lines):
+    """The calls that are wanted, the latest last."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("r", "want('again')", "tester.again", id="history.again", tooltip="tester.again.tip"),
+        Binding("e", "want('edit')", "tester.edit", id="history.edit", tooltip="tester.edit.tip"),
+        Binding("x", "want('hex')", "tester.copy.hex", id="history.hex"),
+        Binding("p", "want('python')", "tester.copy.python", id="history.python"),
+        Binding("c", "want('line')", "tester.copy.line", id="history.line"),
+        Binding("s", "want('save')", "tester.save", id="history.save", tooltip="tester.save.tip"),
+        Binding(
+            "slash",
+            "filter",
+            "traffic.filter",
+            id="history.filter",
+            key_display="/",
+            tooltip="traffic.filter.tip",
+        ),
+    ]
+
+    class FilterWanted(Message):
+        """The filter is to be typed."""
+
+    class ActionWanted(Message):
+        """Something is to be done with a call.
+
+        Attributes:
+            record: the call.
+            what: ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save``.
+        """
+
+        def __init__(self, record: HistoryRecord, what: str) -> None:
+            super().__init__()
+            self.record, self.what = record, what
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._records: list[HistoryRecord] = []
+
+    @property
+    def count(self) -> int:
+        """How many calls are shown."""
+        return len(self._records)
+
+    @property
+    def follows_end(self) -> bool:
+        """The latest call stays in sight."""
+        return True
+
+    @property
+    def current_record(self) -> HistoryRecord | None:
+        """The call that the cursor is on."""
+        return self._records[self.cursor] if self._records else None
+
+    def line(self, index: int) -> str:
+        """Write a call."""
+        return history_line(self._records[index], INK)
+
+    def show_records(self, records: list[HistoryRecord]) -> None:
+        """Show other calls."""
+        self._records = records
+        self.reset_lines(len(records) - 1)
+
+    def add_record(self, record: HistoryRecord) -> None:
+        """Show one more."""
+        self._records.append(record)
+        self.lines_added()
+
+    def action_filter(self) -> None:
+        """Go to the filter."""
+        self.post_message(self.FilterWanted())
+
+    def action_want(self, what: str) -> None:
+        """Have something done with the call."""
+        if self.current_record is not None:
+            self.post_message(self.ActionWanted(self.current_record, what))
+
+
+class HistoryPanel(Vertical):
+    """The history with its filter."""
+
+    class RecordSelected(Message):
+        """The cursor is on a call, whose packets are to be shown."""
+
+        def __init__(self, record: HistoryRecord) -> None:
+            super().__init__()
+            self.record = record
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._records: list[HistoryRecord] = []
+        self._bytes = 0
+        self._matches_filter = history_filter("")
+
+    def compose(self) -> ComposeResult:
+        """Put the filter above the calls."""
+        yield CheckedInput("history-filter", history_filter, say("tester.filter"))
+        yield HistoryLines()
+
+    @property
+    def _is_full(self) -> bool:
+        count = len(self._records)
+        return count > MAX_CALLS or (self._bytes > MAX_BYTES and count > 1)
+
+    def add_record(self, record: HistoryRecord) -> None:
+        """Take a call that has ended."""
+        self._records.append(record)
+        self._bytes += record.size
+        if self._is_full:
+            while self._is_full:
+                oldest = self._records[: len(self._records) // 10 or 1]
+                del self._records[: len(oldest)]
+                self._bytes -= sum(each.size for each in oldest)
+            self._show_matching()
+        elif self._matches_filter(record):
+            self.query_one(HistoryLines).add_record(record)
+
+    @on(CheckedInput.Typed)
+    def _apply_filter(self, message: CheckedInput.Typed) -> None:
+        message.stop()
+        self._matches_filter = history_filter(message.text)
+        self._show_matching()
+
+    @on(HistoryLines.FilterWanted)
+    def _focus_filter(self, message: HistoryLines.FilterWanted) -> None:
+        message.stop()
+        self.query_one(CheckedInput).field.focus()
+
+    @on(CheckedInput.Entered)
+    def _focus_list(self, message: CheckedInput.Entered) -> None:
+        message.stop()
+        self.query_one(HistoryLines).focus()
+
+    @on(Lines.Moved)
+    def _cursor_moved(self, message: Lines.Moved) -> None:
+        message.stop()
+        lines = self.query_one(HistoryLines)
+        if lines.current_record is not None and lines.has_focus:
+            self.post_message(self.RecordSelected(lines.current_record))
+
+    @on(Lines.Chosen)
+    def _edit_chosen(self, message: Lines.Chosen) -> None:
+        message.stop()
+        self.query_one(HistoryLines).action_want("edit")
+
+    def _show_matching(self) -> None:
+        self.query_one(HistoryLines).show_records(
+            [each for each in self._records if self._matches_filter(each)]
+        )

@@ -1,0 +1,153 @@
+"""Packet as b-CAP Tester has it: SendData, ReceiveData, Overwrite, Clear; and all that was before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Button
+
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.render.escape import printable
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator
+from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
+from bcapscope.tui.ink import INK
+from bcapscope.tui.tester.choice_row import ChoiceRow
+from bcapscope.tui.tester.dialogs import NameDialog
+from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
+from bcapscope.tui.tester.packet_box import PacketBox
+from bcapscope.tui.tester.saved_list import SavedList
+from bcapscope.tui.tester.tick_box import TickBox
+from bcapscope.tui.tester.watch_list import WatchList
+from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.words import say, told
+
+VIEWS = ("sent", "received", "history", "watch", "saved")
+"""Names of the views, in their order."""
+
+_MAX_ATTEMPT_LINES = 8
+
+
+class PacketPane(Vertical):
+    """What was sent and received last, and all that was before.
+
+    Where there is room, both packets are always in sight, and the choice is between the others.
+    """
+
+    def __init__(self, requests: Path, *, id: str | None = None) -> None:
+        """Take the folder of saved requests."""
+        super().__init__(id=id)
+        self._requests = requests
+
+    def compose(self) -> ComposeResult:
+        """Put the packets above the lists."""
+        with Horizontal(classes="row", id="views"):
+            yield ChoiceRow([(view, f"tester.view.{view}") for view in VIEWS], id="view")
+            yield TickBox(say("tester.overwrite"), True, id="overwrite")
+            yield Button(say("tester.clear"), compact=True, id="clear")
+        yield PacketBox("tester.senddata", id="sent")
+        yield PacketBox("tester.receivedata", id="received")
+        yield InkedText(id="tries")
+        yield HistoryPanel(id="history")
+        yield WatchList(id="watch")
+        yield SavedList(self._requests, id="saved")
+
+    def on_mount(self) -> None:
+        """Begin with what was sent."""
+        self._switch_view("sent")
+
+    def add_record(self, record: HistoryRecord) -> None:
+        """Take a call that has ended: into the history, and its packets into sight if the user wanted it."""
+        self.query_one(HistoryPanel).add_record(record)
+        if record.initiator is Initiator.USER:
+            self.show_record(record, self.query_one("#overwrite", TickBox).value)
+
+    def show_record(self, record: HistoryRecord, overwrite: bool = True) -> None:
+        """Show the packets of a call, and under them its tries."""
+        text = next((each.value for each in record.arguments if isinstance(each.value, str)), None)
+        question = CallKind(record.function_id, text)
+        self.query_one("#sent", PacketBox).add_packets(record.sent_packets, None, overwrite, show_first=True)
+        self.query_one("#received", PacketBox).add_packets(
+            record.received_packets, question, overwrite, show_first=False
+        )
+        self._show_attempts(record)
+
+    @property
+    def current_view(self) -> str:
+        """The view that is shown."""
+        return self.query_one("#view", ChoiceRow).chosen
+
+    def show_view(self, view: str) -> None:
+        """Show one of the views."""
+        self.query_one("#view", ChoiceRow).chosen = view
+        self._switch_view(view)
+
+    def _show_attempts(self, record: HistoryRecord) -> None:
+        """Say what became of each try, where there is more to say than that the first was answered."""
+        lines = []
+        if record.retries or record.notices or record.late_replies:
+            attempts = record.attempts
+            start = attempts[0].sent if attempts else 0
+            lines = [
+                f"{INK.dim}{number}{INK.reset} {printable(told(each.describe(start)))}"
+                for number, each in enumerate(attempts, 1)
+            ]
+            if len(lines) > _MAX_ATTEMPT_LINES:
+                lines[_MAX_ATTEMPT_LINES:] = [f"{INK.dim}… {len(lines) - _MAX_ATTEMPT_LINES}{INK.reset}"]
+            if record.notices:
+                lines.append(f"{INK.number}S_EXECUTING × {record.notices}{INK.reset}")
+            if record.late_replies:
+                lines.append(f"{INK.problem}{say('tester.late', count=record.late_replies)}{INK.reset}")
+        tries = self.query_one("#tries", InkedText)
+        tries.show_text("\n".join(lines))
+        tries.set_class(not lines, "-empty")
+
+    def _switch_view(self, view: str) -> None:
+        for each in VIEWS:
+            self.query_one(f"#{each}").set_class(each == view, "-on")
+        self.set_class(view in ("sent", "received"), "-packets")
+
+    @on(ChoiceRow.Chosen, "#view")
+    def _view_chosen(self, message: ChoiceRow.Chosen) -> None:
+        message.stop()
+        self._switch_view(message.value)
+        if message.value == "saved":
+            self.query_one(SavedList).reload()
+
+    @on(HistoryLines.ActionWanted)
+    def _save_record(self, message: HistoryLines.ActionWanted) -> None:
+        """Save a call as a file; all else that is wanted of a call is not ours."""
+        if message.what != "save":
+            return
+        message.stop()
+        record = message.record
+
+        def take(name: str | None) -> None:
+            if not name:
+                return
+            try:
+                path = save_request(self._requests, name, record.function_id, record.arguments)
+            except SavedRequestError as error:
+                app_of(self).show_message(str(error), "error")
+                return
+            app_of(self).show_message(say("tester.saved", path=printable(str(path))))
+            self.query_one(SavedList).reload()
+
+        first = call_name(record.function_id, record.arguments)
+        self.app.push_screen(NameDialog(say("tester.save"), printable(first)), take)
+
+    @on(HistoryPanel.RecordSelected)
+    def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:
+        message.stop()
+        self.show_record(message.record)
+
+    @on(Button.Pressed, "#clear")
+    def _clear_packets(self, message: Button.Pressed) -> None:
+        message.stop()
+        self.query_one("#sent", PacketBox).clear_packets()
+        self.query_one("#received", PacketBox).clear_packets()
+        self.query_one("#tries", InkedText).set_class(True, "-empty")

@@ -1,0 +1,112 @@
+"""A run in slave mode while it lasts: curves of the axes, cycle times, lateness, buffer, elapsed and left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Container
+
+from bcapscope.protocol.slave_mode.poses import AXES
+from bcapscope.render.columns import wrap_text
+from bcapscope.render.escape import printable
+from bcapscope.render.play_text import play_summary_lines, trouble_lines
+from bcapscope.render.slave_run_charts import (
+    axis_charts,
+    cycle_histogram_lines,
+    progress_bar,
+    run_figure_lines,
+)
+from bcapscope.tui.controller_access.playback_run import PlaybackRun
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.words import say, told
+
+_MIN_CHART_ROWS = 6
+"""Rows that one chart has at least."""
+
+
+class PlaybackView(Container, can_focus=True):
+    """Watches one run."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("right", "axes(1)", "tester.axes", id="slave.axes", tooltip="tester.axes.tip"),
+        Binding("left", "axes(-1)", "", show=False),
+    ]
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._playback: PlaybackRun | None = None
+        self._first_axis = 0
+
+    def compose(self) -> ComposeResult:
+        """Put the curves beside the figures, or above them where there is no room."""
+        yield InkedText(id="curves")
+        yield InkedText(id="figures")
+
+    def show_run(self, run: PlaybackRun) -> None:
+        """Show what is known of a run by now."""
+        self._playback = run
+        self.query_one("#curves", InkedText).show_text("\n".join(self._curve_lines(run)), layout=False)
+        self.query_one("#figures", InkedText).show_text("\n".join(self._figure_lines(run)), layout=False)
+
+    def action_axes(self, by: int) -> None:
+        """Show the curves of other axes."""
+        if self._playback is not None:
+            self._first_axis = (self._first_axis + by) % len(self._axes_by_travel(self._playback))
+            self.show_run(self._playback)
+
+    def on_resize(self) -> None:
+        """Draw for the new size."""
+        if self._playback is not None:
+            self.show_run(self._playback)
+
+    def _curve_lines(self, run: PlaybackRun) -> Iterator[str]:
+        size = self.query_one("#curves").size
+        axes = self._axes_by_travel(run)
+        most = max(1, size.height // _MIN_CHART_ROWS)
+        shown = sorted((axes[self._first_axis :] + axes[: self._first_axis])[:most])
+        return axis_charts(
+            run.trajectory.kind,
+            tuple(run.samples),
+            shown,
+            width=size.width - 1,
+            height=size.height,
+            palette=INK,
+            tongue=told,
+        )
+
+    def _axes_by_travel(self, run: PlaybackRun) -> list[int]:
+        """List the axes, those that move most first."""
+        points = run.trajectory.points
+        ways = [float(points[:, at].max() - points[:, at].min()) for at in range(points.shape[1])]
+        names = AXES[run.trajectory.kind]
+        axes = sorted(range(min(len(ways), len(names))), key=lambda at: -ways[at])
+        return [at for at in axes if ways[at] > 0] or axes
+
+    def _figure_lines(self, run: PlaybackRun) -> Iterator[str]:
+        progress = run.progress
+        width = self.query_one("#figures").size.width
+        if run.ended is not None:
+            yield from _wrapped_lines(play_summary_lines(run.ended), INK.name, width)
+            yield from _wrapped_lines(
+                [say("tester.recorded", path=printable(run.plan.record or ""))], INK.dim, width
+            )
+        elif progress is not None:
+            yield progress_bar(progress, max(1, width - 2), INK)
+            yield from run_figure_lines(progress, run.buffer_margin, INK, told)
+        for trouble in run.troubles[-3:]:
+            yield from _wrapped_lines(trouble_lines(trouble), INK.bad, width)
+        if progress is not None and progress.cycle:
+            yield ""
+            yield from cycle_histogram_lines(progress, INK)
+        if run.readiness:
+            yield from _wrapped_lines([run.readiness], INK.dim, width)
+
+
+def _wrapped_lines(lines: Iterable[str], ink: str, width: int) -> Iterator[str]:
+    """Put lines into the language of the labels; break those that are longer than there is room."""
+    for line in lines:
+        yield from (f"{ink}{part}{INK.reset}" for part in wrap_text(told(line.strip()), max(20, width - 2)))

@@ -1,0 +1,97 @@
+"""Raw packets: bytes in hex, sent as they are, or with length and serial put right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.events import Paste
+from textual.widgets import Button, Input
+
+from bcapscope.protocol.codec.frame import Frame, Problem, parse_datagram
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.tick_box import TickBox
+from bcapscope.tui.tester.wanted_messages import RawWanted
+from bcapscope.tui.words import say, told
+
+MAX_DATAGRAM = 65_507
+"""Bytes that one datagram carries at most."""
+
+_EXAMPLE = "01 10 00 00 00 01 00 00 00 02 00 00 00 00 00 04"
+
+
+class BytesField(Input):
+    """A field for bytes, which are copied from places where they stand in several lines."""
+
+    def _on_paste(self, event: Paste) -> None:
+        """Take all lines as one."""
+        event.prevent_default()
+        event.stop()
+        super()._on_paste(Paste(" ".join(event.text.split())))
+
+
+class RawForm(Vertical):
+    """A field for bytes in hex; says what they are while they are typed."""
+
+    def compose(self) -> ComposeResult:
+        """Put the field above its button."""
+        with Horizontal(classes="row"):
+            yield Caption("tester.bytes")
+            yield BytesField(placeholder=_EXAMPLE, classes="value")
+        with Horizontal(classes="row"):
+            yield TickBox(say("tester.raw.length"), True)
+            yield Button(say("tester.send"), compact=True, variant="primary", classes="execute")
+        yield ResultView()
+
+    def fill_bytes(self, raw: bytes) -> None:
+        """Show bytes."""
+        self.query_one(Input).value = raw.hex(" ").upper()
+
+    @property
+    def typed_bytes(self) -> bytes | str:
+        """The bytes, or what is wrong with what was typed."""
+        text = self.query_one(Input).value
+        try:
+            raw = bytes.fromhex(text)
+        except ValueError:
+            return say("tester.raw.hex")
+        if not 0 < len(raw) <= MAX_DATAGRAM:
+            return say("tester.raw.size", most=MAX_DATAGRAM)
+        right = self.query_one(TickBox).value and len(raw) >= 16
+        return raw[:1] + len(raw).to_bytes(4, "little") + raw[5:] if right else raw
+
+    @on(Input.Changed)
+    @on(TickBox.Changed)
+    def _check_bytes(self, message: Input.Changed | TickBox.Changed) -> None:
+        message.stop()
+        raw, result = self.typed_bytes, self.query_one(ResultView)
+        if isinstance(raw, str):
+            result.show_problem(raw)
+        else:
+            result.show_hint("; ".join(map(_frame_text, parse_datagram(raw))))
+
+    @on(Button.Pressed)
+    @on(Input.Submitted)
+    def _request_send(self, message: Button.Pressed | Input.Submitted) -> None:
+        message.stop()
+        raw, result = self.typed_bytes, self.query_one(ResultView)
+        if isinstance(raw, str):
+            result.show_problem(raw)
+        else:
+            self.post_message(RawWanted(result, raw))
+
+
+def _frame_text(item: object) -> str:
+    """Say what bytes are: a frame of which function, and what is wrong with them."""
+    if isinstance(item, Frame):
+        head = say("tester.raw.frame", name=function_name(item.code), serial=item.serial, count=item.argc)
+        return ": ".join(filter(None, (head, _problem_text(item.problems))))
+    return _problem_text(getattr(item, "problems", ()))
+
+
+def _problem_text(problems: Iterable[Problem]) -> str:
+    return ", ".join(told(problem.reason) for problem in problems)

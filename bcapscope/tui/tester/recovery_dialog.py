@@ -1,0 +1,139 @@
+"""The way out of an error, one step after the other: read, clear, RobSlave, first position, slave mode."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.screen import ModalScreen
+from textual.widgets import Button, Input
+
+from bcapscope.errors import BcapError
+from bcapscope.protocol.number_parsing import parse_integer
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.render.escape import printable
+from bcapscope.render.result_advice import result_advice
+from bcapscope.tui.controller_access.controller_session import ControllerSession, NotArmedError
+from bcapscope.tui.controller_access.error_recovery import RecoveryStep, read_errors, run_recovery_step
+from bcapscope.tui.controller_access.history_record import (
+    HistoryRecord,
+    RecordOutcome,
+    error_text,
+    failure_text,
+)
+from bcapscope.tui.ink import INK
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.words import say, told
+
+_STEP_MARKS = {None: "○", True: "●", False: "✗"}
+
+
+class RecoveryDialog(ModalScreen[None]):
+    """Shows the steps; the errors are read at once, everything else is done when the user says so."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "dismiss", "shell.close", key_display="esc"),
+    ]
+
+    def __init__(
+        self,
+        session: ControllerSession,
+        ask_to_arm: Callable[[], Awaitable[bool]],
+        first_position: str,
+        mode: int,
+    ) -> None:
+        """Take the desk, what asks to arm, and what is known of the first position and the mode."""
+        super().__init__()
+        self._session, self._ask_to_arm, self._initial_position, self._initial_mode = (
+            session,
+            ask_to_arm,
+            first_position,
+            mode,
+        )
+        self._results: dict[RecoveryStep, tuple[bool, str]] = {}
+
+    def compose(self) -> ComposeResult:
+        """Put the steps below the errors."""
+        with Vertical(classes="dialog") as box:
+            box.border_title = say("tester.recovery")
+            yield InkedText(id="errors")
+            for each in list(RecoveryStep)[1:]:
+                with Horizontal(classes="row"):
+                    yield Button(
+                        say(f"tester.recovery.{each}"), compact=True, id=f"do-{each}", classes="step"
+                    )
+                    yield InkedText(id=f"done-{each}", classes="done")
+            with Horizontal(classes="row"):
+                yield Caption("tester.recovery.position")
+                yield Input(self._initial_position, placeholder="@E J(0,0,90,0,90,0)", id="first")
+                yield Caption("tester.mode")
+                yield Input(f"0x{self._initial_mode:03X}", id="mode", classes="number")
+
+    def on_mount(self) -> None:
+        """Read the errors, before anything clears them."""
+        self.query_one("#do-clear").focus()
+        self._show_step(RecoveryStep.READ, None, say("tester.waiting"))
+        self.run_worker(self._read_errors(), group="recovery")
+
+    async def _read_errors(self) -> None:
+        try:
+            errors = await self._session.run_in_loop(read_errors(self._session))
+        except (BcapError, OSError) as error:
+            self._show_step(RecoveryStep.READ, False, error_text(error))
+            return
+        lines = [say("tester.recovery.none")] if not errors else []
+        for code, text in errors:
+            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(told(text))}")
+            lines += [f"  {line}" for line in list(result_advice(code, INK, told))[1:]]
+        self._results[RecoveryStep.READ] = (True, "")
+        self.query_one("#errors", InkedText).show_text("\n".join(lines))
+
+    @on(Button.Pressed)
+    def _step_pressed(self, message: Button.Pressed) -> None:
+        message.stop()
+        which = RecoveryStep((message.button.id or "").removeprefix("do-"))
+        self.run_worker(self._run_step(which), group="recovery")
+
+    async def _run_step(self, step_wanted: RecoveryStep) -> None:
+        first, text = self.query_one("#first", Input).value, self.query_one("#mode", Input).value
+        mode = parse_integer(text, -(1 << 31), (1 << 31) - 1)
+        if mode is None:
+            self._show_step(step_wanted, False, say("tester.recovery.number"))
+            return
+        self._show_step(step_wanted, None, say("tester.waiting"))
+        try:
+            record = await self._run_armed(step_wanted, first, mode)
+        except NotArmedError:
+            self._show_step(step_wanted, False, say("tester.not_armed"))
+        except (BcapError, OSError) as error:
+            self._show_step(step_wanted, False, error_text(error))
+        else:
+            done = record.outcome is RecordOutcome.ANSWERED
+            self._show_step(step_wanted, done, "" if done else failure_text(record))
+            if done:
+                self._focus_next_step(step_wanted)
+
+    async def _run_armed(self, which: RecoveryStep, first: str, mode: int) -> HistoryRecord:
+        try:
+            return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
+        except NotArmedError:
+            if not await self._ask_to_arm():
+                raise
+        return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
+
+    def _focus_next_step(self, which: RecoveryStep) -> None:
+        """Put the focus on the next step."""
+        steps = list(RecoveryStep)
+        at = steps.index(which) + 1
+        if at < len(steps):
+            self.query_one(f"#do-{steps[at]}").focus()
+
+    def _show_step(self, which: RecoveryStep, done: bool | None, text: str) -> None:
+        color = {None: INK.number, True: INK.good, False: INK.bad}[done]
+        name = "#errors" if which is RecoveryStep.READ else f"#done-{which}"
+        self.query_one(name, InkedText).show_text(f"{color}{_STEP_MARKS[done]} {printable(text)}{INK.reset}")

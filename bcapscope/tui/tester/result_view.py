@@ -1,0 +1,135 @@
+"""What became of a call: its result, or what is wrong and what to do, or what is expected."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+
+from bcapscope.protocol.tables.command_catalogue import command_name
+from bcapscope.protocol.tables.enumerations import result_meanings
+from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.protocol.tables.hresult import E_FAIL, S_OK, describe_hresult, hresult_name
+from bcapscope.render.escape import printable
+from bcapscope.render.result_advice import result_advice
+from bcapscope.render.result_values import reply_values_text
+from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome, failure_text
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.inked_text import InkedText
+from bcapscope.tui.words import say, told
+
+
+class ResultView(InkedText, can_focus=True):
+    """Shows one result, five decimals as b-CAP Tester does; ``d`` shows all digits.
+
+    Attributes:
+        shows_all_digits: all digits are shown.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("d", "digits", "tester.digits", id="result.digits", tooltip="tester.digits.tip"),
+    ]
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id, classes="-empty")
+        self._record: HistoryRecord | None = None
+        self.shows_all_digits = False
+        self._line = ""
+
+    @property
+    def text(self) -> str:
+        """What is shown, with the marks of its colours."""
+        return self._line
+
+    @property
+    def record(self) -> HistoryRecord | None:
+        """The call that is shown; None where there is none, or something else is shown."""
+        return self._record
+
+    def show_pending(self) -> None:
+        """Show that the call is under way."""
+        self._record = None
+        self._show_line(f"{INK.dim}{say('tester.waiting')}{INK.reset}")
+
+    def show_record(self, record: HistoryRecord) -> None:
+        """Show how a call ended."""
+        self._record = record
+        self._show_line(_record_text(record, self.shows_all_digits))
+        self._scroll_into_view()
+
+    def show_error(self, reason: str) -> None:
+        """Show why nothing was sent, or what broke."""
+        self._record = None
+        self._show_line(f"{INK.bad}{printable(reason)}{INK.reset}")
+        self._scroll_into_view()
+
+    def show_hint(self, text: str) -> None:
+        """Show what is expected."""
+        self._record = None
+        self._show_line(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
+
+    def show_problem(self, text: str) -> None:
+        """Show what is wrong with what was typed."""
+        self._record = None
+        self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
+
+    def action_digits(self) -> None:
+        """Show all digits, or five behind the point again."""
+        self.show_digits(not self.shows_all_digits)
+
+    def show_digits(self, full: bool) -> None:
+        """Show all digits, or five behind the point."""
+        self.shows_all_digits = full
+        if self._record is not None:
+            self.show_record(self._record)
+
+    def _scroll_into_view(self) -> None:
+        """Scroll what holds the forms, where the screen is too low for all of them."""
+        self.call_after_refresh(self.scroll_visible, animate=False)
+
+    def _show_line(self, line: str) -> None:
+        if line == self._line:
+            return
+        self._line = line
+        self.set_class(not line, "-empty")
+        head = f"{INK.name}{say('tester.result')}{INK.reset}  " if self._record is not None else ""
+        self.show_text(head + line)
+
+
+def _record_text(record: HistoryRecord, full: bool) -> str:
+    took = f"  {INK.dim}{record.took / 1e6:.3f} ms{INK.reset}"
+    if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
+        code = record.reply.code
+        name = "" if code == S_OK else f"  {INK.good}{hresult_name(code)}{INK.reset}"
+        meaning = _value_meaning(record)
+        words = f"  {INK.name}{meaning}{INK.reset}" if meaning else ""
+        return f"{INK.number}{reply_values_text(record.reply, full)}{INK.reset}{words}{name}{took}"
+    if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
+        first, *rest = result_advice(record.reply.code, INK, told)
+        if _may_lack_robslave(record):
+            rest.append(say("tester.robslave.needed"))
+        return "\n".join([first + took, *rest])
+    return f"{INK.bad}{failure_text(record)}{INK.reset}{took}"
+
+
+def _may_lack_robslave(record: HistoryRecord) -> bool:
+    """Tell whether slave mode is refused without a reason, as on an RC7 that does not run RobSlave.
+
+    It needs that program (DENSO Wave 2009, How to use the Slave mode); what it answers without it is not
+    documented.
+    """
+    code = record.reply.code if record.reply is not None else S_OK
+    asked = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
+    return asked and (code == E_FAIL or not describe_hresult(code).is_listed)
+
+
+def _value_meaning(record: HistoryRecord) -> str:
+    """Tell what a number that came back stands for; "" where it is but a number."""
+    arguments = record.reply.arguments if record.reply is not None else ()
+    value = arguments[0].variant.value if arguments else None
+    function = FUNCTIONS.get(record.function_id)
+    if function is not None and function.creates is not None and arguments:
+        return told(f"handle of a {function.creates}")
+    command = command_name(record.function_id, record.arguments)
+    words = result_meanings(record.function_id, command, value) if isinstance(value, int) else ()
+    return ", ".join(map(told, words))

@@ -1,0 +1,89 @@
+"""Saved requests: the files of a folder, run by Enter, or put into the forms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from rich.cells import set_cell_size
+from textual.binding import Binding, BindingType
+from textual.message import Message
+
+from bcapscope.render.escape import printable
+from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_requests
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say
+
+_NAME_WIDTH = 28
+
+
+class SavedList(Lines):
+    """The requests in a folder."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("e", "edit", "tester.edit", id="saved.edit", tooltip="tester.edit.tip"),
+        Binding("u", "reload", "tester.reload", id="saved.reload"),
+    ]
+
+    class RequestWanted(Message):
+        """A request is to be made, or to be put into the forms.
+
+        Attributes:
+            saved: the request.
+            edit: put it into the forms.
+        """
+
+        def __init__(self, saved: SavedRequest, edit: bool) -> None:
+            super().__init__()
+            self.saved, self.edit = saved, edit
+
+    def __init__(self, folder: Path, *, id: str | None = None) -> None:
+        """Take the folder."""
+        super().__init__(id=id)
+        self.folder = folder
+        self._requests: list[tuple[str, SavedRequest | str]] = []
+
+    def on_mount(self) -> None:
+        """Read the folder."""
+        self.reload()
+
+    def reload(self) -> None:
+        """Read the folder again."""
+        self._requests = list_requests(self.folder)
+        self.reset_lines(self.cursor)
+
+    @property
+    def count(self) -> int:
+        """How many files there are, and a line that says where."""
+        return len(self._requests) + 1
+
+    def line(self, index: int) -> str:
+        """Write a request."""
+        if index == len(self._requests):
+            return f"{INK.dim}{say('tester.saved.folder', path=printable(str(self.folder)))}{INK.reset}"
+        name, found = self._requests[index]
+        head = f"{INK.name}{set_cell_size(printable(name), _NAME_WIDTH)}{INK.reset}"
+        if isinstance(found, str):
+            return f"{head} {INK.bad}{printable(found)}{INK.reset}"
+        values = " ".join(printable(str(each.value)) for each in found.values)
+        note = f"  {INK.dim}{printable(found.note)}{INK.reset}" if found.note else ""
+        return f"{head} {found.function.name} {INK.number}{values}{INK.reset}{note}"
+
+    def on_lines_chosen(self, message: Lines.Chosen) -> None:
+        """Make the request."""
+        message.stop()
+        self._post_request(False)
+
+    def action_edit(self) -> None:
+        """Put the request into the forms."""
+        self._post_request(True)
+
+    def action_reload(self) -> None:
+        """Read the folder again."""
+        self.reload()
+
+    def _post_request(self, edit: bool) -> None:
+        found = self._requests[self.cursor][1] if self.cursor < len(self._requests) else ""
+        if isinstance(found, SavedRequest):
+            self.post_message(self.RequestWanted(found, edit))

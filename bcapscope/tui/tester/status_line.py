@@ -1,0 +1,82 @@
+"""What is in sight at all times: connection, slave mode, armed or not, HALT."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
+from bcapscope.render.escape import printable
+from bcapscope.tui.controller_access.arming_state import ArmingState
+from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
+from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
+from bcapscope.tui.controller_access.session_updates import SessionStatus
+from bcapscope.tui.words import say
+
+StatusPiece = tuple[str, str]
+"""A text and the name of its ink."""
+
+_MAX_HOST_LENGTH = 24
+_SECOND = 1_000_000_000
+_LONG_SILENCE = 3 * _SECOND
+_HALT_STYLES = {HaltState.READY: "good", HaltState.HALTED: "bad", HaltState.OPENING: "dim"}
+
+
+def status_pieces(
+    status: SessionStatus, arming: ArmingState, now: int, halt: HaltUpdate, reply_monitor: ReplyMonitor
+) -> list[StatusPiece]:
+    """Write the line, piece by piece."""
+    if status.target is None:
+        return [(f" {say('tester.status.none')} ", "dim")]
+    age = reply_monitor.silence(now)
+    if reply_monitor.is_reply_overdue(now):
+        pieces = [
+            _peer_piece(status, "◌", "bad"),
+            (f"{say('tester.status.silent', seconds=age // _SECOND)} ", "bad"),
+        ]
+    elif age >= _LONG_SILENCE:  # nothing is asked, as in slave mode, so that it may be there or not
+        pieces = [
+            _peer_piece(status, "●", ""),
+            (f"{say('tester.status.age', seconds=age // _SECOND)} ", "dim"),
+        ]
+    else:
+        took = f"{status.round_trip / 1e6:.1f} ms " if status.round_trip else ""
+        pieces = [_peer_piece(status, "●", "good"), (took, "dim")]
+    if status.slave_mode:
+        kind = pose_type_of_mode(status.slave_mode) or ""
+        pieces.append(
+            (f" {say('tester.status.slave', mode=f'{status.slave_mode:03X}', kind=kind)} ", "problem")
+        )
+    pieces.append(_arming_piece(arming, now))
+    pieces.append((f" F12 {say(f'tester.halt.{halt.state}')} ", _HALT_STYLES.get(halt.state, "bad")))
+    return pieces
+
+
+def _peer_piece(status: SessionStatus, mark: str, ink: str) -> StatusPiece:
+    assert status.target is not None
+    name = say("tester.status.simulator")
+    if not status.identity.is_simulator:
+        name = printable(status.target.host)[:_MAX_HOST_LENGTH]
+    return f" {mark} {name} ", ink
+
+
+def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
+    if not arming.is_required:
+        return f" {say('tester.status.free')} ", "good"
+    if not arming.is_armed(now):
+        return f" {say('tester.status.safe')} ", "good"
+    seconds = arming.remaining(now) // _SECOND
+    return f" {say('tester.status.armed')} {seconds // 60}:{seconds % 60:02d} ", "bad"
+
+
+def arming_facts(status: SessionStatus) -> list[str]:
+    """Say what is known of the controller and its robot, a line each, before anything moves."""
+    identity, robot = status.identity, status.robot
+    unknown = say("tester.fact.unknown")
+    return [
+        say("tester.fact.peer", peer=printable(str(status.target))),
+        say("tester.fact.version", version=printable(identity.version) or unknown),
+        say("tester.fact.robot", robot=printable(robot.label) if robot else unknown),
+        say(
+            "tester.fact.type",
+            name=printable(identity.type_name) or unknown,
+            number=printable(identity.type_number) or unknown,
+        ),
+    ]

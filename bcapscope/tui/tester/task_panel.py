@@ -1,0 +1,99 @@
+"""The Task tab: add a task, start and stop it, read its state; RobSlave by one key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widgets import Button, Select
+
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.enumerations import TASK_START_MODES, TASK_STOP_MODES
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.command_form import CommandForm
+from bcapscope.tui.tester.open_object_row import OpenObjectRow
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.wanted_messages import CallWanted, RobSlaveWanted
+from bcapscope.tui.words import say, told
+
+_EXECUTE, _START, _STOP = 87, 88, 89
+_NO_OPTION = Variant(VT.BSTR, "")
+
+
+class TaskPanel(VerticalScroll, can_focus=False):
+    """What can be done with a task: that which has the name in the field."""
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._open_tasks: tuple[ObjectHandle, ...] = ()
+
+    def compose(self) -> ComposeResult:
+        """Put the name above what can be done."""
+        result = ResultView(id="task-result")
+        with Vertical(classes="box", id="task-box"):
+            yield OpenObjectRow(ObjectClass.CONTROLLER, ObjectClass.TASK, "RobSlave", ["RobSlave"], result)
+            with Horizontal(classes="row"):
+                yield Caption("tester.mode")
+                yield _mode_select(TASK_START_MODES, "start-mode")
+                yield Button(say("tester.start"), compact=True, variant="primary", id="start")
+                yield Button(say("tester.robslave"), compact=True, id="robslave")
+            with Horizontal(classes="row"):
+                yield Caption("tester.mode")
+                yield _mode_select(TASK_STOP_MODES, "stop-mode")
+                yield Button(say("tester.stop"), compact=True, id="stop")
+                yield Button(say("tester.state"), compact=True, id="state")
+            yield result
+        with Vertical(classes="box", id="task-execute"):
+            yield CommandForm(_EXECUTE)
+
+    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
+        """Take note of what is open."""
+        self._open_tasks = tuple(one for one in open_objects if one.kind is ObjectClass.TASK)
+
+    @property
+    def selected_task(self) -> ObjectHandle | None:
+        """The open task that has the name in the field."""
+        name = self.query_one(OpenObjectRow).object_name.casefold()
+        return next((one for one in reversed(self._open_tasks) if one.label.casefold() == name), None)
+
+    @property
+    def _result_view(self) -> ResultView:
+        return self.query_one("#task-result", ResultView)
+
+    @on(Button.Pressed, "#start")
+    def _start_task(self, message: Button.Pressed) -> None:
+        self._call_task(message, _START, (Variant(VT.I4, self._selected_mode("start-mode")), _NO_OPTION))
+
+    @on(Button.Pressed, "#stop")
+    def _stop_task(self, message: Button.Pressed) -> None:
+        self._call_task(message, _STOP, (Variant(VT.I4, self._selected_mode("stop-mode")), _NO_OPTION))
+
+    @on(Button.Pressed, "#state")
+    def _read_task_state(self, message: Button.Pressed) -> None:
+        self._call_task(message, _EXECUTE, (Variant(VT.BSTR, "GetStatus"), EMPTY))
+
+    @on(Button.Pressed, "#robslave")
+    def _start_robslave(self, message: Button.Pressed) -> None:
+        message.stop()
+        self.post_message(RobSlaveWanted(self._result_view))
+
+    def _selected_mode(self, name: str) -> int:
+        value = self.query_one(f"#{name}", Select).value
+        return value if isinstance(value, int) else 0
+
+    def _call_task(self, message: Button.Pressed, function_id: int, values: tuple[Variant, ...]) -> None:
+        message.stop()
+        found = self.selected_task
+        if found is None:
+            self._result_view.show_error(say("tester.task.missing"))
+        else:
+            self.post_message(CallWanted(self._result_view, FUNCTIONS[function_id], values, found))
+
+
+def _mode_select(modes: Mapping[int, str], name: str) -> Select[int]:
+    options = [(f"{value} {told(text)}", value) for value, text in modes.items()]
+    return Select(options, allow_blank=False, compact=True, id=name, classes="named")

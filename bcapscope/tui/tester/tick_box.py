@@ -1,0 +1,21 @@
+"""A box to tick that tells without colour, too, whether it is ticked."""
+
+from __future__ import annotations
+
+from textual.widgets import Checkbox
+
+
+class TickBox(Checkbox):
+    """Shows a cross if it is on, and nothing else."""
+
+    def __init__(self, label: str, value: bool = False, *, id: str | None = None) -> None:
+        super().__init__(label, value, compact=True, id=id)
+        self._update_mark()
+
+    def watch_value(self) -> None:
+        """Show the new value."""
+        self._update_mark()
+        super().watch_value()
+
+    def _update_mark(self) -> None:
+        self.BUTTON_INNER = "X" if self.value else " "

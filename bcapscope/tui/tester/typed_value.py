@@ -1,0 +1,109 @@
+"""A value of any type that b-CAP carries: its type from a list, its text checked while it is typed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal
+from textual.message import Message
+from textual.widgets import Input, Select
+
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.tui.controller_access.parameter_input import (
+    PARAMETER_TYPES,
+    CheckedText,
+    check_text,
+    type_label,
+)
+
+
+class TypedValue(Horizontal):
+    """A list of types and a field; tells when what is typed does not go with the type."""
+
+    class Changed(Message):
+        """The user has changed type or text.
+
+        Attributes:
+            problem: what is wrong with the text, and what is expected; empty where nothing stands there yet.
+        """
+
+        def __init__(self, value: TypedValue, problem: str) -> None:
+            super().__init__()
+            self.value, self.problem = value, problem
+
+        @property
+        def control(self) -> TypedValue:
+            """Where it was typed."""
+            return self.value
+
+    class Submitted(Message):
+        """Enter was pressed in the field."""
+
+    def __init__(
+        self, vt: int = VT.EMPTY, types: Sequence[int] = PARAMETER_TYPES, *, id: str | None = None
+    ) -> None:
+        """Begin with a type, and offer no others than `types`."""
+        super().__init__(id=id)
+        self._types = types
+        self._initial_type = int(vt)
+
+    def compose(self) -> ComposeResult:
+        """Put the field behind the list."""
+        options = [(type_label(vt), vt) for vt in self._types]
+        select = Select(options, value=self._initial_type, allow_blank=False, compact=True, classes="type")
+        select.can_focus = len(options) > 1  # else there is nothing to choose
+        yield select
+        yield Input(classes="value")
+
+    @property
+    def vt(self) -> int:
+        """The type that is chosen."""
+        value = self.query_one(Select).value
+        return value if isinstance(value, int) else self._initial_type
+
+    @property
+    def typed(self) -> tuple[int, str]:
+        """Type and text as they stand there."""
+        return self.vt, self.query_one(Input).value
+
+    @property
+    def is_missing(self) -> bool:
+        """A value is to be typed, and none was."""
+        vt, text = self.typed
+        return not text and vt not in (VT.EMPTY, VT.NULL, VT.BSTR)
+
+    @property
+    def checked_text(self) -> CheckedText:
+        """What stands there comes to."""
+        return check_text(self.vt, self.query_one(Input).value)
+
+    def select_type(self, vt: int) -> None:
+        """Choose a type."""
+        if vt in self._types:
+            self.query_one(Select).value = int(vt)
+
+    def fill_value(self, vt: int, text: str) -> None:
+        """Show a value."""
+        self.select_type(vt)
+        self.query_one(Input).value = text
+
+    @property
+    def variant(self) -> Variant | None:
+        """The value; None where the text does not go with the type."""
+        return self.checked_text.value
+
+    @on(Input.Changed)
+    @on(Select.Changed)
+    def _check_input(self, message: Message) -> None:
+        message.stop()
+        problem = self.checked_text.problem if self.query_one(Input).value else ""
+        self.query_one(Input).set_class(bool(problem), "-invalid")
+        if self.has_focus_within:
+            self.post_message(self.Changed(self, problem))
+
+    @on(Input.Submitted)
+    def _submit(self, message: Input.Submitted) -> None:
+        message.stop()
+        self.post_message(self.Submitted())

@@ -1,0 +1,117 @@
+"""Variables: Name, Option, Value; Add, Release, Get, Put, and Watch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual import on
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Button
+
+from bcapscope.protocol.codec.variant import VT
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.variables import VARIABLES, find_variable
+from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.tui.controller_access.parameter_input import expected_input, type_number
+from bcapscope.tui.tester.caption import Caption
+from bcapscope.tui.tester.open_object_row import OpenObjectRow
+from bcapscope.tui.tester.result_view import ResultView
+from bcapscope.tui.tester.typed_value import TypedValue
+from bcapscope.tui.tester.wanted_messages import CallWanted, WatchWanted
+from bcapscope.tui.words import say
+
+_GET, _PUT = 101, 102
+
+
+class VariablePanel(Vertical):
+    """Variables of the controller, of the robot or of a task: that which has the name in the field."""
+
+    def __init__(self, owner: ObjectClass, name: str, *, id: str | None = None) -> None:
+        """Take whose variables they are, and a name to begin with."""
+        super().__init__(id=id, classes="box")
+        self._owner = owner
+        self._initial_name = name
+        self._open_variables: tuple[ObjectHandle, ...] = ()
+
+    def compose(self) -> ComposeResult:
+        """Put the name above the value."""
+        result = ResultView()
+        known = [
+            f"{each.name}1" if each.is_numbered else each.name
+            for each in VARIABLES
+            if each.owner is self._owner
+        ]
+        yield OpenObjectRow(self._owner, ObjectClass.VARIABLE, self._initial_name, known, result)
+        with Horizontal(classes="row"):
+            yield Caption("tester.value")
+            yield TypedValue(VT.I4)
+            yield Button(say("tester.get"), compact=True, variant="primary", classes="get")
+            yield Button(say("tester.put"), compact=True, classes="put")
+            yield Button(say("tester.watch"), compact=True, classes="watch")
+        yield result
+
+    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
+        """Take note of what is open."""
+        self._open_variables = tuple(
+            one
+            for one in open_objects
+            if one.kind is ObjectClass.VARIABLE and one.parent is not None and one.parent.kind is self._owner
+        )
+
+    @property
+    def selected_variable(self) -> ObjectHandle | None:
+        """The open variable that has the name in the field; the latest of several."""
+        name = self.query_one(OpenObjectRow).object_name.casefold()
+        return next((one for one in reversed(self._open_variables) if one.label.casefold() == name), None)
+
+    @on(TypedValue.Changed)
+    def _show_check(self, message: TypedValue.Changed) -> None:
+        message.stop()
+        result = self.query_one(ResultView)
+        if message.problem:
+            result.show_problem(message.problem)
+        else:
+            result.show_hint(expected_input(message.value.vt))
+
+    @on(Button.Pressed, ".get")
+    def _get_value(self, message: Button.Pressed) -> None:
+        message.stop()
+        found = self._require_variable()
+        if found is not None:
+            self.post_message(CallWanted(self.query_one(ResultView), FUNCTIONS[_GET], (), found))
+
+    @on(Button.Pressed, ".put")
+    @on(TypedValue.Submitted)
+    def _put_value(self, message: Button.Pressed | TypedValue.Submitted) -> None:
+        message.stop()
+        found, checked = self._require_variable(), self.query_one(TypedValue).checked_text
+        if found is None:
+            return
+        if checked.value is None:
+            self.query_one(ResultView).show_problem(checked.problem)
+            return
+        self.post_message(CallWanted(self.query_one(ResultView), FUNCTIONS[_PUT], (checked.value,), found))
+
+    @on(Button.Pressed, ".watch")
+    def _request_watch(self, message: Button.Pressed) -> None:
+        message.stop()
+        found = self._require_variable()
+        if found is not None:
+            self.post_message(WatchWanted(found, True))
+
+    def variable_opened(self, owner: ObjectClass, name: str) -> None:
+        """Choose the type of a variable that was just opened, if it is one of ours and its type is known."""
+        if owner is not self._owner:
+            return
+        known = find_variable(self._owner, name)
+        types = [vt for each in known.types if (vt := type_number(each)) is not None] if known else []
+        if types:
+            with self.prevent(TypedValue.Changed):
+                self.query_one(TypedValue).select_type(types[0])
+
+    def _require_variable(self) -> ObjectHandle | None:
+        found = self.selected_variable
+        if found is None:
+            self.query_one(ResultView).show_error(say("tester.variable.missing"))
+        return found

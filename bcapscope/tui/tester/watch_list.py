@@ -1,0 +1,125 @@
+"""Watched variables: value, rate, least, most, and their course; a row for each element of an array."""
+
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple
+
+from rich.cells import cell_len, set_cell_size
+from textual.binding import Binding, BindingType
+from textual.events import Resize
+from textual.message import Message
+
+from bcapscope.render.escape import printable
+from bcapscope.render.result_values import variant_values_text
+from bcapscope.tui.controller_access.watched_variable import WatchedVariable, WatchSeries
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say
+
+
+class ColumnWidths(NamedTuple):
+    """Columns that each part of a row takes."""
+
+    name: int
+    number: int
+    sparkline: int
+
+
+WIDE, NARROW = ColumnWidths(28, 12, 30), ColumnWidths(14, 11, 15)
+
+
+class WatchList(Lines):
+    """The variables that are watched."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("delete", "remove", "tester.unwatch", id="watch.remove"),
+        Binding("0", "reset", "tester.watch.reset", id="watch.reset", tooltip="tester.watch.reset.tip"),
+    ]
+
+    class RemoveWanted(Message):
+        """A variable is to be watched no more."""
+
+        def __init__(self, handle: int) -> None:
+            super().__init__()
+            self.handle = handle
+
+    class ResetWanted(Message):
+        """Extremes are to be forgotten."""
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._rows: list[tuple[WatchedVariable | None, int]] = []
+
+    @property
+    def count(self) -> int:
+        """How many rows there are, that of the titles among them."""
+        return len(self._rows)
+
+    def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
+        """Show variables, or new readings of the same."""
+        rows: list[tuple[WatchedVariable | None, int]] = [(None, 0)]
+        for each in watched:
+            rows += [(each, index) for index in range(max(1, len(each.series)))]
+        if not watched:
+            rows = []
+        if len(rows) != len(self._rows):
+            self._rows = rows
+            self.reset_lines(min(self.cursor, len(rows) - 1))
+        else:
+            self._rows = rows
+            self.repaint()
+
+    def line(self, index: int) -> str:
+        """Write a row."""
+        watched, at = self._rows[index]
+        if watched is None:
+            return _title_row(self._widths)
+        index_text = f" [{at}]" if len(watched.series) > 1 else ""
+        name = set_cell_size(printable(watched.label) if at == 0 else "", self._widths.name - len(index_text))
+        head = f"{INK.name}{name}{index_text}{INK.reset}"
+        if watched.problem:
+            return f"{head} {INK.bad}{printable(watched.problem)}{INK.reset}"
+        if not watched.series:
+            value = "" if watched.value is None else variant_values_text(watched.value)
+            return f"{head} {INK.number}{value}{INK.reset}"
+        return f"{head} {_number_columns(watched.series[at], self._widths, watched.decimals)}"
+
+    @property
+    def _widths(self) -> ColumnWidths:
+        fits = self.size.width >= WIDE.name + 4 * (WIDE.number + 1) + WIDE.sparkline
+        return WIDE if fits else NARROW
+
+    def on_resize(self, event: Resize) -> None:
+        """Write the rows for the new width."""
+        super().on_resize(event)
+        self.repaint()
+
+    def action_remove(self) -> None:
+        """Watch the variable no more."""
+        watched = self._rows[self.cursor][0] if self._rows else None
+        if watched is not None:
+            self.post_message(self.RemoveWanted(watched.handle))
+
+    def action_reset(self) -> None:
+        """Forget extremes and courses."""
+        self.post_message(self.ResetWanted())
+
+
+def _title_row(widths: ColumnWidths) -> str:
+    titles = [say(f"tester.watch.{key}") for key in ("value", "rate", "least", "most")]
+    numbers = "".join(f"{' ' * (widths.number - cell_len(title))}{title} " for title in titles)
+    name = set_cell_size(say("tester.watch.name"), widths.name)
+    return f"{INK.dim}{name} {numbers} {say('tester.watch.course')}{INK.reset}"
+
+
+def _number_columns(series: WatchSeries, widths: ColumnWidths, decimals: int) -> str:
+    values = (
+        (series.last, decimals),
+        (series.rate, 5),
+        (series.minimum, decimals),
+        (series.maximum, decimals),
+    )
+    texts = "".join(
+        f"{'' if value is None else f'{value:.{places}f}':>{widths.number}} " for value, places in values
+    )
+    return f"{INK.number}{texts}{INK.reset} {INK.good}{series.sparkline_text(widths.sparkline)}{INK.reset}"

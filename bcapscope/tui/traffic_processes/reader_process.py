@@ -1,0 +1,282 @@
+"""The process that reads: packets go into a journal, calls beside it, and the screen is told what to think.
+
+Run as ``python -m bcapscope.tui.traffic_processes.reader_process``; the job comes through standard input, reports go to
+standard output. What follows the job on standard input says that nothing more will be written to the capture;
+when it is closed, by the screen or by its death, reading ends at once.
+"""
+
+from __future__ import annotations
+
+import gc
+import io
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, cast
+
+from bcapscope.capture.call_store import CallStoreWriter
+from bcapscope.capture.capture_file import CaptureFile, open_capture
+from bcapscope.capture.growing_capture import follow_capture
+from bcapscope.capture.live_capture import open_live_capture
+from bcapscope.capture.observation_store import ObservationStoreWriter
+from bcapscope.capture.packet import Packet
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.capture.pcapng_writer import PcapngWriter
+from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.errors import CaptureError
+from bcapscope.render.capture_counts_text import capture_counts_text
+from bcapscope.render.escape import printable
+from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.tracker import Tracker
+from bcapscope.tui.traffic_processes.process_messages import (
+    ReadJob,
+    ReadProgress,
+    lower_priority,
+    receive_messages,
+    send_message,
+)
+
+if TYPE_CHECKING:
+    from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
+
+FLUSH_INTERVAL = 0.1
+"""Seconds between two moments at which the screen is told of new frames: what it draws then delays keys."""
+
+ANALYSIS_INTERVAL = 1.5
+"""Seconds between two moments at which it is told what to think of them."""
+
+_BATCH_MASK = 0xFF
+"""Frames between two looks at the clock, less 1: a fraction of a millisecond."""
+
+LIVE_FILE = "live.pcapng"
+
+
+class TrafficReader:
+    """One job."""
+
+    def __init__(
+        self, job: ReadJob, reports: BinaryIO, ended: threading.Event, cancelled: threading.Event
+    ) -> None:
+        """Begin.
+
+        Args:
+            job: what to read.
+            reports: where reports go.
+            ended: is set when what is there by then is all there will be.
+            cancelled: is set when nothing more is to be read, be it there or not.
+        """
+        self._job = job
+        self._reports = reports
+        self._source_ended, self._cancelled = ended, cancelled
+        folder = Path(job.folder)
+        self._journal = ObservationStoreWriter(folder)
+        self._calls = CallStoreWriter(folder)
+        self._observer = PacketDecoder(frozenset(job.ports) or BCAP_PORTS, job.leg)
+        self._tracker = Tracker()
+        self._handles = HandleTracker()
+        self._diagnosis: RunningDiagnosis | None = None
+        self._undiagnosed: list[Observation] = []
+        self._file: CaptureFile | None = None
+        self._live = _LiveCapture(job.interface, folder / LIVE_FILE) if job.interface else None
+        self._packet_file = str(folder / LIVE_FILE) if job.interface else job.path
+        self._last_flush = self._last_analysis = time.monotonic()
+        self._last_analysis_count = 0
+        self._last_capture_time = self._last_capture_seen_at = 0
+
+    def run(self) -> None:
+        """Read to the end, or until nothing more is wanted."""
+        with closing(self._journal), closing(self._calls):
+            trouble = ""
+            try:
+                self._read()
+            except CaptureError as error:
+                trouble = printable(str(error))
+            except OSError as error:
+                trouble = printable(f"{error.strerror or error}")
+            judge, tracker, end = self._load_diagnosis(), self._tracker, self._observer.end_time
+            for settled in (*tracker.expire(end), *tracker.close()):
+                self._on_settled(settled)
+            self._flush()
+            send_message(self._reports, judge.snapshot(end, self._job.own_clients))
+            send_message(self._reports, self._make_progress(True, trouble))
+
+    def _read(self) -> None:
+        about, comments = RecentRequests().kind_of, self._observer.comments
+        add, take = self._journal.add, self._buffer_until_loaded
+        for seen in self._observer.decode(self._open_source()):
+            add(seen, about(seen), comments.get(seen.packet, ()) if comments else ())
+            take(seen)
+            if not seen.number & _BATCH_MASK:
+                if self._diagnosis is None:
+                    self._flush()
+                    send_message(self._reports, self._make_progress(False))
+                    self._load_diagnosis()
+                    take = self._on_observation
+                self._report_if_due()
+                if self._cancelled.is_set():
+                    return
+
+    def _buffer_until_loaded(self, observation: Observation) -> None:
+        """Keep what is seen before there is a judge: loading all the rules would keep the screen empty."""
+        if self._diagnosis is None:
+            self._undiagnosed.append(observation)
+        else:
+            self._on_observation(observation)
+
+    def _load_diagnosis(self) -> RunningDiagnosis:
+        if self._diagnosis is None:
+            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see _wait
+            from bcapscope.tui.words import Language, tongue  # noqa: PLC0415 - likewise
+
+            self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
+            for seen in self._undiagnosed:
+                self._on_observation(seen)
+            self._undiagnosed.clear()
+        return self._diagnosis
+
+    def _on_observation(self, observation: Observation) -> None:
+        judge = self._load_diagnosis()
+        judge.on_observation(observation)
+        for settled in self._tracker.observe(observation):
+            self._on_settled(settled)
+
+    def _on_settled(self, settled: PairingResult) -> None:
+        judge = self._load_diagnosis()
+        subject = self._handles.on_call(settled) if isinstance(settled, Call) else None
+        self._calls.add(settled, subject)
+        judge.on_settled(settled)
+
+    def _open_source(self) -> Iterator[Packet]:
+        if self._live is not None:
+            self._live.start(self._source_ended)
+            path, follow = self._live.path, True
+        else:
+            path, follow = Path(self._job.path), self._job.follow
+        with (
+            follow_capture(path, self._source_ended, self._on_idle)
+            if follow
+            else open_capture(path) as self._file
+        ):
+            yield from self._file
+        if self._live is not None and self._live.problem is not None:
+            raise self._live.problem
+
+    def _on_idle(self) -> None:
+        """Let calls settle as time passes; called while nothing new is seen."""
+        if self._live is not None and self._live.problem is not None:
+            self._source_ended.set()
+        if self._journal.count:
+            self._load_diagnosis()
+        for settled in self._tracker.expire(self._capture_time()):
+            self._on_settled(settled)
+        self._report_if_due()
+
+    def _capture_time(self) -> int:
+        """Tell the time by the clock that the packets have: another machine's maybe, or that of long ago."""
+        latest, now = self._observer.end_time, time.monotonic_ns()
+        if latest != self._last_capture_time:
+            self._last_capture_time, self._last_capture_seen_at = latest, now
+        return latest + now - self._last_capture_seen_at
+
+    def _report_if_due(self) -> None:
+        now = time.monotonic()
+        if now - self._last_flush < FLUSH_INTERVAL:
+            return
+        self._flush()
+        send_message(self._reports, self._make_progress(False))
+        self._last_flush = now
+        seen = self._journal.count + self._calls.count
+        if now - self._last_analysis >= ANALYSIS_INTERVAL and seen != self._last_analysis_count:
+            send_message(
+                self._reports, self._load_diagnosis().snapshot(self._observer.end_time, self._job.own_clients)
+            )
+            self._last_analysis, self._last_analysis_count = time.monotonic(), seen
+
+    def _flush(self) -> None:
+        self._journal.flush()
+        self._calls.flush()
+
+    def _make_progress(self, ended: bool, trouble: str = "") -> ReadProgress:
+        file = self._file
+        return ReadProgress(
+            position=file.position if file is not None else 0,
+            size=(file.size or 0) if file is not None else 0,
+            ended=ended,
+            problem=trouble,
+            summary=capture_counts_text(self._observer.counts) if ended else "",
+            clients=len(self._observer.conversations),
+            packets=self._packet_file,
+            lost=self._live.lost if self._live is not None else 0,
+        )
+
+
+class _LiveCapture:
+    """Captures on an interface in a thread of its own and writes all packets to a file.
+
+    Attributes:
+        path: of the file.
+        problem: why capturing ended; None while it goes on.
+        lost: packets for which there was no room.
+    """
+
+    def __init__(self, interface: str, path: Path) -> None:
+        self.path = path
+        self.problem: CaptureError | None = None
+        self.lost = 0
+        self._interface = interface
+        # What is not buffered is in the file at once, so that a kill loses nothing.
+        self._writer = PcapngWriter(path.open("xb", buffering=0))
+
+    def start(self, ended: threading.Event) -> None:
+        """Begin."""
+        threading.Thread(target=self._run, args=(ended,), daemon=True, name="capture").start()
+
+    def _run(self, ended: threading.Event) -> None:
+        try:
+            with open_live_capture(self._interface) as capture:
+                for packet in capture:
+                    self._writer.write(packet)
+                    self.lost = capture.lost
+                    if ended.is_set():
+                        return
+        except CaptureError as error:
+            self.problem = error
+        except OSError as error:
+            self.problem = CaptureError(f"the packets cannot be kept: {error.strerror}")
+
+
+def main() -> None:
+    """Read as standard input says."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
+    lower_priority()
+    asked = io.FileIO(0, closefd=False)  # not sys.stdin, whose lock a thread would hold at the end
+    job = next(receive_messages(asked, ReadJob), None)
+    if job is None:
+        return
+    ended, unwanted = threading.Event(), threading.Event()
+
+    def wait_for_the_end() -> None:
+        while asked.read(1):
+            ended.set()
+        unwanted.set()
+        ended.set()
+
+    threading.Thread(target=wait_for_the_end, daemon=True, name="end").start()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 100)  # frames and calls hold no cycles
+    try:
+        TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, unwanted).run()
+    except BrokenPipeError:  # the screen is gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,242 @@
+"""The screen's side of the processes that read, search and save."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, TypeAlias, cast
+
+from bcapscope.capture.call_store import CallStore
+from bcapscope.capture.observation_store import ObservationStore
+from bcapscope.tui.traffic_processes.process_messages import (
+    STOP_READING,
+    ReadJob,
+    ReadProgress,
+    SaveJob,
+    SearchMatches,
+    SearchRequest,
+    TrafficAnalysis,
+    receive_messages,
+    send_message,
+)
+from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
+from bcapscope.tui.words import spoken
+
+_END_TIMEOUT = 2.0
+"""Seconds that a process is given to end by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceProblem:
+    """Whether more will come is not known, or it will not.
+
+    Attributes:
+        reason: one sentence; "" once there is no doubt any more.
+    """
+
+    reason: str
+
+
+FeedUpdate: TypeAlias = ReadProgress | TrafficAnalysis | SearchMatches | SourceProblem
+FeedListener = Callable[[FeedUpdate], None]
+
+
+class TrafficFeed:
+    """One source of traffic: starts reading at once, and hands on what is told in a thread of its own.
+
+    Attributes:
+        job: what is read.
+        journal: what was seen; None until there is anything.
+        calls: what settled; None until there is anything.
+        progress: what was told last.
+        is_closed: nothing of it can be read any more.
+    """
+
+    def __init__(
+        self,
+        *,
+        path: str = "",
+        interface: str = "",
+        follow: bool = False,
+        ports: tuple[int, ...] = (),
+        leg: str = "",
+        own_clients: bool = False,
+    ):
+        """Begin to read a capture, finished or still being written, or on an interface; see `ReadJob`."""
+        self._folder = TemporaryFolder()
+        self.job = ReadJob(str(self._folder.path), path, interface, follow, ports, leg, spoken(), own_clients)
+        self.journal: ObservationStore | None = None
+        self.calls: CallStore | None = None
+        self.progress = ReadProgress()
+        self.is_closed = False
+        self._listener: FeedListener | None = None
+        self._undelivered: list[FeedUpdate] = []
+        self._lock = threading.Lock()
+        self._errors = (self._folder.path / "errors").open("w+b")
+        self._reader = self._start_process("reading")
+        self._searcher: subprocess.Popen[bytes] | None = None
+        self._generation = 0
+        self._threads: list[threading.Thread] = []
+        send_message(_pipe(self._reader.stdin), self.job)
+        self._start_thread(self._read_reports)
+
+    def _start_thread(self, hear: Callable[..., None], *words: object) -> None:
+        thread = threading.Thread(target=hear, args=words, daemon=True, name="feed")
+        self._threads.append(thread)
+        thread.start()
+
+    def _start_process(self, module: str, *words: str) -> subprocess.Popen[bytes]:
+        argv = [sys.executable, "-m", f"bcapscope.tui.traffic_processes.{module}", *words]
+        return subprocess.Popen(
+            argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
+        )
+
+    @property
+    def is_live(self) -> bool:
+        """Whether more may be seen at any time."""
+        return bool(self.job.interface) or self.job.follow
+
+    @property
+    def display_path(self) -> Path:
+        """The capture that is read, for names of others; what lies where it will be removed has none."""
+        path = Path(self.job.path)
+        lasts = self.job.path and not path.is_relative_to(cache_root())
+        return path if lasts else Path("live.pcapng")
+
+    def subscribe(self, listener: FeedListener) -> None:
+        """Have everything told to `listener`, in another thread; what came before is told now."""
+        with self._lock:
+            self._listener = listener
+            waiting, self._undelivered = self._undelivered, []
+        for message in waiting:
+            listener(message)
+
+    def open_journal(self) -> bool:
+        """Open the journal, if there is one by now."""
+        if self.journal is None:
+            try:
+                self.journal = ObservationStore(self._folder.path)
+                self.calls = CallStore(self._folder.path, self.journal)
+            except OSError:
+                self.journal = None
+        return self.journal is not None
+
+    def _read_reports(self) -> None:
+        """Hand on what the reader tells; tell if it ends without having said so."""
+        ended = False
+        kind = cast("type[ReadProgress | TrafficAnalysis]", ReadProgress | TrafficAnalysis)
+        with _pipe(self._reader.stdout) as reports:
+            for message in receive_messages(reports, kind):
+                ended = isinstance(message, ReadProgress) and message.ended
+                self._publish(message)
+        if not ended:
+            self._publish(ReadProgress(ended=True, problem=self._last_error_line()))
+
+    def _last_error_line(self) -> str:
+        self._errors.seek(0)
+        *_, last = self._errors.read().decode(errors="replace").splitlines() or ["reading ended"]
+        return last
+
+    def _publish(self, message: FeedUpdate) -> None:
+        with self._lock:
+            tell = self._listener
+            if tell is None:
+                self._undelivered.append(message)
+        if tell is not None:
+            tell(message)
+
+    def search(self, kind: str, expression: str) -> int:
+        """Search for what fits an expression; "" ends the search.
+
+        Returns:
+            The number that `SearchMatches` will have as their generation.
+        """
+        self._generation += 1
+        ask = SearchRequest(self._generation, kind, expression)
+        if self._searcher is not None and self._searcher.poll() is not None:
+            _end_process(self._searcher)
+            self._searcher = None
+        if self._searcher is None:
+            if not expression:
+                return self._generation
+            self._searcher = self._start_process("searching", str(self._folder.path))
+            self._start_thread(self._read_matches, self._searcher)
+        with suppress(OSError):  # it died in this moment; what is asked next begins it anew
+            send_message(_pipe(self._searcher.stdin), ask)
+        return self._generation
+
+    def _read_matches(self, searcher: subprocess.Popen[bytes]) -> None:
+        with _pipe(searcher.stdout) as answers:
+            for message in receive_messages(answers, SearchMatches):
+                self._publish(message)
+
+    def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
+        """Say what is to be saved: all packets seen by now, with notes by packet, in a new file."""
+        most = 0
+        if self.journal is not None and not self.progress.ended and len(self.journal):
+            most = self.journal.read_frame(len(self.journal)).observation.packet
+        return SaveJob(self.progress.packets, target, notes, most)
+
+    def save(self, job: SaveJob) -> str:
+        """Save it; takes a while, so to be called in a thread of its own, unlike all else here.
+
+        Returns:
+            Why that was not possible, "" where it was.
+        """
+        process = self._start_process("saving")
+        send_message(_pipe(process.stdin), job)
+        out, _ = process.communicate()
+        return out.decode() if process.returncode == 0 else self._last_error_line()
+
+    def stop_reading(self) -> None:
+        """Wait for nothing more to come: what is there by now is read to its end, and stays."""
+        with suppress(OSError):  # it has ended
+            _pipe(self._reader.stdin).write(STOP_READING)
+            _pipe(self._reader.stdin).flush()
+
+    def report_source_problem(self, reason: str) -> None:
+        """Have told why nothing more may come, in one sentence; "" to take that back. From any thread."""
+        self._publish(SourceProblem(reason))
+
+    def close(self) -> None:
+        """End all processes and remove the journal."""
+        self.is_closed = True
+        self._listener = lambda message: None
+        for process in (self._reader, self._searcher):
+            if process is not None:
+                _end_process(process)
+        if self.journal is not None:
+            self.journal.close()
+        if self.calls is not None:
+            self.calls.close()
+        for thread in self._threads:
+            thread.join(_END_TIMEOUT)
+        self._errors.close()
+        self._folder.close()
+
+
+def _end_process(process: subprocess.Popen[bytes]) -> None:
+    _close_stdin(process)
+    process.terminate()
+    try:
+        process.wait(_END_TIMEOUT)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _close_stdin(process: subprocess.Popen[bytes]) -> None:
+    """Tell a process that nothing more is wanted."""
+    with suppress(OSError):  # it ended before it had read all
+        _pipe(process.stdin).close()
+
+
+def _pipe(stream: IO[bytes] | None) -> Any:
+    """Return a pipe of a process that was started with one."""
+    assert stream is not None
+    return stream

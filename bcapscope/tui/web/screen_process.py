@@ -1,0 +1,137 @@
+"""One viewer of the served screen: the process that draws it, and the seats that viewers take."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+from asyncio.subprocess import Process
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+
+from textual_serve.app_service import AppService
+from textual_serve.download_manager import DownloadManager
+
+ENDS_WITHIN = 13.0
+"""Seconds that a screen has to end; then it is killed. Longer than `tui.app.CLOSING_LIMIT`, within which it
+releases what it opened."""
+
+RELOAD_WITHIN = 2.0
+"""Seconds that a new viewer waits for a seat: a page that reloads may connect before its old connection
+ends."""
+
+_KILLED_WITHIN = 2.0
+
+
+class NoSeat(Exception):
+    """Every seat is taken by a viewer who is connected."""
+
+
+class ViewerSeats:
+    """As many viewers as may watch at a time."""
+
+    def __init__(self, count: int) -> None:
+        self._free = asyncio.Semaphore(count)
+        self._ending = 0
+
+    @asynccontextmanager
+    async def taken(self) -> AsyncIterator[None]:
+        """Hold a seat for the length of the block.
+
+        Raises:
+            NoSeat: none became free in time.
+        """
+        if not await self._acquire(RELOAD_WITHIN) and not (
+            self._ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
+        ):
+            raise NoSeat
+        try:
+            yield
+        finally:
+            self._free.release()
+
+    @asynccontextmanager
+    async def ending(self) -> AsyncIterator[None]:
+        """Mark one seat as about to become free for the length of the block."""
+        self._ending += 1
+        try:
+            yield
+        finally:
+            self._ending -= 1
+
+    async def _acquire(self, seconds: float) -> bool:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                return await self._free.acquire()
+        return False
+
+
+class ScreenProcess(AppService):
+    """A `bcapscope tui` that draws into a websocket.
+
+    It belongs to a session of its own, so that Ctrl-C ends it through this process, which lets it release the
+    robot first.
+    """
+
+    def __init__(
+        self,
+        argv: Sequence[str],
+        write_bytes: Callable[[bytes], Awaitable[None]],
+        write_str: Callable[[str], Awaitable[None]],
+        close: Callable[[], Awaitable[object]],
+    ) -> None:
+        """Take the command and where its output goes.
+
+        Args:
+            argv: the command, its program first.
+            write_bytes: draws; must not raise, since the process blocks when nobody reads what it draws.
+            write_str: likewise for messages to the page.
+            close: ends the viewer's connection.
+        """
+
+        async def closed() -> None:
+            await close()
+
+        super().__init__(
+            subprocess.list2cmdline(argv),
+            write_bytes=write_bytes,
+            write_str=write_str,
+            close=closed,
+            download_manager=DownloadManager(),
+        )
+        self._argv = tuple(argv)
+
+    async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
+        """Start the command itself where textual-serve starts a shell, which no signal would pass."""
+        self._process = process = await asyncio.create_subprocess_exec(
+            *self._argv,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env=self._build_environment(width, height),
+            start_new_session=True,
+        )
+        self._stdin = process.stdin
+        return process
+
+    async def wait_until_ended(self) -> None:
+        """Wait until the process has ended."""
+        if self._process is not None:
+            await self._process.wait()
+
+    async def stop(self) -> None:
+        """End the process in order; kill it if that takes longer than `ENDS_WITHIN`."""
+        task, self._task = self._task, None
+        process = self._process
+        if task is None or process is None:
+            return
+        try:
+            async with asyncio.timeout(ENDS_WITHIN):
+                await self.send_meta({"type": "quit"})
+                await process.wait()
+        except TimeoutError:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+        with suppress(TimeoutError):  # a program that it started may still hold its output open
+            async with asyncio.timeout(_KILLED_WITHIN):
+                await task

@@ -1,0 +1,42 @@
+"""Connections to the served screen: those without the secret cannot exhaust the server."""
+
+from __future__ import annotations
+
+import asyncio
+
+from aiohttp import web
+from aiohttp.web_protocol import RequestHandler
+
+PROVES_WITHIN = 10.0
+"""Seconds that a connection may last without a request that passes the gate."""
+
+MAX_UNPROVED = 64
+"""Such connections at a time; the oldest makes room. A browser opens six at most."""
+
+
+class WebConnections:
+    """Makes the protocol of each connection; ends connections without the secret."""
+
+    def __init__(self, server: web.Server) -> None:
+        self._server = server
+        self._unproved: dict[RequestHandler, asyncio.TimerHandle] = {}
+
+    def __call__(self) -> RequestHandler:
+        """Make the protocol of a new connection."""
+        if len(self._unproved) >= MAX_UNPROVED:
+            self._abort(next(iter(self._unproved)))
+        handler = self._server()
+        loop = asyncio.get_running_loop()
+        self._unproved[handler] = loop.call_later(PROVES_WITHIN, self._abort, handler)
+        return handler
+
+    def mark_proved(self, handler: RequestHandler) -> None:
+        """Let a connection last whose request passed the gate."""
+        timer = self._unproved.pop(handler, None)
+        if timer is not None:
+            timer.cancel()
+
+    def _abort(self, handler: RequestHandler) -> None:
+        self._unproved.pop(handler).cancel()
+        if handler.transport is not None:
+            handler.transport.abort()

@@ -1,0 +1,98 @@
+"""Who may open the served screen: one check for every HTTP request, without I/O.
+
+The printed address carries a token. It opens a page that sets a cookie and goes on to a path that nobody can
+guess. Everything else is below that path and needs the cookie. Browsers send a cookie to every port of a
+host, where another user's server could collect it: the path keeps it from them.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bcapscope.traffic.observation import Endpoint
+
+COOKIE = "bcapscope"
+TOKEN = "token"
+"""The name of the token in the query of the printed address."""
+
+_HTTP_PORT = 80
+_NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
+"""What Sec-Fetch-Site says of a typed address, a bookmark or our own page; "" from browsers without it."""
+
+
+@dataclass(frozen=True, slots=True)
+class WebRequest:
+    """What an HTTP request shows about its sender.
+
+    Attributes:
+        path: decoded, without the query.
+        hosts: every Host header.
+        origins: every Origin header.
+        fetch_site: the Sec-Fetch-Site header, "" if missing.
+        token: the token in the query, "" if missing.
+        cookie: the value of `COOKIE`, "" if missing.
+        is_websocket: whether it asks for a websocket.
+    """
+
+    path: str
+    hosts: Sequence[str]
+    origins: Sequence[str] = ()
+    fetch_site: str = ""
+    token: str = ""
+    cookie: str = ""
+    is_websocket: bool = False
+
+
+class WebGate:
+    """The secrets of one served screen.
+
+    Attributes:
+        origin: `http://127.0.0.1:8000`, the only origin that may send requests.
+        entry_url: the address that the user opens, with the token.
+        base_path: the path of everything else, without a slash at the end.
+        cookie: the value of `COOKIE` that opens everything below `base_path`.
+    """
+
+    def __init__(self, address: Endpoint) -> None:
+        """Choose new secrets.
+
+        Args:
+            address: where the screen is served.
+        """
+        self._authority = str(address).removesuffix(f":{_HTTP_PORT}")
+        self._token = secrets.token_urlsafe()
+        self.origin = f"http://{self._authority}"
+        self.entry_url = f"{self.origin}/?{TOKEN}={self._token}"
+        self.base_path = f"/{secrets.token_urlsafe()}"
+        self.cookie = secrets.token_urlsafe()
+
+    @property
+    def authority(self) -> str:
+        """The host and port, as Host headers have them."""
+        return self._authority
+
+    def refusal_reason(self, request: WebRequest) -> str:
+        """Return why a request is refused; "" if it is accepted."""
+        if list(request.hosts) != [self._authority]:
+            return f"this server answers only to http://{self._authority}"
+        if list(request.origins) != [self.origin] and (request.origins or request.is_websocket):
+            return "requests from other pages are refused"
+        if request.path == "/" and not request.is_websocket:
+            return (
+                "" if _equal_in_constant_time(request.token, self._token) else "the token is missing or wrong"
+            )
+        # Both are compared, so that the time does not show which of them was right.
+        below = _equal_in_constant_time(request.path[: len(self.base_path) + 1], f"{self.base_path}/")
+        allowed = _equal_in_constant_time(request.cookie, self.cookie)
+        if not below or not allowed:
+            return "this browser has not opened the address with the token, or the server was restarted"
+        if request.fetch_site not in _NOT_FROM_OTHER_PAGES:
+            return "requests from other pages are refused"
+        return ""
+
+
+def _equal_in_constant_time(given: str, secret: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), secret.encode())

@@ -1,0 +1,301 @@
+"""The HTTP server of the served screen: a few pages and a websocket, all behind the gate of `webgate`."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+import socket
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+
+import aiohttp_jinja2
+import jinja2
+import orjson
+from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
+from aiohttp.http import HttpProcessingError
+from textual_serve.server import Server
+
+from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.render.escape import printable
+from bcapscope.traffic.observation import Endpoint
+from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess, ViewerSeats
+from bcapscope.tui.web.web_connections import WebConnections
+from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
+
+HEARTBEAT = 4.0
+"""Seconds between two pings to a viewer; one that does not answer within half of it has gone."""
+
+_LARGEST_MESSAGE = 1 << 20
+"""Bytes; the largest is what a user pastes."""
+
+_LARGEST_SIZE = 1000
+"""Most columns or lines of a screen; no display shows more."""
+
+_BUSY_PATH = "/busy"
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8">{head}<title>bcapscope</title></head>
+<body style="background: #0c181f; color: #eee; font: 16px sans-serif; margin: 15vh auto; max-width: 34em">
+{body}</body></html>
+"""
+
+RequestHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class WebServer:
+    """Serves one command's screen to viewers who know the address.
+
+    Attributes:
+        gate: who may pass.
+    """
+
+    def __init__(self, argv: Sequence[str], listening: socket.socket, viewers: int) -> None:
+        """Take what is served.
+
+        Args:
+            argv: the command that draws the screen, its program first.
+            listening: listens on an address of loopback; `run` closes it.
+            viewers: how many may watch at a time, each with a process of their own.
+        """
+        address = Endpoint(*listening.getsockname()[:2])
+        self.gate = WebGate(address)
+        self._argv = tuple(argv)
+        self._listening = listening
+        self._viewers = viewers
+        self._seats = ViewerSeats(viewers)
+        self._websockets: set[web.WebSocketResponse] = set()
+        self._connections: WebConnections | None = None
+        # textual-serve renders the page; this module decides who may open it, what runs it and what is
+        # logged.
+        self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
+
+    async def run(self, on_listening: Callable[[], None]) -> None:
+        """Serve until SIGINT or SIGTERM, then end every screen in order.
+
+        Args:
+            on_listening: called once the address can be opened.
+        """
+        runner = web.AppRunner(
+            self._application(),
+            access_log=None,  # it would print the token
+            logger=_one_line_logger(),
+            shutdown_timeout=ENDS_WITHIN + 5,
+        )
+        await runner.setup()
+        try:
+            assert runner.server is not None
+            self._connections = WebConnections(runner.server)
+            loop = asyncio.get_running_loop()
+            server = await loop.create_server(self._connections, sock=self._listening)
+            try:
+                on_listening()
+                await _wait_for_end_signal()
+            finally:
+                server.close()
+        finally:
+            await runner.cleanup()
+
+    def _application(self) -> web.Application:
+        below = web.Application()
+        aiohttp_jinja2.setup(below, loader=jinja2.FileSystemLoader(self._pages.templates_path))
+        below.add_routes(
+            [
+                web.get("/", self._pages.handle_index, name="index"),
+                web.get("/ws", self._serve_viewer, name="websocket"),
+                web.get(_BUSY_PATH, self._busy_page),
+                web.static("/static", self._pages.statics_path, name="static"),
+            ]
+        )
+        application = web.Application(middlewares=[self._check_request])
+        application.router.add_get("/", self._entry_page)
+        application.add_subapp(self.gate.base_path, below)
+        application.on_response_prepare.append(self._add_headers)
+        application.on_shutdown.append(self._close_all)
+        return application
+
+    @web.middleware
+    async def _check_request(self, request: web.Request, handler: RequestHandler) -> web.StreamResponse:
+        reason = self.gate.refusal_reason(
+            WebRequest(
+                path=request.path,
+                hosts=request.headers.getall("Host", ()),
+                origins=request.headers.getall("Origin", ()),
+                fetch_site=request.headers.get("Sec-Fetch-Site", ""),
+                token=request.query.get(TOKEN, ""),
+                cookie=request.cookies.get(COOKIE, ""),
+                is_websocket="Upgrade" in request.headers,
+            )
+        )
+        if reason:
+            return web.Response(
+                status=403,
+                text=f"403: {reason}. Open the address that bcapscope printed.\n",
+                headers={"Connection": "close"},
+            )
+        if self._connections is not None:
+            self._connections.mark_proved(request.protocol)
+        return await handler(request)
+
+    async def _add_headers(self, request: web.Request, response: web.StreamResponse) -> None:
+        own = f"'self' ws://{self.gate.authority}"  # not every browser takes 'self' for websockets as well
+        response.headers.update(
+            {
+                "Cache-Control": "no-store",
+                "Referrer-Policy": "no-referrer",
+                "X-Content-Type-Options": "nosniff",
+                "X-Frame-Options": "DENY",
+                "Cross-Origin-Opener-Policy": "same-origin",
+                "Cross-Origin-Resource-Policy": "same-origin",
+                "Content-Security-Policy": (
+                    "default-src 'none'; script-src 'self' 'unsafe-inline'; "
+                    "style-src 'self' 'unsafe-inline'; "
+                    f"img-src 'self' data:; font-src 'self'; connect-src {own}; "
+                    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+                ),
+            }
+        )
+
+    async def _entry_page(self, request: web.Request) -> web.Response:
+        """Set the cookie and go on, which takes the token out of the address bar and the history.
+
+        Not by a redirect: after a link on another page browsers would not send the cookie with it.
+        """
+        head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
+        body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
+        response = _page(body, head)
+        response.set_cookie(
+            COOKIE, self.gate.cookie, path=self.gate.base_path, httponly=True, samesite="Strict"
+        )
+        return response
+
+    async def _busy_page(self, request: web.Request) -> web.Response:
+        """Return the page for a viewer without a seat."""
+        most = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
+        return _page(
+            f"<h1>{most} connected</h1>"
+            "<p>Each viewer has a screen of their own, and only one client can hold the robot. "
+            "Close the other page, then try again. <code>--viewers</code> allows more viewers.</p>"
+            f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Try again</a></p>',
+            status=503,
+        )
+
+    async def _serve_viewer(self, request: web.Request) -> web.WebSocketResponse:
+        """Run a screen for as long as the viewer is connected."""
+        websocket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=_LARGEST_MESSAGE)
+        await websocket.prepare(request)
+        self._websockets.add(websocket)
+        try:
+            async with self._seats.taken():
+                await self._run_screen(websocket, _size(request))
+        except NoSeat:
+            away = {"url": f"{self.gate.base_path}{_BUSY_PATH}", "new_tab": False}
+            with suppress(ConnectionError):
+                await websocket.send_json(["open_url", away])
+            await websocket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"another viewer is connected")
+        finally:
+            self._websockets.discard(websocket)
+        return websocket
+
+    async def _run_screen(self, websocket: web.WebSocketResponse, size: tuple[int, int]) -> None:
+        async def write_bytes(data: bytes) -> None:
+            with suppress(ConnectionError):
+                await websocket.send_bytes(data)
+
+        async def write_str(text: str) -> None:
+            with suppress(ConnectionError):
+                await websocket.send_str(text)
+
+        if websocket.closed:
+            return
+        screen = ScreenProcess(self._argv, write_bytes, write_str, websocket.close)
+        await screen.start(*size)
+        over = asyncio.create_task(_close_after(screen, websocket), name="end of a screen")
+        try:
+            async for message in websocket:
+                await _handle_page_event(message, screen, websocket)
+        finally:
+            over.cancel()
+            async with self._seats.ending():
+                await screen.stop()
+
+    async def _close_all(self, application: web.Application) -> None:
+        """Close every viewer's connection, which ends the screens."""
+        going = b"the server is ending"
+        await asyncio.gather(
+            *(each.close(code=WSCloseCode.GOING_AWAY, message=going) for each in self._websockets)
+        )
+
+
+async def _close_after(screen: ScreenProcess, websocket: web.WebSocketResponse) -> None:
+    await screen.wait_until_ended()
+    await websocket.close()
+
+
+async def _handle_page_event(
+    message: WSMessage, screen: ScreenProcess, websocket: web.WebSocketResponse
+) -> None:
+    """Hand a viewer's key, or another event of the page, to the screen; ignore what is neither."""
+    if message.type is not WSMsgType.TEXT:
+        return
+    try:
+        event = orjson.loads(message.data)
+    except orjson.JSONDecodeError:
+        return
+    match event:
+        case ["stdin", str(keys)]:
+            await screen.send_bytes(keys.encode())
+        case ["resize", {"width": int(width), "height": int(height)}]:
+            await screen.set_terminal_size(_bounded(width), _bounded(height))
+        case ["ping", str(when)]:
+            with suppress(ConnectionError):
+                await websocket.send_json(["pong", when])
+        case ["blur", *_]:
+            await screen.blur()
+        case ["focus", *_]:
+            await screen.focus()
+
+
+def _size(request: web.Request) -> tuple[int, int]:
+    """Read columns and lines from the query of a websocket."""
+    return _number(request.query.get("width", ""), 80), _number(request.query.get("height", ""), 24)
+
+
+def _number(text: str, otherwise: int) -> int:
+    is_number = text.isascii() and text.isdecimal() and len(text) <= 4
+    return _bounded(int(text)) if is_number else otherwise
+
+
+def _bounded(size: int) -> int:
+    return max(1, min(size, _LARGEST_SIZE))
+
+
+def _page(body: str, head: str = "", status: int = 200) -> web.Response:
+    return web.Response(status=status, text=_PAGE.format(head=head, body=body), content_type="text/html")
+
+
+async def _wait_for_end_signal() -> None:
+    """Wait for SIGINT or SIGTERM; where the loop takes no signals, Ctrl-C cancels the wait."""
+    asked = asyncio.Event()
+    with suppress(NotImplementedError):
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, asked.set)
+    await asked.wait()
+
+
+class _OneLineHandler(logging.Handler):
+    """Reports an error of the server in one line; ignores errors of clients."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        if not isinstance(error, HttpProcessingError):
+            print_stderr(printable(f"{record.getMessage()}: {error}" if error else record.getMessage()))
+
+
+def _one_line_logger() -> logging.Logger:
+    """Give the loggers of aiohttp and asyncio our handler; the address with the token is never logged."""
+    for name in ("aiohttp", "asyncio", "textual-serve"):
+        logger = logging.getLogger(name)
+        logger.handlers = [_OneLineHandler(logging.WARNING)]
+        logger.propagate = False
+    return logging.getLogger("aiohttp")

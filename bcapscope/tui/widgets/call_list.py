@@ -1,0 +1,197 @@
+"""Calls of a journal, one a line, with the frames of a call folded under it."""
+
+from __future__ import annotations
+
+from bisect import insort
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+
+from bcapscope.capture.call_store import CallStore, StoredCall
+from bcapscope.render.call_text import CallRenderer
+from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.call import Call
+from bcapscope.tui.ink import INK
+from bcapscope.tui.widgets.frame_list import (
+    FilteredRows,
+    client_and_arrow,
+    direction_arrow,
+    left_aligned,
+    right_aligned,
+)
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say, told
+
+
+class CallList(Lines):
+    """Shows calls; `open_calls` gives it a journal.
+
+    Attributes:
+        rows: which of them are shown.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding(
+            "right",
+            "unfold(True)",
+            "traffic.unfold",
+            id="calls.unfold",
+            show=False,
+            tooltip="traffic.unfold.tip",
+        ),
+        Binding("left", "unfold(False)", "", show=False),
+        Binding("space", "turn", "", show=False),
+    ]
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self.rows = FilteredRows()
+        self._calls: CallStore | None = None
+        self._clock = TimeFormat.RELATIVE
+        self._with_client = False
+        self._live = False
+        self._start_time = 0
+        self._unfolded: list[tuple[int, int]] = []
+        self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", tongue=told)
+
+    def open_calls(self, calls: CallStore, live: bool) -> None:
+        """Show the calls of a journal; of a `live` one from the end."""
+        self._calls = calls
+        self._live = live
+
+    def clear_source(self) -> None:
+        """Show nothing, until those of another journal are opened."""
+        self.rows, self._calls = FilteredRows(), None
+        self.show_rows()
+
+    def set_line_format(self, clock: TimeFormat, with_client: bool, first: int) -> None:
+        """Choose how the time is told, relative ones since `first`, and whether lines name the client."""
+        if (clock, with_client, first) == (self._clock, self._with_client, self._start_time):
+            return
+        self._clock, self._with_client, self._start_time = clock, with_client, first
+        self._renderer = CallRenderer(clock, INK, client_and_arrow if with_client else direction_arrow, told)
+        self._renderer.set_time_origin(first)
+        self.repaint()
+
+    @property
+    def follows_end(self) -> bool:
+        """Live traffic is followed as long as the cursor is on the last line."""
+        return self._live
+
+    @property
+    def count(self) -> int:
+        """How many lines there are, those of unfolded calls with them."""
+        return self._call_count() + sum(extra for _, extra in self._unfolded)
+
+    def _call_count(self) -> int:
+        return self.rows.shown_count(len(self._calls)) if self._calls is not None else 0
+
+    def show_rows(self) -> None:
+        """Show other rows than before, all folded."""
+        self._unfolded.clear()
+        self.reset_lines()
+
+    def _locate_line(self, index: int) -> tuple[int, int]:
+        """Tell which call a line belongs to, and which of its frames it is, from 1; 0 for the call itself."""
+        above = 0
+        for position, extra in self._unfolded:
+            line = position + above
+            if index <= line:
+                break
+            if index <= line + extra:
+                return position, index - line
+            above += extra
+        return index - above, 0
+
+    def _line_of(self, position: int) -> int:
+        return position + sum(extra for each, extra in self._unfolded if each < position)
+
+    def call_row(self, position: int) -> StoredCall:
+        """Read the call at a position."""
+        assert self._calls is not None
+        return self._calls.read_call(self.rows.number(position) - 1)
+
+    @property
+    def current_call(self) -> tuple[StoredCall, int] | None:
+        """The call that the cursor is on, and the number of the frame that it is on."""
+        if self.cursor >= self.count:
+            return None
+        position, part = self._locate_line(self.cursor)
+        row = self.call_row(position)
+        if isinstance(row.settled, Call):
+            events = row.settled.frames
+            number = (
+                events[part - 1].observation.number if 0 < part <= len(events) else row.settled.request.number
+            )
+            return row, number
+        return row, row.settled.observation.number
+
+    def go_to_call(self, row: int) -> bool:
+        """Go to a call by its row from 1; tell whether it is shown."""
+        position = self.rows.index(row)
+        if position is None or position >= self._call_count():
+            return False
+        self.move_cursor_to(self._line_of(position))
+        return True
+
+    def line(self, index: int) -> str:
+        """Write the line of a call, or of one of its frames."""
+        position, part = self._locate_line(index)
+        row = self.call_row(position)
+        call = row.settled
+        if not part:
+            if self._clock is TimeFormat.DELTA and position:
+                self._renderer.set_time_origin(_start_of(self.call_row(position - 1)))
+            many = isinstance(call, Call) and bool(call.other_frames)
+            fold = " " if not isinstance(call, Call) else "▾" if self._is_unfolded(position) else "▸"
+            color = INK.problem if many else INK.dim
+            return f"{color}{fold}{INK.reset}{self._renderer.line(call, row.subject)}"
+        if not isinstance(call, Call) or part > len(call.frames):
+            return ""
+        events = call.frames
+        event = events[part - 1]
+        before = events[part - 2].observation.time if part > 1 else call.request.time
+        bracket = "└─" if part == len(events) else "├─"
+        return f"        {INK.dim}{bracket}{INK.reset} {self._renderer.event_line(event, before, call)}"
+
+    def _is_unfolded(self, position: int) -> bool:
+        return any(each == position for each, _ in self._unfolded)
+
+    def action_unfold(self, wanted: bool) -> None:
+        """Show the frames of the call, or hide them."""
+        if self.cursor >= self.count:
+            return
+        position, _ = self._locate_line(self.cursor)
+        if self._is_unfolded(position) == wanted:
+            return
+        if wanted:
+            call = self.call_row(position).settled
+            if not isinstance(call, Call):
+                return
+            insort(self._unfolded, (position, len(call.frames)))
+        else:
+            self._unfolded = [each for each in self._unfolded if each[0] != position]
+        self.reset_lines(self._line_of(position))
+
+    def action_turn(self) -> None:
+        """Show the frames of the call where they are hidden, hide them where they are shown."""
+        if self.cursor < self.count:
+            self.action_unfold(not self._is_unfolded(self._locate_line(self.cursor)[0]))
+
+    def action_choose(self) -> None:
+        """Unfold the call, or choose the frame."""
+        if self.cursor < self.count and self._locate_line(self.cursor)[1]:
+            super().action_choose()
+        else:
+            self.action_turn()
+
+    def header(self) -> str:
+        """Write what stands above the columns."""
+        client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "   "
+        call, time = right_aligned(say("traffic.head.call"), 6), right_aligned(say("traffic.head.time"), 12)
+        return f" {call} {time} {client} {say('traffic.head.what')}"
+
+
+def _start_of(row: StoredCall) -> int:
+    call = row.settled
+    return call.request.time if isinstance(call, Call) else call.observation.time

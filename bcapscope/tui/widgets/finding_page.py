@@ -1,0 +1,119 @@
+"""Findings, each consequence under its cause; choosing one leads to its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+from textual.binding import Binding, BindingType
+from textual.events import Resize
+
+from bcapscope.analysis.finding import Severity
+from bcapscope.protocol.text_format import display_width
+from bcapscope.render.columns import wrap_text
+from bcapscope.render.diagnosis_summary import diagnosis_summary as summed_up
+from bcapscope.tui.ink import INK
+from bcapscope.tui.traffic_processes.process_messages import NO_ANALYSIS, ShownFinding, TrafficAnalysis
+from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.words import say, titled, told
+
+_INDENT_STEP, _MAX_DEPTH = 3, 4
+_MAX_WIDTH, _MIN_WIDTH = 120, 30
+_MAX_FRAMES = 12
+
+
+class FindingPage(Lines):
+    """Shows findings as paragraphs; up and down go from line to line, enter chooses the finding."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "choose", "findings.choose", id="findings.choose", tooltip="findings.choose.tip"),
+    ]
+
+    def __init__(self, *, id: str | None = None) -> None:
+        super().__init__(id=id)
+        self._analysis = NO_ANALYSIS
+        self._lines: list[tuple[str, int]] = []
+
+    def show_analysis(self, analysis: TrafficAnalysis) -> None:
+        """Show findings under the line that sums them up."""
+        if analysis != self._analysis:
+            self._analysis = analysis
+            self._update_lines()
+
+    def current_finding(self) -> int | None:
+        """Tell on which finding the cursor is, from 1; the first one where it is above them all."""
+        if not self._lines or not self._analysis.findings:
+            return None
+        return self._lines[self.cursor][1] or 1
+
+    def go_to_finding(self, number: int) -> None:
+        """Go to a finding by its number from 1."""
+        for index, (_, each) in enumerate(self._lines):
+            if each == number:
+                self.move_cursor_to(index)
+                return
+
+    @property
+    def count(self) -> int:
+        """How many lines there are."""
+        return len(self._lines)
+
+    def line(self, index: int) -> str:
+        """Return a line."""
+        return self._lines[index][0]
+
+    def on_resize(self, event: Resize) -> None:
+        """Wrap to the new width."""
+        self._update_lines()
+
+    @property
+    def _columns(self) -> int:
+        """Columns for text: as many as there will be, while it is not seen yet."""
+        return self.size.width or self.app.size.width - self.scrollbar_size_vertical
+
+    def _update_lines(self) -> None:
+        here = self.current_finding()
+        found, self._lines = self._analysis.findings, []
+        if self._analysis is not NO_ANALYSIS:
+            severities = [cause.severity for cause in found]
+            summary = summed_up(severities, self._analysis.examined, INK, told)
+            self._lines = [(f" {line}", 0) for line in wrap_text(summary, max(_MIN_WIDTH, self._columns - 2))]
+            self._lines.append(("", 0))
+        depths: list[int] = []
+        for number, cause in enumerate(found, 1):
+            depths.append(depths[cause.consequence_of - 1] + 1 if cause.consequence_of else 0)
+            indent = " " * _INDENT_STEP * min(depths[-1], _MAX_DEPTH)
+            self._lines += [
+                (f" {indent}{line}", number) for line in self._finding_lines(number, cause, len(indent))
+            ]
+            self._lines.append(("", number))
+        if not self._lines:
+            self._lines = [(f" {say('traffic.empty.findings')}", 0)]
+        self.reset_lines(min(self.cursor, len(self._lines) - 1))
+        if here is not None and here != self.current_finding():
+            self.go_to_finding(here)
+
+    def _finding_lines(self, number: int, cause: ShownFinding, indent: int) -> Iterator[str]:
+        width = max(_MIN_WIDTH, min(self._columns - indent - 4, _MAX_WIDTH))
+        shade = INK.bad if cause.severity == Severity.ERROR else INK.name
+        follows = (
+            f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
+        )
+        title = titled(cause.rule)
+        severity = told(cause.severity)
+        lead = display_width(f"{number} {severity} ")
+        first, *rest = wrap_text(f"{title}{follows}", width + 2 - lead)
+        yield f"{INK.number}{number}{INK.reset} {shade}{severity}{INK.reset} {first}"
+        yield from (f"{' ' * lead}{line}" for line in rest)
+        frames = ", ".join(map(str, cause.frames[:_MAX_FRAMES])) + (
+            " …" if len(cause.frames) > _MAX_FRAMES else ""
+        )
+        for text, color in (
+            (told(cause.sentence), INK.name),
+            (say("traffic.finding.frames", frames=frames) if frames else "", INK.number),
+            (say("traffic.finding.advice", advice=told(cause.advice)) if cause.advice else "", INK.good),
+            (say("traffic.finding.source", source=cause.source) if cause.source else "", INK.dim),
+            (cause.rule if title != cause.rule else "", INK.dim),
+        ):
+            if text:
+                yield from (f"  {color}{line}{INK.reset}" for line in wrap_text(text, width))

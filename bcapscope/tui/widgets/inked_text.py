@@ -1,0 +1,33 @@
+"""Rendered text, in the colours of the theme."""
+
+from __future__ import annotations
+
+from textual.widgets import Static
+
+from bcapscope.tui.app import app_of
+from bcapscope.tui.ink import styled_text
+
+
+class InkedText(Static):
+    """Shows what was rendered with `ink.INK`, and draws it anew in the colours of another theme."""
+
+    def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
+        """Begin empty."""
+        super().__init__(id=id, classes=classes, markup=False)
+        self._source_text = ""
+
+    def show_text(self, text: str, *, layout: bool = True) -> None:
+        """Show a text.
+
+        Args:
+            text: with the marks of its colours.
+            layout: its size may be another than before.
+        """
+        self._source_text = text
+        self.update(styled_text(text, app_of(self).text_styles), layout=layout)
+
+    def notify_style_update(self) -> None:
+        """Draw in the colours of a new theme."""
+        super().notify_style_update()
+        if self.is_mounted:
+            self.show_text(self._source_text, layout=False)

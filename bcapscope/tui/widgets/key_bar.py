@@ -1,0 +1,75 @@
+"""The bar below all screens: the keys that do something where the cursor is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.text import Text
+from textual.app import RenderResult
+from textual.events import Click
+from textual.screen import Screen
+from textual.widget import Widget
+
+from bcapscope.tui.words import CATALOGUE, say
+
+_ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
+"""Keys that have their place whatever else there is: HALT, help, the list of commands."""
+
+
+class KeyBar(Widget):
+    """Shows keys with what they do, as many as there is room for; a click does it as well.
+
+    The keys of the widget that has the focus come first, those of the application last; those of `_ALWAYS_SHOWN`
+    have their place.
+    """
+
+    COMPONENT_CLASSES = {"keybar--key", "keybar--text"}  # noqa: RUF012 - as Textual has it
+
+    def on_mount(self) -> None:
+        """Follow the focus."""
+        assert isinstance(self.screen, Screen)
+        self.screen.bindings_updated_signal.subscribe(self, lambda _: self.refresh())
+
+    def _visible_keys(self) -> Iterator[tuple[str, str]]:
+        """Yield keys and what they do, within the width."""
+        found = [
+            (self.app.get_key_display(active.binding), say(active.binding.description), key)
+            for key, active in self.screen.active_bindings.items()
+            if active.binding.show and active.binding.description in CATALOGUE
+        ]
+        always = [each for each in found if each[2] in _ALWAYS_SHOWN]
+        room = self.size.width - sum(_width(key, text) for key, text, _ in always)
+        for key, text, name in found:
+            if name in _ALWAYS_SHOWN:
+                continue
+            room -= _width(key, text)
+            if room < 0:
+                break
+            yield name, f" {key} {text} "
+        for key, text, name in always:
+            yield name, f" {key} {text} "
+
+    def render(self) -> RenderResult:
+        """Write the bar."""
+        bar = Text(no_wrap=True, end="", overflow="ellipsis")
+        key_style = self.get_component_rich_style("keybar--key")
+        text_style = self.get_component_rich_style("keybar--text")
+        for _, text in self._visible_keys():
+            key, _, rest = text[1:].partition(" ")
+            bar.append(f" {key} ", style=key_style)
+            bar.append(rest, style=text_style)
+        return bar
+
+    def on_click(self, event: Click) -> None:
+        """Press the key that was clicked."""
+        at = 0
+        for name, text in self._visible_keys():
+            width = Text(text).cell_len
+            if at <= event.x < at + width:
+                self.app.simulate_key(name)
+                return
+            at += width
+
+
+def _width(key: str, text: str) -> int:
+    return Text(f" {key} {text} ").cell_len

@@ -1,0 +1,56 @@
+"""The bar above all screens: where one is, where else one can go, and what must be seen at all times."""
+
+from __future__ import annotations
+
+from rich.style import Style
+from rich.text import Text
+from textual.app import RenderResult
+from textual.events import Click
+from textual.widget import Widget
+
+from bcapscope.tui.app import app_of
+from bcapscope.tui.words import say
+
+
+class TopBar(Widget):
+    """Shows the screens with their keys, and at the right what `BcapApp.status` holds.
+
+    A click on a screen's name goes there.
+    """
+
+    COMPONENT_CLASSES = {"topbar--title", "topbar--here", "topbar--there"}  # noqa: RUF012 - as Textual has it
+
+    def on_mount(self) -> None:
+        """Show each new status."""
+        self.watch(self.app, "status", self._show_status)
+
+    def _show_status(self) -> None:
+        self.refresh()
+
+    def render(self) -> RenderResult:
+        """Write the bar; what must be seen stays where there is no room for both."""
+        scope = app_of(self)
+        status = Text.assemble(*((text, scope.text_styles.get(ink, "")) for text, ink in scope.status))
+        left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
+        for mode, text in self._screen_labels():
+            left.append(text, style=self._style(mode))
+        space = self.size.width - left.cell_len - status.cell_len
+        if space < 0:
+            left.truncate(max(0, self.size.width - status.cell_len))
+        return Text.assemble(left, " " * max(0, space), status, no_wrap=True, end="")
+
+    def _style(self, mode: str) -> Style:
+        here = mode == self.app.current_mode
+        return self.get_component_rich_style("topbar--here" if here else "topbar--there")
+
+    def _screen_labels(self) -> list[tuple[str, str]]:
+        return [(spot.mode, f" {spot.key.upper()} {say(spot.name)} ") for spot in app_of(self).screen_entries]
+
+    async def on_click(self, event: Click) -> None:
+        """Go to the screen whose name was clicked."""
+        at = len(" bcapscope ")
+        for mode, text in self._screen_labels():
+            width = Text(text).cell_len
+            if at <= event.x < at + width and mode != self.app.current_mode:
+                await self.app.switch_mode(mode)
+            at += width

@@ -1,0 +1,87 @@
+"""The views of a screen: which is shown, how much is in each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.cells import cell_len
+from rich.segment import Segment
+from rich.style import Style
+from textual.events import Click
+from textual.message import Message
+from textual.strip import Strip
+from textual.widget import Widget
+
+from bcapscope.tui.words import say
+
+
+class ViewBar(Widget):
+    """Shows the names of views with their keys and counts, and at the right how reading goes."""
+
+    COMPONENT_CLASSES = {"viewbar--here", "viewbar--there", "viewbar--key", "viewbar--state"}  # noqa: RUF012 - as Textual has it
+
+    class ViewWanted(Message):
+        """A view was clicked."""
+
+        def __init__(self, view: str) -> None:
+            super().__init__()
+            self.view = view
+
+    def __init__(self, views: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
+        """Take the views: for the program, and the key of the name of each."""
+        super().__init__(id=id)
+        self._views = tuple(views)
+        self._current_view = self._views[0][0]
+        self._counts: Mapping[str, str] = {}
+        self._states: Sequence[str] = ()
+        self._styles: dict[str, Style] = {}
+
+    def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
+        """Show where one is, the counts by view, and of several texts on the state the first that fits."""
+        if (current_view, counts, states) != (self._current_view, self._counts, self._states):
+            self._current_view, self._counts, self._states = current_view, counts, states
+            self.refresh()
+
+    def _view_labels(self) -> list[tuple[str, str, str]]:
+        """Return view, key and label of each."""
+        found = []
+        for number, (view, name) in enumerate(self._views, 1):
+            count = self._counts.get(view, "")
+            found.append((view, f" {number} ", f"{say(name)}{f' {count}' if count else ''} "))
+        return found
+
+    def notify_style_update(self) -> None:
+        """Draw in the colours of a new theme."""
+        self._styles.clear()
+        super().notify_style_update()
+
+    def _style(self, name: str) -> Style:
+        """Return a style, "" for the bar's own; looked up once for a theme, not for each new count."""
+        if name not in self._styles:
+            own = self.get_component_rich_style(f"viewbar--{name}") if name else self.rich_style
+            self._styles[name] = own
+        return self._styles[name]
+
+    def render_line(self, y: int) -> Strip:
+        """Write the bar; what there is no room for is left out."""
+        width = self.size.width
+        bar: list[Segment] = []
+        for view, key, label in self._view_labels():
+            is_here = view == self._current_view
+            bar.append(Segment(key, self._style("here" if is_here else "key")))
+            bar.append(Segment(label, self._style("here" if is_here else "there")))
+        space = width - sum(segment.cell_length for segment in bar)
+        told = next((f"{text} " for text in self._states if cell_len(text) < space), "")
+        if told:
+            bar.append(Segment(" " * (space - cell_len(told)), self._style("")))
+            bar.append(Segment(told, self._style("state")))
+        return Strip(bar).adjust_cell_length(width, self._style(""))
+
+    def on_click(self, event: Click) -> None:
+        """Tell which view was clicked."""
+        at = 0
+        for view, key, label in self._view_labels():
+            width = cell_len(key + label)
+            if at <= event.x < at + width:
+                self.post_message(self.ViewWanted(view))
+            at += width

@@ -1,0 +1,185 @@
+"""Incidents become findings: causes before consequences, and one finding for what happened often."""
+
+from __future__ import annotations
+
+from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.finding_collector import MAX_FINDINGS, MAX_KEPT, FindingCollector
+from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
+from bcapscope.analysis.speech import Speech
+from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+
+HERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "port 5007")
+ELSEWHERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.9", 5007), Transport.UDP, "port 5007")
+
+
+def rule(name: str, *follows: str, severity: Severity = Severity.ERROR) -> DiagnosisRule:
+    return DiagnosisRule(name, severity, "something", "Do it.", "a paper", follows)
+
+
+SPARK, FIRE, SMOKE = rule("spark"), rule("fire", "spark"), rule("smoke", "fire", "spark")
+
+
+def happen(
+    what: DiagnosisRule,
+    at: float,
+    *,
+    call: int = 0,
+    because: tuple[int, ...] = (),
+    conversation: Conversation = HERE,
+    key: str = "",
+) -> Occurrence:
+    """Make an incident that began `at` seconds from the beginning and was over at once."""
+    time = round(at * SECOND)
+    return Occurrence(
+        what,
+        time,
+        time,
+        conversation,
+        (round(at * 10) + 1,),
+        lambda speech: f"the {what.id} came at {speech.at(time)}",
+        lambda speech, after: f"{what.id} followed",
+        call,
+        because,
+        key,
+    )
+
+
+def told(*incidents: Occurrence) -> tuple[Finding, ...]:
+    book = FindingCollector()
+    for incident in incidents:
+        book.add_occurrence(incident)
+    return book.findings(Speech(0, True))
+
+
+def links(findings: tuple[Finding, ...]) -> list[tuple[str, int | None]]:
+    return [(finding.rule, finding.consequence_of) for finding in findings]
+
+
+def test_nothing_happened() -> None:
+    assert told() == ()
+
+
+def test_a_consequence_stands_behind_its_cause() -> None:
+    findings = told(happen(FIRE, 0.2), happen(SPARK, 0.1))
+    assert links(findings) == [("spark", None), ("fire", 1)]
+    cause, consequence = findings
+    assert cause.sentence == "The spark came at 0.100 s; fire followed."
+    assert consequence.sentence == "The fire came at 0.200 s."
+    assert (cause.frames, consequence.frames) == ((2,), (3,))
+
+
+def test_a_chain_is_told_by_its_first_link() -> None:
+    findings = told(
+        *(happen(SMOKE, 0.3 + number / 10) for number in range(3)), happen(FIRE, 0.2), happen(SPARK, 0.1)
+    )
+    assert links(findings) == [("spark", None), ("fire", 1), ("smoke", 2)]
+    story = (
+        "The spark came at 0.100 s; fire followed; smoke followed; everything after that is a consequence."
+    )
+    assert findings[0].sentence == story
+
+
+def test_what_else_went_wrong_is_no_consequence() -> None:
+    other = rule("flood")
+    findings = told(
+        happen(SPARK, 0.1), *(happen(FIRE, 0.2 + number / 10) for number in range(3)), happen(other, 0.5)
+    )
+    assert links(findings) == [("spark", None), ("fire", 1), ("flood", None)]
+    assert findings[0].sentence.endswith("fire followed; finding 2 follows from it.")
+
+
+def test_what_comes_later_is_no_cause() -> None:
+    assert links(told(happen(FIRE, 0.1), happen(SPARK, 0.2))) == [("fire", None), ("spark", None)]
+
+
+def test_what_is_too_long_ago_is_no_cause() -> None:
+    assert links(told(happen(SPARK, 0.1), happen(FIRE, 1.2))) == [("spark", None), ("fire", None)]
+
+
+def test_what_happened_to_another_controller_is_no_cause() -> None:
+    found = told(happen(SPARK, 0.1, conversation=ELSEWHERE), happen(FIRE, 0.2))
+    assert links(found) == [("spark", None), ("fire", None)]
+
+
+def test_a_named_call_is_the_cause_however_long_ago() -> None:
+    found = told(happen(SPARK, 0.1, call=7), happen(SPARK, 99.9, call=8), happen(FIRE, 100, because=(7,)))
+    assert links(found) == [("spark", None), ("fire", 1)]
+    assert found[0].sentence.startswith("The spark came at 0.100 s (twice in all, from 0.100 s to 99.900 s)")
+
+
+def test_of_several_causes_the_last_one_counts() -> None:
+    found = told(happen(SPARK, 0.1), happen(FIRE, 0.2), happen(SMOKE, 0.3))
+    assert links(found) == [("spark", None), ("fire", 1), ("smoke", 2)]
+
+
+def test_of_causes_at_once_the_likelier_counts() -> None:
+    first, second = rule("first"), rule("second")
+    effect = rule("effect", "second", "first")
+    found = told(happen(first, 0.1), happen(second, 0.1), happen(effect, 0.2))
+    assert [finding.rule for finding in found if finding.consequence_of] == ["effect"]
+    assert found[(found[-1].consequence_of or found[1].consequence_of or 1) - 1].rule == "second"
+
+
+def test_the_gravest_root_comes_first_with_all_that_follows() -> None:
+    spark = rule("spark", severity=Severity.WARNING)
+    early = rule("early", severity=Severity.WARNING)
+    note = rule("note", severity=Severity.NOTE)
+    found = told(happen(note, 0.0), happen(early, 0.05), happen(spark, 0.1), happen(FIRE, 0.2))
+    assert links(found) == [("spark", None), ("fire", 1), ("early", None), ("note", None)]
+
+
+def test_rules_that_follow_each_other_make_no_circle() -> None:
+    hen, egg = rule("hen", "egg"), rule("egg", "hen")
+    found = told(happen(hen, 0.1), happen(egg, 0.1), happen(hen, 0.2), happen(egg, 0.2))
+    assert sorted(finding.rule for finding in found) == ["egg", "hen"]
+    assert [finding.consequence_of for finding in found] == [None, 1]
+
+
+def test_a_thousand_times_are_one_finding() -> None:
+    (found,) = told(*(happen(SPARK, number / 10) for number in range(1000)))
+    assert found.sentence == "The spark came at 0.000 s (1000 times in all, from 0.000 s to 99.900 s)."
+    assert found.frames == (1, 1000)
+
+
+def test_the_time_that_had_consequences_is_told() -> None:
+    sparks = [happen(SPARK, 2.0 * number) for number in range(20)]
+    found = told(*sparks, happen(FIRE, 20.5))
+    assert links(found) == [("spark", None), ("fire", 1)]
+    assert found[0].sentence.startswith(
+        "The spark came at 20.000 s (20 times in all, from 0.000 s to 38.000 s)"
+    )
+    assert found[0].frames == (1, 201, 381)
+
+
+def test_a_cause_in_the_middle_of_a_flood_is_known_when_it_matters() -> None:
+    sparks = [happen(SPARK, 2.0 * number) for number in range(10 * MAX_KEPT)]
+    middle = 5 * MAX_KEPT
+    found = told(*sparks[:middle], happen(FIRE, 2.0 * middle - 1.5), *sparks[middle:])
+    assert links(found) == [("spark", None), ("fire", 1)]
+    assert found[0].sentence.startswith("The spark came at 318.000 s (320 times in all")
+
+
+def test_keys_tell_findings_of_a_rule_apart_up_to_a_number() -> None:
+    found = told(*(happen(SPARK, number / 100, key=str(number)) for number in range(MAX_FINDINGS + 10)))
+    assert len(found) == MAX_FINDINGS
+    assert "(11 times in all" in found[0].sentence
+
+
+def test_names_from_the_wire_keep_their_first_letter() -> None:
+    incident = happen(SPARK, 0.1)
+    incident.say = lambda speech: "slvMove 7 was lost"
+    assert told(incident)[0].sentence == "slvMove 7 was lost."
+
+
+def test_news_tell_each_case_once_and_by_itself() -> None:
+    book, speech = FindingCollector(), Speech(0, True)
+    book.add_occurrence(happen(SPARK, 1))
+    book.add_occurrence(happen(FIRE, 2))
+    first = book.new_findings(speech)
+    sentences = [finding.sentence for finding in first]
+    assert sentences == ["The spark came at 1.000 s.", "The fire came at 2.000 s."]
+    book.add_occurrence(happen(FIRE, 3))
+    assert book.new_findings(speech) == ()
+    book.add_occurrence(happen(SMOKE, 4))
+    assert [finding.rule for finding in book.new_findings(speech)] == ["smoke"]
+    assert {finding.rule for finding in book.findings(speech)} == {"spark", "fire", "smoke"}

@@ -1,0 +1,115 @@
+"""Calls come back from disk as they settled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from bcapscope.capture.call_store import CallStore, CallStoreWriter
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.observation_store import ObservationStore, ObservationStoreWriter
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.render.call_text import CallRenderer
+from bcapscope.traffic.call import Call, PairingResult, StrayReply
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.tracker import Tracker
+from tests.cli.run import CAPTURES
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    """Closes what a test opened."""
+    with ExitStack() as opened:
+        yield opened
+
+
+def told(call: PairingResult, subject: TrackedObject | None) -> list[object]:
+    """Return all that is said of a call."""
+    lines: list[object] = list(CallRenderer().tree(call, subject))
+    if isinstance(call, Call):
+        lines += [
+            call.verdict,
+            call.outcome,
+            call.reserved_usage,
+            call.abandoned_at,
+            call.no_reply_expected,
+            call.skipped_handles,
+        ]
+        lines.append(call.evicted)
+        lines += [call.last_attempt.number, call.last_activity, call.rtt]
+    return lines
+
+
+def written(
+    stack: ExitStack, folder: Path, path: Path
+) -> tuple[CallStore, list[tuple[PairingResult, TrackedObject | None]]]:
+    journal, book = ObservationStoreWriter(folder), CallStoreWriter(folder)
+    tracker, handles, questions = Tracker(), HandleTracker(), RecentRequests()
+    rows: list[tuple[PairingResult, TrackedObject | None]] = []
+
+    def settle(settled: PairingResult) -> None:
+        subject = handles.on_call(settled) if isinstance(settled, Call) else None
+        rows.append((settled, subject))
+        book.add(settled, subject)
+
+    with open_capture(path) as capture:
+        for seen in PacketDecoder().decode(capture):
+            journal.add(seen, questions.kind_of(seen))
+            for settled in tracker.observe(seen):
+                settle(settled)
+            if not seen.number % 50:
+                journal.flush()
+                book.flush()
+    for settled in tracker.close():
+        settle(settled)
+    journal.flush()
+    book.flush()
+    assert book.count == len(rows)
+    journal.close()
+    book.close()
+    reader = ObservationStore(folder)
+    reader.refresh()
+    calls = CallStore(folder, reader)
+    stack.callback(reader.close)
+    stack.callback(calls.close)
+    assert calls.refresh() == len(calls) == len(rows)
+    return calls, rows
+
+
+@pytest.mark.parametrize("path", sorted(CAPTURES.glob("*.pcap*")), ids=lambda path: path.name)
+def test_every_call_of_the_samples_comes_back(stack: ExitStack, tmp_path: Path, path: Path) -> None:
+    calls, rows = written(stack, tmp_path, path)
+    for index, (settled, subject) in enumerate(rows):
+        row = calls.read_call(index)
+        assert told(row.settled, row.subject) == told(settled, subject)
+        frames = [event.observation.number for event in settled.frames] if isinstance(settled, Call) else []
+        if isinstance(settled, StrayReply):
+            frames = [settled.observation.number]
+        assert {calls.index_of_frame(frame) for frame in frames} == {index}
+
+
+def test_frames_that_belong_to_no_call_yet(stack: ExitStack, tmp_path: Path) -> None:
+    calls, _ = written(stack, tmp_path, CAPTURES / "retry-story.pcapng")
+    assert calls.index_of_frame(7) is None
+    assert calls.index_of_frame(10**9) is None
+
+
+@pytest.mark.parametrize("index", [-1, 1])
+def test_rows_that_are_not_there(stack: ExitStack, tmp_path: Path, index: int) -> None:
+    calls, _ = written(stack, tmp_path, CAPTURES / "retry-story.pcapng")
+    with pytest.raises(IndexError):
+        calls.read_call(index)
+
+
+def test_links_are_seen_when_they_were_written_later(stack: ExitStack, tmp_path: Path) -> None:
+    calls, rows = written(stack, tmp_path, CAPTURES / "exchanges.pcap")
+    assert calls.index_of_frame(1) == 0
+    with (tmp_path / "links").open("r+b") as file:
+        file.write(len(rows).to_bytes(4, "little"))
+    assert calls.index_of_frame(1) == 0
+    calls.refresh()
+    assert calls.index_of_frame(1) == len(rows) - 1

@@ -1,0 +1,123 @@
+"""What is opened for a call, what is used again, and how the simulator is told from a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from bcapscope.client import open_session, over_link
+from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.errors import ControllerError
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.retry.requester import CallRefused
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.hresult import E_INVALIDARG, S_OK
+from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
+from bcapscope.transport.loop_clock import run_in_virtual_time
+from bcapscope.transport.memory_link import memory_link_pair
+from tests.client.peer import Answer, Peer
+
+_CONNECT = ("", "provider", "machine", "")
+
+
+def _play(act: Callable[[ObjectOpener], Awaitable[None]], **answers: Answer) -> list[tuple[object, ...]]:
+    """Let `act` use a reach; return what the peer executed until then."""
+
+    async def meet() -> list[tuple[object, ...]]:
+        near, far = memory_link_pair()
+        peer = Peer(far)
+        peer.answers.update(answers)
+        async with open_session(over_link(near)) as session:
+            await act(ObjectOpener(session, ",WDT=400", _CONNECT, {ObjectClass.FILE: "a.pac"}))
+            return peer.executed.copy()
+
+    return run_in_virtual_time(meet())
+
+
+def test_everything_is_opened_once() -> None:
+    async def act(reach: ObjectOpener) -> None:
+        await reach.start_service()
+        assert await reach.handle_for(ObjectClass.FILE) == 102
+        assert await reach.handle_for(ObjectClass.FILE) == 102
+        assert await reach.handle_for(ObjectClass.TASK) == 103
+        assert await reach.handle_for(ObjectClass.MESSAGE) == 104
+
+    assert _play(act) == [
+        ("Service_Start", ",WDT=400"),
+        ("Controller_Connect", *_CONNECT),
+        ("Controller_GetFile", 101, "a.pac", ""),
+        ("Controller_GetTask", 101, "RobSlave", ""),
+        ("Controller_GetMessage", 101),
+    ]
+
+
+def test_a_provider_that_is_refused_is_told_what_to_do_about() -> None:
+    async def act(reach: ObjectOpener) -> None:
+        with pytest.raises(ControllerError, match=r"RC9 and COBOTTA PRO want CaoProv\.DENSO\.VRC9"):
+            await reach.handle_for(ObjectClass.CONTROLLER)
+
+    _play(act, Controller_Connect=(E_INVALIDARG, ()))
+
+
+def test_the_newest_is_used_until_it_is_released() -> None:
+    async def act(reach: ObjectOpener) -> None:
+        first = await reach.handle_for(ObjectClass.ROBOT)
+        await reach.invoke("Controller_GetRobot", 101, "Other", "")
+        second = await reach.handle_for(ObjectClass.ROBOT)
+        assert second == first + 1
+        release = FUNCTIONS[84]
+        await reach.perform_call(release, (Variant(VT.I4, first),))
+        assert await reach.handle_for(ObjectClass.ROBOT) == second
+        await reach.perform_call(release, (Variant(VT.I4, second),))
+        assert await reach.handle_for(ObjectClass.ROBOT) == second + 1
+
+    _play(act)
+
+
+def test_after_service_stop_all_begins_anew() -> None:
+    async def act(reach: ObjectOpener) -> None:
+        await reach.handle_for(ObjectClass.CONTROLLER)
+        await reach.perform_call(FUNCTIONS[2], ())
+        await reach.handle_for(ObjectClass.CONTROLLER)
+
+    started = ["Service_Start", "Controller_Connect"]
+    assert [call[0] for call in _play(act)] == [*started, "Service_Stop", *started]
+
+
+def test_what_has_no_usual_name_must_be_named() -> None:
+    async def act(reach: ObjectOpener) -> None:
+        with pytest.raises(ValueError, match="which Extension"):
+            await reach.handle_for(ObjectClass.EXTENSION)
+
+    _play(act)
+
+
+def test_a_refusal_opens_nothing() -> None:
+    async def act(reach: ObjectOpener) -> None:
+        settled = await reach.perform_call(FUNCTIONS[1], (Variant(VT.BSTR, ""),))
+        assert isinstance(settled, CallRefused)
+        await reach.perform_call(FUNCTIONS[1], (Variant(VT.BSTR, ""),))
+
+    assert len(_play(act, Service_Start=(E_INVALIDARG, ()))) == 2
+
+
+_SIMULATOR = Variant(VT.BSTR, SIMULATOR_TEXT)
+
+
+@pytest.mark.parametrize(
+    ("answers", "met"),
+    [
+        ({"Variable_GetValue": (S_OK, (_SIMULATOR,))}, True),
+        ({"Variable_GetValue": (S_OK, (Variant(VT.BSTR, "a controller"),))}, False),
+        ({"Variable_GetValue": (S_OK, ())}, False),
+        ({"Controller_GetVariable": (E_INVALIDARG, ())}, False),
+        ({"Variable_GetValue": (E_INVALIDARG, ())}, False),
+    ],
+)
+def test_only_the_simulator_says_that_it_is_one(answers: dict[str, Answer], met: bool) -> None:
+    async def act(reach: ObjectOpener) -> None:
+        assert await reach.is_simulator() is met
+
+    executed = _play(act, **answers)
+    assert ("Controller_GetVariable", 101, SIMULATOR_VARIABLE, "") in executed

@@ -1,0 +1,478 @@
+"""Decisions: which messages are struck, what becomes of them, and that chance repeats itself."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.faults.fault import CloseMode
+from bcapscope.faults.fault_injector import MAX_WAITING, FaultInjector
+from bcapscope.faults.fault_notation import read_fault
+from bcapscope.faults.wire_message import FaultResult, SendBytes
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.hresult import E_FAIL, S_EXECUTING
+from bcapscope.traffic.observation import Endpoint, Transport
+from tests.faults.traffic import MS, Talk, arrivals, closed, reply, request, run_dry, sent, shaper, talk
+
+
+def through(machine: FaultInjector, flows: Talk, *serials: int) -> list[bytes]:
+    """Let requests pass, one a millisecond."""
+    return [data for _, data in arrivals(machine, flows.up, [request(serial) for serial in serials])]
+
+
+def test_without_faults_all_passes_as_it_came() -> None:
+    flows = talk()
+    machine = shaper()
+    raw = request(1)
+    taken = machine.process_message(flows.up, raw, 0)
+    assert taken == FaultResult([SendBytes(flows.up, raw)])
+    assert sent(taken.outputs)[0] is raw
+    assert machine.due() is None
+    assert machine.is_idle(0)
+
+
+def test_a_dropped_message_says_by_whom() -> None:
+    machine = shaper("drop request name lossy")
+    flows = talk()
+    assert machine.process_message(flows.up, request(1), 0) == FaultResult([], ("lossy: dropped",), False)
+    assert sent(machine.process_message(flows.down, reply(1), 0).outputs) == [reply(1)]
+    assert machine.hit_counts == {"lossy": 1}
+
+
+def test_a_share_is_lost() -> None:
+    flows = talk()
+    lost = 2000 - len(through(shaper("loss=10%"), flows, *range(1, 2001)))
+    assert 150 < lost < 250
+
+
+def test_times_after_and_for_bound_a_fault() -> None:
+    flows = talk()
+    assert len(through(shaper("drop times 3"), flows, *range(1, 11))) == 7
+    left = through(shaper("drop after 2ms for 5ms"), flows, *range(1, 11))
+    assert [Frame(raw).serial for raw in left] == [1, 2, 8, 9, 10]
+
+
+def test_a_fault_that_is_over_leaves_nothing_to_do() -> None:
+    flows = talk()
+    machine = shaper("drop times 1", "drop for 5ms")
+    assert not machine.is_idle(0)
+    machine.process_message(flows.up, request(1), 0)
+    assert not machine.is_idle(4 * MS)
+    assert machine.is_idle(5 * MS)
+
+
+def test_a_condition_on_the_question_holds_for_its_answer() -> None:
+    flows = talk()
+    machine = shaper("drop reply if command == slvMove")
+    machine.process_message(flows.up, request(1, "slvMove"), 0)
+    machine.process_message(flows.up, request(2, "CurJnt"), 0)
+    assert machine.process_message(flows.down, reply(1), 0).forwarded is False
+    assert machine.process_message(flows.down, reply(2), 0).forwarded is True
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        [(5, 0), (6, 5), (7, 5)],
+        [(5, 5), (6, 5), (7, 5)],
+        [(5, 0), (6, 5), (7, 6)],
+        [(0xFFFF, 0), (1, 0xFFFF), (2, 0xFFFF)],
+    ],
+    ids=["seed", "own", "chain", "wrap"],
+)
+def test_a_try_is_known_in_every_convention(chain: list[tuple[int, int]]) -> None:
+    for attempt in (1, 2, 3):
+        flows = talk()
+        machine = shaper(f"drop reply try {attempt}")
+        passed = []
+        for serial, reserved in chain:
+            machine.process_message(flows.up, request(serial, reserved=reserved), 0)
+            passed.append(machine.process_message(flows.down, reply(serial), 0).forwarded)
+        assert passed == [attempt != number for number in (1, 2, 3)]
+
+
+def test_a_delay_keeps_the_order_and_the_bytes() -> None:
+    found = arrivals(shaper("delay=3ms"), talk().up, [request(1), request(2)])
+    assert found == [(3 * MS, request(1)), (4 * MS, request(2))]
+
+
+def test_datagrams_overtake_a_delayed_one_and_bytes_of_a_stream_do_not() -> None:
+    for transport, order in ((Transport.UDP, [2, 1]), (Transport.TCP, [1, 2])):
+        found = arrivals(shaper("delay=3ms times 1"), talk(transport).up, [request(1), request(2)])
+        assert [Frame(raw).serial for _, raw in found] == order
+
+
+@pytest.mark.parametrize("distribution", ["uniform", "normal", "pareto"])
+def test_a_jitter_stays_around_the_delay(distribution: str) -> None:
+    machine = shaper(f"delay=5ms±1ms distribution {distribution}")
+    messages = [request(serial) for serial in range(1, 1001)]
+    came = {raw: now for now, raw in arrivals(machine, talk().up, messages, every=20 * MS)}
+    delays = [came[raw] - index * 20 * MS for index, raw in enumerate(messages)]
+    assert min(delays) >= 0
+    assert 4.5 * MS < sum(delays) / len(delays) < 5.5 * MS
+    assert len(set(delays)) > 900
+    if distribution == "uniform":
+        assert max(delays) <= 6 * MS
+
+
+def test_copies_follow_their_message() -> None:
+    found = arrivals(shaper("duplicate=2 time 1ms times 1"), talk().up, [request(1)])
+    assert found == [(0, request(1)), (MS, request(1)), (2 * MS, request(1))]
+
+
+def test_a_reordered_message_goes_behind_others() -> None:
+    assert [Frame(raw).serial for raw in through(shaper("reorder=2 times 1"), talk(), 1, 2, 3, 4)] == [
+        2,
+        3,
+        1,
+        4,
+    ]
+
+
+def test_a_reordered_message_does_not_wait_without_end() -> None:
+    found = arrivals(shaper("reorder=2 time 10ms"), talk().up, [request(1)])
+    assert found == [(10 * MS, request(1))]
+
+
+def test_corruption_turns_bits_over_where_it_is_told() -> None:
+    raw = request(1)
+    (found,) = sent(shaper("corrupt=1 offset 5").process_message(talk().up, raw, 0).outputs)
+    assert len(found) == len(raw)
+    different = [index for index, (one, other) in enumerate(zip(found, raw, strict=True)) if one != other]
+    assert different == [5]
+    assert (found[5] ^ raw[5]).bit_count() == 1
+
+
+def test_a_message_is_cut() -> None:
+    assert sent(shaper("truncate=20").process_message(talk().up, request(1), 0).outputs) == [request(1)[:20]]
+    (found,) = sent(shaper("truncate").process_message(talk().up, request(1), 0).outputs)
+    assert request(1).startswith(found)
+    assert len(found) < len(request(1))
+
+
+def test_garbage_comes_in_place_of_a_reply() -> None:
+    flows, machine = talk(), shaper("garbage=40")
+    assert sent(machine.process_message(flows.up, request(1), 0).outputs) == [request(1)]
+    (found,) = sent(machine.process_message(flows.down, reply(1), 0).outputs)
+    assert len(found) == 40
+    assert found != reply(1)
+
+
+def test_an_answer_goes_back_under_the_serial_and_the_request_stays_away() -> None:
+    flows, machine = talk(), shaper("answer=E_FAIL")
+    taken = machine.process_message(flows.up, request(77), 0)
+    (output,) = taken.outputs
+    assert isinstance(output, SendBytes)
+    assert output.flow.direction == flows.down.direction
+    answer = Frame(output.data)
+    assert (answer.serial, answer.code, answer.argc, answer.problems) == (77, E_FAIL, 0, ())
+    assert (taken.forwarded, taken.fault_notes) == (False, ("answer: answered with E_FAIL",))
+
+
+def test_an_answer_has_the_reserved_that_the_server_would_send() -> None:
+    for echoed in (0, 9):
+        flows, machine = talk(), shaper("answer=E_FAIL if serial == 11")
+        machine.process_message(flows.up, request(10, reserved=9), 0)
+        machine.process_message(flows.down, reply(10, reserved=echoed), 0)
+        (output,) = machine.process_message(flows.up, request(11, reserved=9), 0).outputs
+        assert isinstance(output, SendBytes)
+        assert Frame(output.data).reserved == echoed
+
+
+def test_a_reply_is_replaced_by_a_result() -> None:
+    flows, machine = talk(), shaper("answer=E_FAIL reply")
+    assert sent(machine.process_message(flows.up, request(3), 0).outputs) == [request(3)]
+    (raw,) = sent(machine.process_message(flows.down, reply(3), 0).outputs)
+    assert (Frame(raw).serial, Frame(raw).code, Frame(raw).argc) == (3, E_FAIL, 0)
+
+
+def test_a_wrong_serial_changes_nothing_else() -> None:
+    flows, machine = talk(), shaper("serial=2")
+    (raw,) = sent(machine.process_message(flows.down, reply(0xFFFF), 0).outputs)
+    assert raw == reply(1)
+
+
+def test_notices_come_before_the_reply() -> None:
+    flows, machine = talk(), shaper("executing=250ms every 100ms")
+    found = arrivals(machine, flows.down, [reply(5)])
+    assert [(now // MS, Frame(raw).serial) for now, raw in found] == [(0, 5), (100, 5), (200, 5), (250, 5)]
+    assert [Frame(raw).code for _, raw in found] == [S_EXECUTING] * 3 + [0]
+    assert found[-1][1] == reply(5)
+
+
+@pytest.mark.parametrize("direction", ["request", "response"])
+def test_notices_go_to_the_client(direction: str) -> None:
+    flows, machine = talk(), shaper(f"executing=100ms {direction}")
+    flow, raw = (flows.up, request(5)) if direction == "request" else (flows.down, reply(5))
+    (output,) = machine.process_message(flow, raw, 0).outputs
+    assert isinstance(output, SendBytes)
+    assert output.flow.direction == "response"
+    (later,) = machine.advance(100 * MS)
+    assert later == SendBytes(flow, raw, output.fault_notes)
+
+
+def test_a_connection_is_closed_and_udp_is_left_alone() -> None:
+    flows = talk(Transport.TCP)
+    (closing,) = closed(shaper("close=fin").process_message(flows.up, request(1), 0).outputs)
+    assert (closing.conversation, closing.how) == (flows.up.conversation, CloseMode.FIN)
+    machine = shaper("close")
+    assert sent(machine.process_message(talk().up, request(1), 0).outputs) == [request(1)]
+    assert machine.hit_counts == {"close": 0}
+
+
+def test_a_connection_is_closed_in_order_after_what_is_held_of_it_and_by_reset_at_once() -> None:
+    for how, order in (
+        ("fin", ["SendBytes", "SendBytes", "CloseConnection"]),
+        ("reset", ["CloseConnection", "SendBytes", "SendBytes"]),
+    ):
+        flows, machine = (
+            talk(Transport.TCP),
+            shaper("delay=50ms if serial < 3", f"close={how} if serial == 3"),
+        )
+        outputs = [*machine.process_message(flows.up, request(1), 0).outputs]
+        outputs += machine.process_message(flows.down, reply(2), 0).outputs
+        outputs += machine.process_message(flows.up, request(3), MS).outputs
+        outputs += machine.process_message(flows.up, request(4), MS).outputs
+        outputs += machine.advance(50 * MS)
+        assert [type(output).__name__ for output in outputs][:3] == order
+
+
+def test_losses_come_in_bursts() -> None:
+    serials = [Frame(raw).serial for raw in through(shaper("burst=1%/20%"), talk(), *range(1, 5001))]
+    gaps = [b - a - 1 for a, b in itertools.pairwise(serials) if b - a > 1]
+    assert 20 < len(gaps) < 80
+    assert 3 < sum(gaps) / len(gaps) < 7.5
+
+
+def test_a_narrow_line_takes_its_time() -> None:
+    raw = request(1)
+    machine = FaultInjector([read_fault(f"bandwidth={len(raw)}B/s".replace("B/s", "kB/s"))], seed=0, now=0)
+    found = arrivals(machine, talk().up, [raw, raw, raw], every=0)
+    assert [now for now, _ in found] == [MS, 2 * MS, 3 * MS]
+
+
+def test_a_full_queue_loses_datagrams_and_holds_a_stream() -> None:
+    raw = request(1)
+    for transport, left in ((Transport.UDP, 3), (Transport.TCP, 10)):
+        machine = shaper(f"bandwidth={len(raw)}kB/s queue {3 * len(raw)}")
+        assert len(arrivals(machine, talk(transport).up, [raw] * 10, every=0)) == left
+
+
+def test_a_partition_loses_datagrams_and_holds_a_stream_until_it_ends() -> None:
+    found = arrivals(shaper("partition for 10ms"), talk().up, [request(1)])
+    assert found == []
+    found = arrivals(shaper("partition for 10ms"), talk(Transport.TCP).up, [request(1), request(2)])
+    assert found == [(10 * MS, request(1)), (10 * MS, request(2))]
+
+
+def test_a_half_open_conversation_is_dead_both_ways_and_others_live() -> None:
+    flows, other = talk(Transport.TCP), talk(Transport.TCP, Endpoint("10.0.0.3", 5))
+    machine = shaper("half-open times 1 if command == slvMove")
+    assert not machine.holds(flows.up)
+    assert machine.process_message(flows.up, request(1), 0).forwarded is False
+    assert machine.process_message(flows.down, reply(1), 0).forwarded is False
+    assert machine.process_message(other.up, request(1), 0).forwarded is True
+    assert machine.holds(flows.down)
+    assert not machine.passes_close(flows.up.conversation)
+    assert not machine.holds(other.up)
+    machine.close_conversation(flows.up.conversation)
+    assert machine.is_idle(0)
+
+
+def test_pass_saves_from_what_comes_after_it() -> None:
+    flows = talk()
+    machine = shaper("pass if command == slvMove", "drop")
+    assert machine.process_message(flows.up, request(1, "slvMove"), 0).forwarded is True
+    assert machine.process_message(flows.up, request(2, "CurJnt"), 0).forwarded is False
+    assert machine.hit_counts == {"pass": 1, "drop": 1}
+
+
+def test_faults_are_added_switched_and_removed() -> None:
+    flows, machine = talk(), shaper()
+    assert machine.add(read_fault("drop"), 0) == "drop"
+    assert machine.add(read_fault("drop"), 0) == "drop-2"
+    with pytest.raises(ValueError, match="there is a fault x already"):
+        [machine.add(read_fault("drop name x"), 0) for _ in range(2)]
+    for name in ("drop", "drop-2", "x"):
+        assert machine.process_message(flows.up, request(1), 0).fault_notes == (f"{name}: dropped",)
+        machine.set_enabled(name, False)
+    assert machine.process_message(flows.up, request(1), 0).forwarded is True
+    machine.set_enabled("x", True)
+    assert machine.process_message(flows.up, request(1), 0).forwarded is False
+    machine.remove("x")
+    assert machine.process_message(flows.up, request(1), 0).forwarded is True
+    with pytest.raises(KeyError):
+        machine.remove("x")
+
+
+def test_what_is_held_of_a_conversation_that_is_over_is_lost() -> None:
+    flows, other, machine = talk(), talk(), shaper("delay=3ms", "reorder")
+    machine.process_message(flows.up, request(1), 0)
+    machine.process_message(other.up, request(2), 0)
+    assert [machine.holds(each) for each in (*flows, *other)] == [True, False, True, False]
+    machine.close_conversation(flows.up.conversation)
+    assert [data for _, data in run_dry(machine, 0)] == [request(2)]
+
+
+def test_no_more_copies_are_held_than_fit() -> None:
+    raw = bytes(60_000)
+    flows, machine = talk(), shaper("duplicate=1000 time 10s")
+    while not machine.is_full:
+        machine.process_message(flows.up, raw, 0)
+    taken = machine.process_message(flows.up, raw, 0)
+    assert taken.fault_notes == (
+        "duplicate: duplicated 1000 times",
+        "copies dropped, too much is held already",
+    )
+    assert [output.data for output in taken.outputs if isinstance(output, SendBytes)] == [raw]
+
+
+def test_no_more_is_held_than_fits() -> None:
+    raw = bytes(60_000)
+    flows, stream = talk(), talk(Transport.TCP)
+    machine = shaper("delay=10s")
+    while not machine.is_full:
+        assert machine.process_message(flows.up, raw, 0).forwarded
+    taken = machine.process_message(flows.up, raw, 0)
+    assert taken.fault_notes == ("delay: delayed by 10000 ms", "dropped, too much is held already")
+    assert not taken.forwarded
+    assert machine.process_message(stream.up, raw, 0).forwarded
+    count = len(run_dry(machine, 0))
+    assert MAX_WAITING <= count * (len(raw) + 400) < MAX_WAITING + 300_000
+    assert not machine.is_full
+    machine.process_message(flows.up, raw, 20_000 * MS)
+    machine.close_conversation(flows.up.conversation)
+    assert not machine.is_full
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.booleans(),
+        st.integers(0, 3 * MS),
+        st.binary(min_size=1, max_size=60) | st.builds(request, st.integers(0, 9)),
+    ),
+    max_size=30,
+)
+FAULTS = st.lists(
+    st.sampled_from(
+        [
+            "loss=30%",
+            "delay=3ms±2ms",
+            "duplicate 20%",
+            "reorder=2 30%",
+            "corrupt=3 50%",
+            "truncate 30%",
+            "burst=20%/30%",
+            "garbage 20%",
+            "serial 40%",
+            "answer=E_FAIL 30%",
+            "executing=5ms every 2ms 30%",
+            "bandwidth=64kB/s",
+            "drop try 2",
+            "partition after 5ms for 10ms",
+            "close 5%",
+            "half-open 2%",
+            "rewrite set arg[2][0]=5 serial 3",
+            "drop if length > 40 and command == slvMove",
+        ]
+    ),
+    max_size=5,
+)
+
+
+def history(
+    faults: list[str], seed: int, steps: list[tuple[bool, int, bytes]], transport: Transport
+) -> list[object]:
+    """Play steps; give all decisions and outputs."""
+    flows, machine, now = talk(transport), shaper(*faults, seed=seed), 0
+    told: list[object] = []
+    for up, later, data in steps:
+        now += later
+        taken = machine.process_message(flows.up if up else flows.down, data, now)
+        told.append((taken.fault_notes, taken.forwarded, sent(taken.outputs), len(closed(taken.outputs))))
+    return [*told, run_dry(machine, now), machine.hit_counts]
+
+
+@given(FAULTS, st.integers(), STEPS, st.sampled_from([Transport.UDP, Transport.TCP]))
+def test_the_same_seed_and_traffic_give_the_same(
+    faults: list[str], seed: int, steps: list[tuple[bool, int, bytes]], transport: Transport
+) -> None:
+    assert history(faults, seed, steps, transport) == history(faults, seed, steps, transport)
+
+
+@given(st.integers(), STEPS)
+def test_one_more_fault_changes_nothing_in_what_others_decide(
+    seed: int, steps: list[tuple[bool, int, bytes]]
+) -> None:
+    flows, alone, beside = (
+        talk(),
+        shaper("delay=3ms±2ms 50%", seed=seed),
+        shaper("loss=50%", "delay=3ms±2ms 50%", seed=seed),
+    )
+    now = 0
+    for up, later, data in steps:
+        now += later
+        flow = flows.up if up else flows.down
+        first, second = alone.process_message(flow, data, now), beside.process_message(flow, data, now)
+        assert second.fault_notes in (("drop: dropped",), first.fault_notes)
+
+
+@given(STEPS, st.sampled_from([Transport.UDP, Transport.TCP]))
+def test_faults_that_never_strike_pass_everything_at_once_and_in_order(
+    steps: list[tuple[bool, int, bytes]], transport: Transport
+) -> None:
+    flows, now = talk(transport), 0
+    machine = shaper("loss=0%", "drop if serial == 70000", "delay=3ms after 1s", "drop try 9")
+    for up, later, data in steps:
+        now += later
+        taken = machine.process_message(flows.up if up else flows.down, data, now)
+        assert sent(taken.outputs) == [data]
+        assert machine.due() is None
+
+
+@given(st.integers(), STEPS, st.sampled_from([Transport.UDP, Transport.TCP]))
+def test_nothing_is_lost_without_a_decision(
+    seed: int, steps: list[tuple[bool, int, bytes]], transport: Transport
+) -> None:
+    flows, now = talk(transport), 0
+    machine = shaper("loss=30%", "delay=3ms±2ms", "reorder=2 30%", seed=seed)
+    expected, found = [], []
+    for up, later, data in steps:
+        now += later
+        taken = machine.process_message(flows.up if up else flows.down, data, now)
+        found += sent(taken.outputs)
+        if taken.forwarded:
+            expected.append(data)
+    found += [data for _, data in run_dry(machine, now)]
+    assert sorted(found) == sorted(expected)
+
+
+@given(FAULTS, st.integers(), STEPS)
+def test_a_stream_keeps_its_order_under_delays(
+    faults: list[str], seed: int, steps: list[tuple[bool, int, bytes]]
+) -> None:
+    flows, machine, now = talk(Transport.TCP), shaper("delay=3ms±2ms", "bandwidth=64kB/s", seed=seed), 0
+    found = []
+    for _, later, data in steps:
+        now += later
+        found += sent(machine.process_message(flows.up, data, now).outputs)
+    assert found + [data for _, data in run_dry(machine, now)] == [data for _, _, data in steps]
+
+
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+def test_what_is_held_of_one_direction_can_be_taken_back_in_its_order(transport: Transport) -> None:
+    machine, flows = (
+        shaper("delay=20ms if serial == 1", "delay=10ms", "reorder if serial == 4"),
+        talk(transport),
+    )
+    for serial in (1, 2, 4):
+        machine.process_message(flows.up, request(serial), 0)
+    machine.process_message(flows.down, reply(1), 0)
+    held = machine.pop_held(flows.up)
+    assert sorted(held) == sorted(map(request, (1, 2, 4)))
+    assert machine.pop_held(flows.up) == []
+    assert not machine.holds(flows.up)
+    assert [data for _, data in run_dry(machine, 0)] == [reply(1)]

@@ -1,0 +1,216 @@
+"""A capture that is written behind the server's back, by disks that are slow, stuck or full."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Callable
+from io import BytesIO, FileIO, RawIOBase
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+
+from bcapscope.capture.capture_file import open_capture as captured
+from bcapscope.cli.common.output_files import FileWriteError
+from bcapscope.live import server_recorder as module
+from bcapscope.live.server_recorder import ServerRecorder, create_capture
+from bcapscope.protocol.codec.frame import encode_frame
+from tests.cli.run import run
+
+CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
+TIME = 1_700_000_000_000_000_000
+REQUEST, REPLY = encode_frame(7, 0, 2), encode_frame(7, 0, 0)
+
+
+class Disk(RawIOBase):
+    """A disk that takes nothing until it is told to, and then a few bytes at a time."""
+
+    def __init__(self) -> None:
+        self.taken = BytesIO()
+        self.runs = Event()
+
+    def write(self, data: object) -> int:
+        """Take some bytes."""
+        assert isinstance(data, bytes | memoryview)
+        self.runs.wait(30)
+        return self.taken.write(bytes(data)[:100])
+
+    def close(self) -> None:
+        """Stay readable."""
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until something is true."""
+    end = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+def catch_up(disk: Disk, recorder: ServerRecorder) -> None:
+    """Let a disk run, and wait until it has taken all that waits."""
+    disk.runs.set()
+    wait_for(lambda: not recorder._buffer.blocks and not recorder._batch)
+
+
+def frames(path: Path, data: bytes) -> tuple[int, str, list[str]]:
+    """Decode a capture; return the exit code, stderr, and the lines."""
+    path.write_bytes(data)
+    ran = run("decode", path)
+    return ran.code, ran.err, ran.lines
+
+
+def test_what_is_taken_is_written(tmp_path: Path) -> None:
+    path, told = tmp_path / "a.pcapng", list[str]()
+    recorder = ServerRecorder(create_capture(path), "a.pcapng", told.append)
+    recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
+    recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + 1)
+    recorder.on_connection_end(CLIENT, SERVER)
+    recorder.on_idle()
+    wait_for(lambda: path.stat().st_size > 200)
+    recorder.on_datagram(SERVER, CLIENT, REPLY, TIME + 2)
+    assert recorder.close()
+    assert told == []
+    assert len(frames(path, path.read_bytes())[2]) == 3
+
+
+def test_packets_are_made_for_a_while_only_before_the_server_looks_around(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MAKE_FOR_NS", 1)
+    path = tmp_path / "a.pcapng"
+    recorder = ServerRecorder(create_capture(path), "a.pcapng", lambda text: None)
+    for number in range(5):
+        recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME + number)
+    assert recorder.on_idle()
+    assert len(recorder._steps) >= 3
+    assert recorder.close()
+    assert len(frames(path, path.read_bytes())[2]) == 5
+
+
+@pytest.mark.lifecycle
+def test_a_file_is_never_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcapng"
+    path.write_bytes(b"mine")
+    with pytest.raises(FileWriteError, match="file exists"):
+        create_capture(path)
+    assert path.read_bytes() == b"mine"
+
+
+def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(tmp_path: Path) -> None:
+    disk, told = Disk(), list[str]()
+    recorder = ServerRecorder(disk, "a.pcapng", told.append, most_waiting=50_000)
+    began = time.monotonic()
+    for number in range(1000):
+        recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME + number)
+        recorder.on_idle()
+    assert time.monotonic() - began < 5
+    assert told == ["a.pcapng is not written fast enough: packets are missing in it from now on"]
+    kept = 1000 - recorder._skipped
+    assert 50 < kept < 120
+    catch_up(disk, recorder)
+    recorder.on_datagram(SERVER, CLIENT, REPLY, TIME + 1000)
+    assert not recorder.close()
+    assert told[1:] == [f"a.pcapng lacks {1000 - kept} packets: it was not written fast enough"]
+    code, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
+    assert (code, len(lines)) == (0, kept + 1)
+    comment = f"{1000 - kept} packets before this one could not be written in time"
+    assert comment.encode() in disk.taken.getvalue()
+
+
+def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path) -> None:
+    disk, told = Disk(), list[str]()
+    recorder = ServerRecorder(disk, "a.pcapng", told.append, most_waiting=5_000)
+    for number in range(100):
+        recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + number)
+        recorder.on_idle()
+    kept = 100 - recorder._skipped
+    assert 3 < kept < 12
+    catch_up(disk, recorder)
+    recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + 100)
+    assert not recorder.close()
+    _, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
+    gaps = [line for line in lines if f"{(100 - kept) * len(REQUEST)} bytes" in line]
+    assert len(lines) == kept + 2
+    assert len(gaps) == 1, lines
+
+
+def test_the_ends_of_a_connection_are_written_if_the_rest_is(tmp_path: Path) -> None:
+    path, told = tmp_path / "a.pcapng", list[str]()
+    recorder = ServerRecorder(create_capture(path), "a.pcapng", told.append)
+    recorder.on_stream_end(CLIENT, SERVER, TIME)
+    recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + 1)
+    recorder.on_stream_end(CLIENT, SERVER, TIME + 2)
+    recorder.on_stream_end(SERVER, CLIENT, TIME + 3, reset=True)
+    recorder.on_connection_end(CLIENT, SERVER)
+    recorder.on_stream_end(CLIENT, SERVER, TIME + 4)
+    assert recorder.close()
+    with captured(str(path)) as capture:
+        assert [(packet[0] - TIME, packet[1][33]) for packet in capture] == [(1, 24), (2, 17), (3, 20)]
+
+
+def test_a_connection_that_ended_unseen_is_forgotten() -> None:
+    disk = Disk()
+    recorder = ServerRecorder(disk, "a.pcapng", lambda text: None, most_waiting=5_000)
+    for number in range(100):
+        recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + number)
+        recorder.on_idle()
+    recorder.on_connection_end(CLIENT, SERVER)
+    for port in range(1000):
+        recorder.on_segment((CLIENT[0], port), SERVER, REQUEST, TIME)
+        recorder.on_connection_end((CLIENT[0], port), SERVER)
+    assert len(recorder._delayed_steps) == 1
+    assert not recorder._gap_bytes
+    assert not recorder._recorded_directions
+    disk.runs.set()
+    recorder.close()
+
+
+def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_ENDS_WITHIN", 0.05)
+    disk, told = Disk(), list[str]()
+    recorder = ServerRecorder(disk, "a.pcapng", told.append)
+    for _ in range(3):
+        recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
+        recorder.on_idle()
+    assert not recorder.close()
+    assert told == ["a.pcapng lacks 3 packets: it was not written fast enough"]
+    disk.runs.set()
+
+
+@pytest.mark.lifecycle
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
+def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
+    told = list[str]()
+    recorder = ServerRecorder(FileIO("/dev/full", "w"), "a\x1b.pcapng", told.append)
+    wait_for(lambda: bool(told))
+    for _ in range(3):
+        recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
+        recorder.on_segment(CLIENT, SERVER, REQUEST, TIME)
+        recorder.on_connection_end(CLIENT, SERVER)
+        recorder.on_idle()
+    assert not recorder._steps
+    assert not recorder._buffer.blocks
+    assert not recorder.close()
+    assert told == ["a\\x1b.pcapng is not written any more: no space left on device"]
+
+
+def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path) -> None:
+    class SmallDisk(FileIO):
+        def write(self, data: Any, /) -> int:
+            room = 5001 - self.tell()
+            if not room:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data[:room])
+
+    told = list[str]()
+    recorder = ServerRecorder(SmallDisk(tmp_path / "a.pcapng", "x"), "a.pcapng", told.append)
+    while not told:
+        recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
+        recorder.on_idle()
+        time.sleep(0.001)
+    assert not recorder.close()
+    with captured(str(tmp_path / "a.pcapng")) as capture:
+        assert len(list(capture)) > 10

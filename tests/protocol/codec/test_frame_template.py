@@ -1,0 +1,173 @@
+"""Layouts: a frame decoded by the form it shares is the frame decoded on its own."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.protocol.codec import frame_template as layouts
+from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame
+from bcapscope.protocol.codec.frame_content import FrameContent
+from bcapscope.protocol.codec.frame_template import number_count, number_counts, numbers_of_arguments
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
+from tests.frames import ARGUMENT_IDS, ARGUMENTS, DAMAGED, FRAMES, ArgumentPair
+from tests.fuzz.targets import check_frame
+from tests.strategies import frames, mutated_frames, variants
+
+
+@pytest.fixture(autouse=True)
+def _store(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begin each test with nothing learnt."""
+    store = layouts._TemplateStore()
+    monkeypatch.setattr(layouts, "_STORE", store)
+    monkeypatch.setattr(layouts, "_FINDERS", store.finders)
+
+
+def learnt(raw: bytes) -> bool:
+    return layouts.find_template(raw) is not None
+
+
+def renumbered(raw: bytes) -> bytes:
+    """Change every number of a sound frame, its serial and its reserved field."""
+    data = bytearray(raw)
+    data[5:9] = b"\x21\x43\x65\x87"
+    for start, code, count in FrameContent(raw).number_spans:
+        width = count * struct.calcsize("<" + code)
+        data[start : start + width] = bytes(byte ^ 0x35 for byte in data[start : start + width])
+    return bytes(data)
+
+
+@pytest.mark.parametrize("pair", ARGUMENTS, ids=ARGUMENT_IDS)
+def test_a_second_frame_of_one_form_needs_no_decoding(pair: ArgumentPair) -> None:
+    first = Frame(encode_frame(1, 0, 64, [pair.variant]))
+    second = Frame(renumbered(first.raw))
+    assert not learnt(second.raw)
+    assert first.problems == ()
+    found = second.template_match
+    assert found is not None
+    assert first.template_match is not None
+    assert found[0] is first.template_match[0]
+    assert repr(second.arguments) == repr(FrameContent(second.raw).arguments)
+    check_frame(second)
+
+
+def test_frames_of_another_function_string_or_count_have_another_layout() -> None:
+    made = [
+        encode_frame(1, 0, 64, [Variant(VT.BSTR, "slvMove")]),
+        encode_frame(1, 0, 63, [Variant(VT.BSTR, "slvMove")]),
+        encode_frame(1, 0, 64, [Variant(VT.BSTR, "slvmove")]),
+        encode_frame(1, 0, 64, [Variant(VT.BOOL, True)]),
+        encode_frame(1, 0, 64, [Variant(VT.BOOL, False)]),
+        encode_frame(1, 0, 64, [Variant(VT.EMPTY, None, 0)]),
+        encode_frame(1, 0, 64, [Variant(VT.EMPTY, None, 1)]),
+    ]
+    found = [Frame(raw).template_match for raw in made]
+    assert len({id(pair[0]) for pair in found if pair is not None}) == len(made)
+
+
+def test_a_handle_before_other_arguments_belongs_to_the_form() -> None:
+    made = [encode_frame(1, 0, 64, [Variant(VT.I4, handle), Variant(VT.I2, 5)]) for handle in (1, 2)]
+    one, two = (Frame(raw).template_match for raw in made)
+    assert one is not None
+    assert two is not None
+    assert one[0] is not two[0]
+    assert one[1] == two[1] == (5,)
+    assert numbers_of_arguments(Frame(made[0]).arguments) == (5,)
+
+
+def test_damaged_frames_teach_nothing() -> None:
+    for sample in DAMAGED:
+        frame = Frame(sample.data)
+        assert frame.problems
+        assert frame.template_match is None
+        assert not learnt(sample.data)
+
+
+def test_only_plain_frames_are_learnt_and_none_that_is_long() -> None:
+    for pair in FRAMES:
+        assert Frame(pair.data).problems == ()
+        assert learnt(pair.data) is (pair.framing is Framing.PLAIN)
+    for size in (layouts.LARGEST_TEMPLATE_FRAME, layouts.LARGEST_TEMPLATE_FRAME + 1):
+        raw = encode_frame(1, 0, 2, [Variant.array(VT.UI1, bytes(size - 26))])
+        assert len(raw) == size
+        assert Frame(raw).problems == ()
+        assert learnt(raw) is (size == layouts.LARGEST_TEMPLATE_FRAME)
+
+
+def test_a_learnt_frame_with_any_byte_changed_is_judged_afresh() -> None:
+    plain = [pair.data for pair in FRAMES if pair.framing is Framing.PLAIN]
+    for raw in plain:
+        assert Frame(raw).problems == ()
+    for raw in plain:
+        for spot in range(len(raw)):
+            for change in (0x01, 0x04, 0x20, 0x80, 0xFF):
+                check_frame(Frame(raw[:spot] + bytes((raw[spot] ^ change,)) + raw[spot + 1 :]))
+    for raw in plain:
+        check_frame(Frame(raw))
+
+
+def test_a_learnt_frame_cut_or_lengthened_is_judged_afresh() -> None:
+    for pair in FRAMES:
+        Frame(pair.data).problems  # noqa: B018 - learns it
+        for end in range(15, len(pair.data)):
+            check_frame(Frame(pair.data[:end]))
+            check_frame(Frame(pair.data[:end] + b"\x04"))
+        check_frame(Frame(pair.data + b"\x04"))
+
+
+def test_one_length_keeps_several_shapes_and_forgets_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layouts, "MOST_SHAPES_PER_LENGTH", 2)
+    same_length = [
+        encode_frame(1, 0, 1, [Variant(VT.I8, 1)]),
+        encode_frame(1, 0, 1, [Variant.array(VT.I4, (1, 2))]),
+        encode_frame(1, 0, 1, [Variant(VT.BSTR, "ab")]),
+    ]
+    assert len({len(raw) for raw in same_length}) == 1
+    for raw in same_length:
+        assert Frame(raw).problems == ()
+    assert list(map(learnt, same_length)) == [False, True, True]
+    for raw in same_length:
+        check_frame(Frame(raw))
+
+
+def test_all_are_forgotten_when_there_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(layouts, "MOST_TEMPLATES", 3)
+    made = [encode_frame(1, 0, code, [Variant(VT.I4, code)]) for code in range(10)]
+    for raw in made:
+        assert Frame(raw).template_match is not None
+        assert sum(map(learnt, made)) <= 3
+    assert [learnt(raw) for raw in made[-2:]] == [False, True]
+    for raw in made:
+        check_frame(Frame(raw))
+
+
+@given(st.lists(frames() | mutated_frames(), max_size=8))
+def test_the_same_with_and_without_layouts(raws: list[bytes]) -> None:
+    for raw in raws + raws:
+        if len(raw) >= 15:
+            check_frame(Frame(raw))
+
+
+@given(st.lists(variants(), max_size=4))
+def test_numbers_taken_out_go_in_again(values: list[Variant]) -> None:
+    frame = Frame(encode_frame(1, 0, 64, values))
+    found = frame.template_match
+    if found is not None:
+        layout, numbers = found
+        assert repr(numbers_of_arguments(frame.arguments)) == repr(numbers)
+        assert repr(layout.fill_arguments(numbers)) == repr(frame.arguments)
+    assert len(numbers_of_arguments(frame.arguments)) == sum(number_counts(frame.arguments))
+
+
+def test_counts_the_numbers_of_a_value() -> None:
+    assert number_count(Variant(VT.I4, 1)) == 1
+    assert number_count(Variant(VT.BOOL, True)) == 0
+    assert number_count(Variant(VT.BSTR, "A")) == 0
+    assert number_count(Variant(ARRAY | VT.UI1, b"abc", 3)) == 1
+    assert number_count(Variant(ARRAY | VT.UI1, b"", 0)) == 0
+    assert number_count(Variant(ARRAY | VT.R8, (1.0, 2.0), 2)) == 2
+    assert number_count(Variant(ARRAY | VT.VARIANT, (Variant(VT.I2, 1), Variant(VT.BSTR, "")), 2)) == 1
+    assert number_count(Variant(VT.I4, None)) == 0

@@ -1,0 +1,95 @@
+"""Variables by name, as the samples and the ROS driver write them."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.call_effect import CallEffect
+from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.tables.variables import VARIABLES, find_variable, write_effect
+
+CONTROLLER, ROBOT, TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "type_", "effect"),
+    [
+        (CONTROLLER, "I5", "VT_I4", CallEffect.CHANGES),
+        (CONTROLLER, "i10", "VT_I4", CallEffect.CHANGES),
+        (CONTROLLER, "I*", "VT_I4", CallEffect.CHANGES),
+        (CONTROLLER, "P1", "VT_R4|VT_ARRAY", CallEffect.CHANGES),
+        (CONTROLLER, "J0", "VT_R8|VT_ARRAY", CallEffect.CHANGES),
+        (CONTROLLER, "S12", "VT_BSTR", CallEffect.CHANGES),
+        (CONTROLLER, "IO128", "VT_BOOL", CallEffect.MOVES),
+        (CONTROLLER, "IOW24", "VT_I2", CallEffect.MOVES),
+        (CONTROLLER, "@MODE", "VT_I4", CallEffect.CHANGES),
+        (CONTROLLER, "@mode", "VT_I4", CallEffect.CHANGES),
+        (CONTROLLER, "@VAR_S_LEN", "VT_I4", CallEffect.CHANGES),
+        (ROBOT, "@CURRENT_ANGLE", "VT_R8|VT_ARRAY", CallEffect.CHANGES),
+        (ROBOT, "@SERVO_ON", "VT_BOOL", CallEffect.ENERGISES),
+        (ROBOT, "@EXTSPEED", "VT_R4", CallEffect.ENERGISES),
+        (ROBOT, "@TYPE", "VT_I4", CallEffect.CHANGES),
+        (TASK, "@START", "VT_I4", CallEffect.MOVES),
+    ],
+)
+def test_known(owner: ObjectClass, name: str, type_: str, effect: CallEffect) -> None:
+    kind = find_variable(owner, name)
+    assert kind is not None
+    assert type_ in kind.types
+    assert kind.effect is effect
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [
+        (CONTROLLER, "I"),
+        (CONTROLLER, "5"),
+        (CONTROLLER, "I5x"),
+        (CONTROLLER, "@START"),
+        (ROBOT, "I5"),
+        (TASK, ""),
+    ],
+)
+def test_not_known(owner: ObjectClass, name: str) -> None:
+    assert find_variable(owner, name) is None
+
+
+def test_inferred_types_are_marked() -> None:
+    kind = find_variable(ROBOT, "@TYPE")
+    assert kind is not None
+    assert kind.type_inferred
+
+
+def test_every_variable_is_found_by_its_name() -> None:
+    for kind in VARIABLES:
+        assert find_variable(kind.owner, kind.name.lower() + ("7" if kind.is_numbered else "")) is kind
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "effect"),
+    [
+        ("@SERVO_ON", Variant(VT.BOOL, True), CallEffect.ENERGISES),
+        ("@servo_on", Variant(VT.I2, -1), CallEffect.ENERGISES),
+        ("@SERVO_ON", EMPTY, CallEffect.ENERGISES),
+        ("@SERVO_ON", Variant(VT.R8, 0.4), CallEffect.ENERGISES),
+        ("@SERVO_ON", Variant.array(VT.BOOL, (False,)), CallEffect.ENERGISES),
+        ("@SERVO_ON", Variant(VT.BOOL, False), CallEffect.CHANGES),
+        ("@Servo_On", Variant(VT.I4, 0), CallEffect.CHANGES),
+        ("@STOP", Variant(VT.I4, 1), CallEffect.CHANGES),
+        ("@START", Variant(VT.I4, 0), CallEffect.MOVES),
+        ("I1", Variant(VT.I4, 0), CallEffect.MOVES),
+        ("@SERVO_ON ", Variant(VT.BOOL, False), CallEffect.MOVES),
+        ("", Variant(VT.BOOL, False), CallEffect.MOVES),
+    ],
+)
+def test_effect_of_writing(name: str, value: Variant, effect: CallEffect) -> None:
+    assert write_effect(name, value) is effect
+
+
+@given(st.sampled_from(ObjectClass), st.text())
+def test_any_name_may_be_asked_for(owner: ObjectClass, name: str) -> None:
+    kind = find_variable(owner, name)
+    assert kind is None or kind.owner is owner

@@ -1,0 +1,82 @@
+"""Listening on what is said, or on what is free."""
+
+from __future__ import annotations
+
+import errno
+import socket
+
+import pytest
+
+from bcapscope.proxy.listener_spec import parse_listener_specs
+from bcapscope.proxy.listeners import open_listeners
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingWriter
+from bcapscope.proxy.sockets import ProxyListenError, UnreachableError
+from bcapscope.traffic.observation import Endpoint
+from tests.proxy.relaying import datagrams, listening, port_of
+
+
+def opened(listen: str, to: str = "127.0.0.1:5007", transport: str = "both") -> tuple[Endpoint, int]:
+    """Open ports, let go of them, and return where and how many they were."""
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
+    (listener,) = parse_listener_specs([listen], [to], transport)
+    address, ports = open_listeners(relay, listener)
+    relay.listen(ports)
+    relay.close()
+    return address, len(ports)
+
+
+def test_a_free_port_is_free_on_both() -> None:
+    address, count = opened("127.0.0.1:0")
+    assert address.port
+    assert count == 2
+
+
+def test_ipv6() -> None:
+    if not socket.has_ipv6:
+        pytest.skip("there is no IPv6 here")
+    address, count = opened("[::1]:0", "[::1]:5007")
+    assert address.host == "::1"
+    assert count == 2
+
+
+def test_a_port_of_somebody_else_is_refused_and_nothing_stays_open() -> None:
+    with datagrams() as taken:
+        port = port_of(taken)
+        with pytest.raises(ProxyListenError, match=f"127.0.0.1 UDP port {port}: address already in use"):
+            opened(f"127.0.0.1:{port}")
+        assert opened(f"127.0.0.1:{port}", transport="tcp")[1] == 1
+    with listening() as door, pytest.raises(ProxyListenError, match="TCP port"):
+        opened(f"127.0.0.1:{port_of(door)}")
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_without_file_descriptors_nothing_can_be_listened_on(
+    monkeypatch: pytest.MonkeyPatch, transport: str
+) -> None:
+    def none_left(*_: object) -> socket.socket:
+        raise OSError(errno.EMFILE, "")
+
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
+    (listener,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:5007"], transport)
+    with monkeypatch.context() as patched:
+        patched.setattr("bcapscope.proxy.sockets.socket.socket", none_left)
+        with pytest.raises(ProxyListenError, match="too many open files"):
+            open_listeners(relay, listener)
+    relay.close()
+
+
+def test_two_proxies_cannot_share_a_port() -> None:
+    relay = Relay(RingWriter(memoryview(bytearray(HEADER_SIZE + 4096))))
+    (listener,) = parse_listener_specs(["127.0.0.1:0"], ["127.0.0.1:5007"])
+    address, ports = open_listeners(relay, listener)
+    relay.listen(ports)
+    for transport in ("udp", "tcp"):
+        with pytest.raises(ProxyListenError):
+            opened(f"127.0.0.1:{address.port}", transport=transport)
+    relay.close()
+
+
+def test_a_controller_without_address() -> None:
+    with pytest.raises(UnreachableError, match=r"no\.such\.host\.invalid:5007 cannot be reached"):
+        opened("127.0.0.1:0", "no.such.host.invalid:5007")

@@ -1,0 +1,153 @@
+"""What was said, from what the relay tells."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import pytest
+
+from bcapscope.protocol.codec.frame import Malformed, encode_frame
+from bcapscope.proxy.record_decoder import ClientEndpoints, RecordDecoder, read_endpoints
+from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind
+from bcapscope.traffic.observation import ConnectionEnd, Direction, Endpoint, Observation, Transport
+
+ENDS = [["10.0.0.2", 50001], ["10.0.0.3", 5008], ["10.0.0.3", 50002], ["10.0.0.1", 5007]]
+REQUEST, REPLY = encode_frame(7, 0, 2), encode_frame(7, 0, 0)
+
+
+def opened(transport: str, client: int = 1) -> RingRecord:
+    return RingRecord(
+        RingRecordKind.CLIENT_OPENED, False, client, 1, 0, json.dumps([transport, *ENDS]).encode(), ""
+    )
+
+
+def data(up: bool, came: int, left: int, raw: bytes, note: str = "", *, client: int = 1) -> RingRecord:
+    return RingRecord(RingRecordKind.DATA, up, client, came, left, raw, note)
+
+
+def seen(*records: RingRecord) -> list[tuple[Observation, str]]:
+    return list(RecordDecoder().decode(records))
+
+
+def test_who_met_whom() -> None:
+    ends = [Endpoint(host, port) for host, port in ENDS if isinstance(host, str) and isinstance(port, int)]
+    assert read_endpoints(opened("tcp")) == ClientEndpoints(Transport.TCP, *ends)
+
+
+def test_requests_as_they_came_and_replies_as_they_left() -> None:
+    found = seen(opened("udp"), data(True, 10, 20, REQUEST + REQUEST), data(False, 30, 40, REPLY, "late"))
+    assert [(each.number, each.time, each.flow.direction, note) for each, note in found] == [
+        (1, 10, Direction.REQUEST, ""),
+        (2, 10, Direction.REQUEST, ""),
+        (3, 40, Direction.RESPONSE, "late"),
+    ]
+    conversation = found[0][0].flow.conversation
+    assert (str(conversation.client), str(conversation.server)) == ("10.0.0.2:50001", "10.0.0.1:5007")
+
+
+def test_what_rules_lost_was_said_but_not_heard() -> None:
+    lost = seen(opened("udp"), data(True, 10, 0, REQUEST, "lost"), data(False, 30, 0, REPLY, "lost"))
+    assert [(each.flow.direction, note) for each, note in lost] == [(Direction.REQUEST, "lost")]
+    made_up = seen(opened("udp"), data(True, 0, 20, REQUEST), data(False, 0, 40, REPLY))
+    assert [each.time for each, _ in made_up] == [40]
+
+
+def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
+    found = seen(
+        opened("tcp"),
+        data(True, 10, 11, REQUEST[:5]),
+        data(True, 20, 21, REQUEST[5:] + REQUEST[:3]),
+        data(True, 30, 31, REQUEST[3:]),
+        data(False, 35, 36, REPLY[:4]),
+        RingRecord(RingRecordKind.END, True, 1, 40, 0, b"", ""),
+        RingRecord(RingRecordKind.END, True, 1, 0, 41, b"", ""),
+        RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 50, 0, b"why", ""),
+    )
+    assert [(each.first_byte_time, each.time) for each, _ in found] == [(10, 20), (20, 30), (36, 50)]
+    assert isinstance(found[2][0].item, Malformed)
+    assert found[0][0].flow.conversation.connection_end == ConnectionEnd(Direction.REQUEST, False, 40)
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_a_hole_in_a_stream_is_seen_where_it_is(up: bool) -> None:
+    raw = REQUEST if up else REPLY
+    hole = struct.pack("=QQ", *((5, 3) if up else (3, 5)))
+    found = seen(
+        opened("tcp"),
+        data(up, 10, 11, raw + raw[:4]),
+        RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, ""),
+        data(up, 30, 31, raw),
+    )
+    witness = RecordDecoder()
+    list(witness.decode([opened("tcp"), RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, "")]))
+    assert list(witness.last_heard.values()) == [20 if up else 1]
+    items = [each.item for each, _ in found]
+    gaps = [item.missing for item in items if isinstance(item, Malformed) and item.missing]
+    assert gaps == [5]
+    assert [each.time for each, _ in found][-2:] == ([20, 30] if up else [21, 31])
+    assert not isinstance(items[-1], Malformed)
+
+
+@pytest.mark.parametrize("reset", [True, False])
+@pytest.mark.parametrize("up", [True, False])
+def test_a_connection_is_ended_by_the_side_from_which_its_end_came(up: bool, reset: bool) -> None:
+    how, other = (
+        (RingRecordKind.RESET, RingRecordKind.END) if reset else (RingRecordKind.END, RingRecordKind.RESET)
+    )
+    ((seen_, _),) = seen(
+        opened("tcp"),
+        data(up, 10, 11, REQUEST),
+        RingRecord(how, up, 1, 20, 0, b"", ""),
+        RingRecord(how, up, 1, 0, 30, b"", ""),
+        RingRecord(other, not up, 1, 40, 0, b"", ""),
+    )
+    direction = Direction.REQUEST if up else Direction.RESPONSE
+    assert seen_.flow.conversation.connection_end == ConnectionEnd(direction, reset, 20, both_ended=True)
+
+
+def test_what_the_proxy_ends_is_ended_by_neither_side() -> None:
+    begun = REPLY[:4]
+    ends = [RingRecord(RingRecordKind.RESET, up, 1, 0, 20, b"a rule", "") for up in (True, False)]
+    ((seen_, _),) = seen(opened("tcp"), data(False, 10, 11, begun), *ends)
+    assert (seen_.time, seen_.flow.conversation.connection_end) == (20, None)
+
+
+def test_long_streams_keep_few_times() -> None:
+    witness = RecordDecoder()
+    list(witness.decode([opened("tcp")]))
+    large = encode_frame(1, 0, 1, ())[:1] + (1 << 20).to_bytes(4, "little") + bytes(1 << 19)
+    for start in range(0, len(large), 100):
+        list(witness.decode([data(True, start + 1, start + 2, large[start : start + 100])]))
+    way = witness._clients[1].directions[1]
+    assert len(way.arrival_times) <= 1025
+
+
+def test_clients_are_known_until_they_are_gone() -> None:
+    witness = RecordDecoder()
+    list(witness.decode([opened("udp", 1), opened("tcp", 2)]))
+    assert sorted(witness.client_numbers.values()) == [1, 2]
+    assert witness.pop_closed_clients() == []
+    list(
+        witness.decode(
+            [
+                RingRecord(RingRecordKind.CLIENT_CLOSED, False, 2, 9, 0, b"reset", ""),
+                data(True, 1, 2, REQUEST, client=2),
+            ]
+        )
+    )
+    ((conversation, why),) = witness.pop_closed_clients()
+    assert (conversation.transport, why) == (Transport.TCP, "reset")
+    assert (witness.pop_closed_clients(), list(witness.client_numbers.values())) == ([], [1])
+    brief = RingRecord(RingRecordKind.CLIENT_CLOSED, False, 3, 9, 0, b"in the same look", "")
+    list(witness.decode([opened("udp", 3), brief]))
+    assert [why for _, why in witness.pop_closed_clients()] == ["in the same look"]
+    assert witness.observation_count == 0
+
+
+def test_when_each_client_was_heard() -> None:
+    witness = RecordDecoder()
+    list(witness.decode([opened("udp"), data(False, 30, 40, REPLY)]))
+    assert list(witness.last_heard.values()) == [1]
+    list(witness.decode([data(True, 50, 60, REQUEST)]))
+    assert list(witness.last_heard.values()) == [50]

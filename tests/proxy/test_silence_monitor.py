@@ -1,0 +1,29 @@
+"""Silence in slave mode is told once, and its end."""
+
+from __future__ import annotations
+
+from bcapscope.proxy.silence_monitor import SILENT_AFTER_NS, SilenceMonitor
+from tests.faults.traffic import talk
+
+CLIENT = talk().up.conversation
+SECOND = 1_000_000_000
+
+
+def test_a_silence_and_its_end_are_told_once() -> None:
+    vigil = SilenceMonitor()
+    assert list(vigil.check([(CLIENT, 0)], SILENT_AFTER_NS)) == []
+    assert list(vigil.check([(CLIENT, 0)], SILENT_AFTER_NS + 1)) == [
+        "10.0.0.2:50001 has sent nothing for 0.5 s while slave mode is on"
+    ]
+    assert list(vigil.check([(CLIENT, 0)], 2 * SECOND)) == []
+    assert list(vigil.check([(CLIENT, 3 * SECOND)], 3 * SECOND)) == [
+        "10.0.0.2:50001 is heard again, after 3.0 s"
+    ]
+    assert list(vigil.check([(CLIENT, 3 * SECOND)], 3 * SECOND + 1)) == []
+
+
+def test_who_has_left_slave_mode_or_is_gone_is_forgotten() -> None:
+    vigil = SilenceMonitor()
+    assert list(vigil.check([(CLIENT, 0)], SECOND))
+    assert list(vigil.check([], SECOND)) == []
+    assert list(vigil.check([(CLIENT, 0)], SECOND))

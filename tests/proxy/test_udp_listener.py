@@ -1,0 +1,313 @@
+"""Datagrams over real sockets: who speaks to whom, what is refused, what is forgotten."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+
+import pytest
+
+from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.proxy import relay as relay_module
+from bcapscope.proxy import udp_listener
+from bcapscope.proxy.admission import MAX_CLIENTS, MOST_PER_SOURCE
+from bcapscope.proxy.relay import Relay
+from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
+from bcapscope.proxy.sockets import listen_on, local_address_for
+from bcapscope.traffic.observation import Endpoint, Transport
+from tests.proxy.relaying import Running, datagrams, eventually, port_of, running
+
+
+def test_each_client_has_its_own_way_and_bytes_pass_unchanged() -> None:
+    said = [b"", b"\0", bytes(range(256)) * 100, b"\x01" * 65507]
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as one,
+        datagrams(to=proxy.address) as other,
+    ):
+        ways = set()
+        for client in (one, other):
+            for data in said:
+                client.send(data)
+                heard, way = server.recvfrom(65536)
+                assert heard == data
+                ways.add(way)
+                server.sendto(data[::-1], way)
+                assert client.recv(65536) == data[::-1]
+        assert len(ways) == 2
+        eventually(lambda: len(proxy.passed(False)) == 8)
+        assert proxy.passed(True) == said * 2
+        first = next(record for record in proxy.records if record.kind is RingRecordKind.DATA)
+        assert 0 < first.sent_at - first.received_at < 10**10
+        assert list(proxy.relay.counts)[:4] == [8, 8, 8, 8]
+
+
+def test_a_client_that_starts_again_on_its_port_keeps_its_way() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy:
+        with datagrams(to=proxy.address) as client:
+            port = port_of(client)
+            client.send(b"one")
+            _, way = server.recvfrom(100)
+        with datagrams(port, proxy.address) as client:
+            client.send(b"two")
+            assert server.recvfrom(100) == (b"two", way)
+
+
+def test_a_refusal_is_told_once_and_what_follows_is_still_sent() -> None:
+    with datagrams() as server:
+        port = port_of(server)
+    with running(port, "udp") as proxy, datagrams(to=proxy.address) as client:
+        for _ in range(5):
+            client.send(b"anybody?")
+        eventually(lambda: "refuses datagrams" in proxy.told())
+        with datagrams(port) as server:
+            client.send(b"now?")
+            heard, way = server.recvfrom(100)
+            while heard != b"now?":
+                heard, way = server.recvfrom(100)
+            server.sendto(b"here", way)
+            assert client.recv(100) == b"here"
+        assert proxy.told().count("refuses datagrams") == 1
+
+
+def test_silent_clients_are_forgotten_and_may_come_again() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", forget_after=1_000_000) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        _, way = server.recvfrom(100)
+        eventually(lambda: proxy.of(RingRecordKind.CLIENT_CLOSED), "forgetting")
+        assert not proxy.relay.sessions
+        client.send(b"two")
+        heard, other = server.recvfrom(100)
+        assert heard == b"two"
+        assert other != way
+
+
+@contextmanager
+def stopped_behind_a_client(
+    forget_after: int = udp_listener.EXPIRE_AFTER_NS,
+) -> Iterator[tuple[Relay, socket.socket]]:
+    """Let a relay meet a client, and run no more; yield it and the controller."""
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", forget_after=forget_after) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        server.recv(100)
+        proxy.stop()
+        yield proxy.relay, server
+
+
+def test_who_is_silent_is_not_told_by_a_clock_that_is_put_forward(monkeypatch: pytest.MonkeyPatch) -> None:
+    with stopped_behind_a_client() as (relay, _):
+        later = time.time_ns() + 10 * udp_listener.EXPIRE_AFTER_NS
+        monkeypatch.setattr(time, "time_ns", lambda: later)
+        relay._sweep()
+        assert relay.sessions
+        monkeypatch.undo()
+        relay.now += udp_listener.EXPIRE_AFTER_NS + 10**9
+        relay._sweep()
+        assert not relay.sessions
+
+
+def test_after_a_long_standstill_clients_may_speak_before_they_are_called_silent() -> None:
+    with stopped_behind_a_client(forget_after=10**9) as (relay, _):
+        (session,) = relay.sessions.values()
+        relay.now = session.last_heard = relay.now - 10**10  # as after ten seconds in which nothing ran
+        relay._tick_count = relay_module._SWEEP_EVERY - 1
+        relay._tick()
+        assert relay.sessions
+        relay._sweep()
+        assert not relay.sessions
+
+
+def test_strangers_are_told_once_and_dropped() -> None:
+    with datagrams() as server, running(port_of(server), "udp", allow=["10.0.0.0/8"]) as proxy:
+        with datagrams(to=proxy.address) as client:
+            for _ in range(3):
+                client.send(b"let me in")
+            eventually(lambda: proxy.relay.counts[RelayCounter.DENIED] == 3)
+        eventually(proxy.told)
+        assert proxy.told().count("is not allowed") == 1
+        server.settimeout(0)
+        try:
+            raise AssertionError(server.recv(100))
+        except BlockingIOError:
+            pass
+
+
+@contextmanager
+def crowded(server: socket.socket, proxy: Running) -> Iterator[list[socket.socket]]:
+    """Take all places by clients that have spoken twice; yield them."""
+    with ExitStack() as stack:
+        clients = []
+        for number in range(MAX_CLIENTS):
+            client = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            client.bind(("127.0.0.1" if number < MOST_PER_SOURCE else "127.0.0.2", 0))
+            client.connect(proxy.address)
+            for _ in range(2):
+                client.send(b"me")
+                server.recv(100)
+            clients.append(client)
+        yield clients
+
+
+def test_one_client_too_many_waits_until_one_is_silent() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        crowded(server, proxy),
+        datagrams(to=proxy.address) as late,
+    ):
+        late.send(b"too many")
+        eventually(lambda: proxy.relay.counts[RelayCounter.DENIED] == 1)
+        eventually(lambda: "is one client too many; its datagrams are dropped" in proxy.told())
+        silent = next(iter(proxy.relay.sessions.values()))
+        silent.last_heard -= udp_listener.EVICTABLE_AFTER_NS
+        server.settimeout(0.1)
+        heard = b""
+        while heard != b"room now":
+            late.send(b"room now")
+            with suppress(TimeoutError):
+                heard = server.recv(100)
+        eventually(
+            lambda: [
+                record for record in proxy.of(RingRecordKind.CLIENT_CLOSED) if record.client == silent.number
+            ]
+        )
+
+
+def test_a_stop_gets_through_when_all_places_are_taken() -> None:
+    halt = encode_frame(1, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        crowded(server, proxy) as clients,
+    ):
+        for _ in range(10):
+            with datagrams(to=proxy.address) as late:
+                late.send(halt)
+                heard, way = server.recvfrom(100)
+                assert heard == halt
+                server.sendto(b"ok", way)
+                assert late.recv(10) == b"ok"
+        for client in (clients[0], clients[-1]):
+            client.send(b"still there")
+            assert server.recv(100) == b"still there"
+
+
+def test_a_flood_from_ever_new_ports_leaves_established_clients_alone() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy, datagrams(to=proxy.address) as one:
+        for _ in range(2):
+            one.send(b"established")
+            _, way = server.recvfrom(100)
+        server.settimeout(0.01)
+        for number in range(600):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood:
+                flood.sendto(b"flood", proxy.address)
+            if number % 100 == 99:
+                one.send(b"still here")
+                heard = b""
+                while heard != b"still here":
+                    with suppress(TimeoutError):
+                        heard, came = server.recvfrom(100)
+                assert came == way
+        assert len(proxy.relay.sessions) <= MOST_PER_SOURCE
+        assert proxy.relay.counts[RelayCounter.DENIED]
+
+
+def test_what_cannot_be_sent_is_told_and_the_relay_goes_on() -> None:
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"one")
+        _, way = server.recvfrom(100)
+        session = next(iter(proxy.relay.sessions.values()))
+        assert session.send(True, bytes(65536)) == 0
+        assert proxy.relay.counts[RelayCounter.FULL] == 1
+        eventually(lambda: "65536 bytes could not be sent: message too long" in proxy.told())
+        server.sendto(b"still there", way)
+        assert client.recv(100) == b"still there"
+
+
+def test_full_buffers_of_the_system_are_counted() -> None:
+    with datagrams() as server:
+        memoryless = running(port_of(server), "udp")
+        with memoryless as proxy, datagrams(to=proxy.address) as client:
+            client.send(b"one")
+            server.recv(100)
+            port = proxy.relay._listeners[0]
+            assert isinstance(port, udp_listener.UdpListener)
+            port.listening_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            for _ in range(50):
+                for _ in range(200):
+                    client.send(bytes(1000))
+                if port._dropped:
+                    break
+            eventually(lambda: proxy.relay.counts[RelayCounter.LOST] > 0, "counting")
+
+
+def test_leaving_asks_each_thing_after_the_answer_to_the_one_before() -> None:
+    with datagrams() as server, running(port_of(server), "udp") as proxy:
+        with datagrams(to=proxy.address) as client:
+            client.send(b"hello")
+            _, way = server.recvfrom(100)
+        proxy.stop()
+        session = next(iter(proxy.relay.sessions.values()))
+        assert isinstance(session, udp_listener.UdpSession)
+        requests = [bytes(5) + bytes([number, 0]) + bytes(9) for number in (1, 2, 3)]
+        answers = {1: bytes(16), 2: bytes(9) + b"\0\x09\0\0" + bytes(3)}
+        for number, answer in answers.items():
+            server.sendto(answer[:5] + bytes([number, 0]) + answer[7:], way)
+        until = time.monotonic() + 60
+        assert (
+            session.send_closing_requests(requests, until) == 1
+        )  # the second is still at work, and never done
+        asked = [server.recv(100)[5] for _ in range(3)]
+        assert asked == [1, 2, 2]
+
+
+def test_who_leaves_without_time_asks_nothing() -> None:
+    with stopped_behind_a_client() as (relay, server):
+        (session,) = relay.sessions.values()
+        assert isinstance(session, udp_listener.UdpSession)
+        assert session.send_closing_requests([b"bye"], time.monotonic()) == 0
+        server.settimeout(0)
+        with pytest.raises(BlockingIOError):
+            server.recv(100)
+
+
+def test_listening_on_all_addresses_the_one_in_use_is_recorded() -> None:
+    with listen_on(Endpoint("0.0.0.0", 0), Transport.UDP) as sock:
+        assert local_address_for(sock, ("127.0.0.1", 9)) == ("127.0.0.1", port_of(sock))
+
+
+def test_no_way_to_a_controller_is_told_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_way(*_: object) -> socket.socket:
+        raise OSError(errno.ENETUNREACH, "")
+
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp") as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        monkeypatch.setattr("bcapscope.proxy.udp_listener.connect_datagrams", no_way)
+        for _ in range(5):
+            client.send(b"lost")
+        eventually(lambda: proxy.told().count("network is unreachable") == 3)  # the 1st, 2nd and 4th
+        monkeypatch.undo()
+        client.send(b"found")
+        while server.recv(10) != b"found":
+            pass
+        assert proxy.told().count("network is unreachable") == 3

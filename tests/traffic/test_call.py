@@ -1,0 +1,61 @@
+"""What a call tells about itself."""
+
+from __future__ import annotations
+
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention
+from tests.traffic.playbook import (
+    EXECUTE,
+    MOVE,
+    MS,
+    POSE,
+    START_SERVICE,
+    Script,
+    calls_of,
+    execute,
+)
+
+
+def test_the_retry_story_of_2009_is_one_call() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1232, 0, MOVE)
+    client.ask(2, 1233, 1232, MOVE)
+    client.ask(4, 1234, 1232, MOVE)
+    client.ask(6, 1235, 1232, MOVE)
+    client.reply(6.5, 1233, 1232, 0, POSE)
+    client.reply(7.2, 1235, 1232, 0, POSE)
+    (call,) = calls_of(script.track())
+    assert call.serials == (1232, 1233, 1234, 1235)
+    assert call.retries == 3
+    assert [reply.number for reply in call.late_replies] == [5]
+    assert call.reply is not None
+    assert call.reply.number == 6
+    assert (call.outcome, call.verdict) == (Outcome.ANSWERED, CallVerdict.REPLY_LATE)
+    assert (call.convention, call.reply_reserved) == (ReservedConvention.SEED, ReplyReserved.ECHOED)
+    assert (call.latency, call.rtt) == (7_200_000, 1_200_000)
+    assert call.kind == CallKind(EXECUTE, "slvMove")
+    assert call.hresult == 0
+
+
+def test_calls_without_trouble() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 1, START_SERVICE)
+    client.reply(1, 1)
+    client.ask(8, 2, 2, MOVE)
+    client.reply(9.5, 2, 0, 0x83500121)
+    first, second = calls_of(script.track())
+    assert (first.number, first.verdict, first.latency, first.rtt) == (1, CallVerdict.ANSWERED, MS, MS)
+    assert (second.outcome, second.verdict) == (Outcome.REFUSED, CallVerdict.REFUSED)
+    assert second.hresult == 0x83500121
+    assert first.late_replies == first.lost_replies == first.notices == first.duplicates == ()
+    assert repr(first) == "Exchange(1, 1, None: request 1, reply 2)"
+
+
+def test_execute_questions_are_told() -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 1, execute("CurPos"))
+    assert calls_of(script.track())[0].kind == CallKind(EXECUTE, "CurPos")

@@ -1,0 +1,168 @@
+"""Questions: read off the request, and found again for the reply."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.traffic import call_kind as module
+from bcapscope.traffic.call_kind import (
+    MAX_CONVERSATIONS,
+    MAX_KINDS,
+    MAX_SERIALS,
+    CallKind,
+    RecentRequests,
+    call_kind_of,
+)
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+
+SLV_MOVE = CallKind(64, "slvMove")
+
+
+def conversation(port: int = 50001) -> Conversation:
+    server = Endpoint("10.0.0.1", 5007)
+    return Conversation(Endpoint("10.0.0.2", port), server, Transport.UDP, "port 5007")
+
+
+def execute(command: str, function_id: int = 64, handle: int = 1, serial: int = 1) -> Frame:
+    variants = [Variant(VT.I4, handle), Variant(VT.BSTR, command), Variant(VT.R8, 1.5)]
+    return Frame(encode_frame(serial, 0, function_id, variants))
+
+
+@pytest.mark.parametrize(
+    ("request_frame", "expected"),
+    [
+        (Frame(encode_frame(1, 0, 1, [Variant(VT.BSTR, ",WDT=400")])), CallKind(1, None)),
+        (Frame(encode_frame(1, 0, 7, [Variant(VT.I4, 1), Variant(VT.BSTR, "Arm")])), CallKind(7, None)),
+        (Frame(encode_frame(1, 0, 4000, [])), CallKind(4000, None)),
+        (execute("slvMove"), SLV_MOVE),
+        (execute("SLVMOVE"), CallKind(64, "SLVMOVE")),
+        (execute("GetErrorLog", 17), CallKind(17, "GetErrorLog")),
+        (execute("CurPos", 28), CallKind(28, "CurPos")),
+        (execute("run", 41), CallKind(41, "run")),
+        (execute("GetStatus", 87), CallKind(87, "GetStatus")),
+        (execute(""), CallKind(64, "")),
+        (execute("x" * 110), CallKind(64, "x" * 110)),
+        (execute("x" * 200), CallKind(64, "x" * 200)),
+        (execute("命令"), CallKind(64, "命令")),
+        (Frame(encode_frame(1, 0, 64, [])), CallKind(64, None)),
+        (Frame(encode_frame(1, 0, 64, [Variant(VT.I4, 1)])), CallKind(64, None)),
+        (Frame(encode_frame(1, 0, 64, [Variant(VT.I4, 1), Variant(VT.I4, 2)])), CallKind(64, None)),
+        (Frame(encode_frame(1, 0, 64, [Variant(VT.I2, 1), Variant(VT.BSTR, "slvMove")])), SLV_MOVE),
+        (
+            Frame(
+                encode_frame(
+                    9, 1, 64, [Variant(VT.I4, 1), Variant(VT.BSTR, "slvMove")], Framing.VERSION_1_ZLIB
+                )
+            ),
+            SLV_MOVE,
+        ),
+    ],
+)
+def test_a_request_tells_what_it_asks(request_frame: Frame, expected: CallKind) -> None:
+    assert call_kind_of(request_frame) == expected
+    assert call_kind_of(request_frame) == expected  # what is remembered says the same
+
+
+def test_equal_questions_are_one_object() -> None:
+    assert call_kind_of(execute("slvMove", handle=1)) is call_kind_of(execute("slvMove", handle=2, serial=7))
+
+
+def test_a_command_that_is_cut_off_is_told_as_far_as_it_goes() -> None:
+    whole = execute("slvMove")
+    assert call_kind_of(Frame(whole.raw[:-20])) == CallKind(64, "slvMov")
+    assert call_kind_of(whole) == SLV_MOVE
+
+
+@given(
+    st.binary(max_size=80),
+    st.lists(st.tuples(st.integers(9, 59), st.integers(0, 255)), max_size=3),
+)
+def test_what_is_remembered_never_changes_an_answer(tail: bytes, changes: list[tuple[int, int]]) -> None:
+    raw = bytearray(execute("slvMove").raw[:60] + tail)
+    for position, value in changes:
+        raw[position] = value
+    frame = Frame(bytes(raw))
+    before = call_kind_of(frame)
+    module._BY_PREFIX.clear()
+    assert call_kind_of(frame) == before
+
+
+def test_a_frame_that_breaks_off_in_its_command_is_not_taken_for_a_whole_one() -> None:
+    whole = execute("CurPosѥ")
+    broken = Frame(whole.raw[: 33 + whole.raw[29]])  # its last byte, which ends each frame, is the command's
+    module._BY_PREFIX.clear()
+    alone = call_kind_of(broken)
+    assert call_kind_of(whole) == CallKind(64, "CurPosѥ")
+    assert call_kind_of(broken) == alone == CallKind(64, "CurPos")
+
+
+def test_kinds_are_forgotten_in_time() -> None:
+    for handle in range(MAX_KINDS + 10):
+        call_kind_of(execute("slvMove", handle=handle))
+    assert len(module._BY_PREFIX) <= MAX_KINDS
+    assert len(module._KNOWN) <= MAX_KINDS
+
+
+def ask(questions: RecentRequests, client: Conversation, frame: Frame) -> CallKind | None:
+    return questions.kind_of(Observation(1, 0, 0, Flow(client, Direction.REQUEST), frame, 1))
+
+
+def answer(questions: RecentRequests, client: Conversation, frame: Frame) -> CallKind | None:
+    return questions.kind_of(Observation(2, 0, 0, Flow(client, Direction.RESPONSE), frame, 2))
+
+
+def test_bytes_that_are_no_frame_are_about_nothing() -> None:
+    flow = Flow(conversation(), Direction.REQUEST)
+    assert RecentRequests().kind_of(Observation(1, 0, 0, flow, Malformed(b"?", ()), 1)) is None
+
+
+def test_a_reply_finds_its_question_by_conversation_and_serial() -> None:
+    questions = RecentRequests()
+    one, two = conversation(1), conversation(2)
+    ask(questions, one, execute("slvMove", serial=5))
+    ask(questions, two, execute("CurPos", serial=5))
+    reply = Frame(encode_frame(5, 0, 0, []))
+    assert answer(questions, one, reply) == SLV_MOVE
+    assert answer(questions, two, reply) == CallKind(64, "CurPos")
+    assert answer(questions, one, Frame(encode_frame(6, 0, 0, []))) is None
+    assert answer(questions, conversation(1), reply) is None
+
+
+def test_the_later_of_two_requests_with_one_serial_is_meant() -> None:
+    questions, client = RecentRequests(), conversation()
+    ask(questions, client, execute("CurPos", serial=5))
+    ask(questions, client, execute("slvMove", serial=5))
+    assert answer(questions, client, Frame(encode_frame(5, 0, 0, []))) == SLV_MOVE
+
+
+def test_the_latest_requests_are_known_and_long_ago_ones_are_not() -> None:
+    questions, client = RecentRequests(), conversation()
+    for serial in range(1, 3 * MAX_SERIALS):
+        ask(questions, client, execute("slvMove", serial=serial))
+    newest = 3 * MAX_SERIALS - 1
+    found = [s for s in range(1, newest + 1) if answer(questions, client, Frame(encode_frame(s, 0, 0, [])))]
+    assert found == list(range(newest - len(found) + 1, newest + 1))
+    assert MAX_SERIALS <= len(found) <= 2 * MAX_SERIALS
+
+
+def test_the_most_silent_conversation_is_forgotten_first() -> None:
+    questions = RecentRequests()
+    clients = [conversation(port) for port in range(MAX_CONVERSATIONS + 1)]
+    for client in clients[:-1]:
+        ask(questions, client, execute("slvMove"))
+    reply = Frame(encode_frame(1, 0, 0, []))
+    assert answer(questions, clients[0], reply) == SLV_MOVE
+    ask(questions, clients[-1], execute("slvMove"))
+    assert answer(questions, clients[0], reply) == SLV_MOVE
+    assert answer(questions, clients[1], reply) is None
+
+
+def test_a_conversation_that_is_over_is_forgotten() -> None:
+    questions, client, reply = RecentRequests(), conversation(), Frame(encode_frame(5, 0, 0, []))
+    ask(questions, client, execute("slvMove", serial=5))
+    questions.close_conversation(client)
+    assert answer(questions, client, reply) is None

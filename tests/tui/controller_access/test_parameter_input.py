@@ -1,0 +1,64 @@
+"""Parameters as they are typed."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
+from bcapscope.tui.controller_access.parameter_input import (
+    PARAMETER_TYPES,
+    check_text,
+    command_hint,
+    expected_input,
+    type_label,
+)
+
+
+@pytest.mark.parametrize(
+    ("vt", "text", "value"),
+    [
+        (VT.I4, " 2 ", Variant(VT.I4, 2)),
+        (VT.I4, "0x101", Variant(VT.I4, 0x101)),
+        (VT.EMPTY, "", EMPTY),
+        (VT.BSTR, " a ", Variant(VT.BSTR, " a ")),
+        (ARRAY | VT.R4, "1, 2.5", Variant.array(VT.R4, (1.0, 2.5))),
+        (ARRAY | VT.VARIANT, "r8[]:1;bstr:J", None),
+    ],
+)
+def test_what_is_typed_is_read(vt: int, text: str, value: Variant | None) -> None:
+    found = check_text(vt, text)
+    assert found.problem == ""
+    assert found.value is not None
+    assert value is None or found.value == value
+
+
+@pytest.mark.parametrize(
+    ("vt", "text", "what"),
+    [
+        (VT.I2, "70000", "-32768 to 32767"),
+        (VT.I4, "two", "a whole number"),
+        (VT.BOOL, "yes", "true or false"),
+        (ARRAY | VT.R4, "1, x", "several of it, commas between"),
+        (VT.EMPTY, "1", "nothing is expected"),
+        (ARRAY | VT.VARIANT, "i4:x", "semicolons between"),
+    ],
+)
+def test_what_does_not_fit_is_told_with_what_is_expected(vt: int, text: str, what: str) -> None:
+    found = check_text(vt, text)
+    assert found.value is None
+    assert what in found.problem
+
+
+def test_every_type_has_a_label_and_an_explanation() -> None:
+    assert type_label(ARRAY | VT.R4) == "ARRAY | R4"
+    assert type_label(VT.I4) == "I4"
+    assert len({type_label(vt) for vt in PARAMETER_TYPES}) == len(PARAMETER_TYPES) == 16 + 15
+    assert all(expected_input(vt) for vt in PARAMETER_TYPES)
+
+
+def test_the_catalogue_suggests_a_type() -> None:
+    found = command_hint(64, "SLVMOVE")
+    assert found is not None
+    assert found.types[:2] == (ARRAY | VT.R4, ARRAY | VT.R8)
+    assert "pose" in found.text
+    assert command_hint(64, "NoSuchCommand") is None

@@ -1,0 +1,26 @@
+"""The lines above the lists of a proxy's screen."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.proxy.control_answers import ProxyStats
+from bcapscope.tui.proxy_panel.proxy_summary import summary_lines
+from bcapscope.tui.words import Language, speak
+
+
+@pytest.mark.parametrize(
+    ("language", "warning"),
+    [(Language.ENGLISH, "script off, motion refused"), (Language.JAPANESE, "スクリプト停止・動作拒否")],
+)
+def test_a_script_that_is_off_is_shown(language: Language, warning: str) -> None:
+    def shown(scripts: str | None) -> str:
+        return "\n".join(summary_lines(ProxyStats({}, 0, False, None, 0, scripts=scripts)))
+
+    speak(language)
+    try:
+        assert warning in shown("off: it took longer than 100 ms for request; mine.py line 7 in request")
+        assert warning not in shown("on")
+        assert warning not in shown(None)
+    finally:
+        speak(Language.ENGLISH)

@@ -1,0 +1,114 @@
+"""The screen's side of the processes: they are started, heard, and ended."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bcapscope.tui.traffic_processes.process_messages import ReadProgress, SearchMatches
+from bcapscope.tui.traffic_processes.traffic_feed import FeedUpdate, SourceProblem, TrafficFeed
+from tests.cli.run import CAPTURES
+
+LIMIT = 30.0
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *names, **more: tmp_path)
+    return tmp_path
+
+
+class Ear:
+    """Hears what a feed tells, in its threads."""
+
+    def __init__(self, feed: TrafficFeed) -> None:
+        self.heard: list[FeedUpdate] = []
+        self._news = threading.Condition()
+        feed.subscribe(self.take)
+
+    def take(self, told: FeedUpdate) -> None:
+        with self._news:
+            self.heard.append(told)
+            self._news.notify_all()
+
+    def wait(self, true: Callable[[FeedUpdate], bool]) -> None:
+        with self._news:
+            assert self._news.wait_for(lambda: any(map(true, self.heard)), LIMIT)
+
+
+def ended(told: FeedUpdate) -> bool:
+    return isinstance(told, ReadProgress) and told.ended
+
+
+def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, cache: Path) -> None:
+    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
+    ear = Ear(feed)
+    ear.wait(ended)
+    feed.progress = next(filter(ended, ear.heard))  # type: ignore[assignment]  # it is one
+    assert feed.open_journal()
+    assert feed.journal is not None
+    assert feed.journal.refresh() == 6
+    generation = feed.search("frame", "kind == response")
+    ear.wait(
+        lambda told: isinstance(told, SearchMatches) and told.generation == generation and told.searched == 6
+    )
+    wanted = feed.make_save_job(str(tmp_path / "new.pcapng"), {1: "x"})
+    assert feed.save(wanted) == ""
+    assert "exists" in feed.save(wanted)
+    assert list(cache.glob("traffic-*")) != []
+    feed.close()
+    assert list(cache.glob("traffic-*")) == []
+
+
+def test_what_was_told_before_anybody_listened_is_told_then() -> None:
+    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
+    try:
+        feed._reader.wait(LIMIT)
+        ear = Ear(feed)
+        ear.wait(ended)
+    finally:
+        feed.close()
+
+
+def test_a_reader_that_dies_is_told_of() -> None:
+    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
+    try:
+        ear = Ear(feed)
+        feed._reader.kill()
+        ear.wait(lambda told: isinstance(told, ReadProgress) and bool(told.problem))
+    finally:
+        feed.close()
+
+
+def test_a_search_that_died_is_begun_anew() -> None:
+    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
+    try:
+        ear = Ear(feed)
+        ear.wait(ended)
+        feed.search("frame", "frame > 1")
+        assert feed._searcher is not None
+        feed._searcher.kill()
+        feed._searcher.wait(LIMIT)
+        generation = feed.search("frame", "frame > 2")
+        ear.wait(lambda told: isinstance(told, SearchMatches) and told.generation == generation)
+    finally:
+        feed.close()
+
+
+def test_a_source_that_ends_is_read_to_its_end_and_doubted_aloud() -> None:
+    feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
+    try:
+        ear = Ear(feed)
+        feed.report_source_problem("The proxy has ended: it was killed")
+        feed.stop_reading()
+        ear.wait(ended)
+        assert SourceProblem("The proxy has ended: it was killed") in ear.heard
+        assert feed.open_journal()
+        assert feed.journal is not None
+        assert feed.journal.refresh() == 6
+        feed.stop_reading()  # once more, when it has ended
+    finally:
+        feed.close()
