@@ -36,7 +36,9 @@ REPLY = Frame(encode_frame(1, 0, 0))
 
 
 def unions(source: str) -> Iterator[tuple[str, ...]]:
-    """Give out the names that each union of types joins, such as `SendAction` and `CloseAction` of ``Send | Close``."""
+    """Give out the names that each union of types joins, such as `SendAction` and `CloseAction` of ``Send |
+    Close``.
+    """
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitOr):
             yield tuple(_members(node))

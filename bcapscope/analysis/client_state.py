@@ -124,7 +124,8 @@ class ClientState:
         error_was_read: the client asked for error details since `uncleared_error`.
         type_was_read: the type of the robot was asked for.
         slow_call: the latest call that was not answered, or only after a while; not one that was let go.
-        may_be_answered: a reply was seen that belongs to no call, and may belong to one of its calls that were let go.
+        may_be_answered: a reply was seen that belongs to no call, and may belong to one of its calls that
+            were let go.
         opened_objects: what each handle was given for last.
         released_by: the calls that released handles lately, by class and handle.
         target_object: what the handle of the call at hand stands for; None where that is not known.

@@ -34,7 +34,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis:
     """Looks for what went wrong; memory is bounded, whatever the traffic.
 
-    Every observation goes to `on_observation` and everything that a tracker makes of it to `on_pairing_result`.
+    Every observation goes to `on_observation` and everything that a tracker makes of it to
+    `on_pairing_result`.
     """
 
     def __init__(
@@ -45,9 +46,10 @@ class Diagnosis:
         """Begin.
 
         Args:
-            is_selected: tells which calls are asked about; None for all. What is found is told if it concerns one
-                of them or is what that follows from; all calls count for what happened before and after.
-            on_slave_session: is given each stay in slave mode of the calls asked about, for who wants those as well.
+            is_selected: tells which calls are asked about; None for all. What is found is told if it concerns
+                one of them or is what that follows from; all calls count for what happened before and after.
+            on_slave_session: is given each stay in slave mode of the calls asked about, for who wants those
+                as well.
         """
         self._collector = FindingCollector()
         self._selection = (

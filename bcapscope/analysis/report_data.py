@@ -138,7 +138,8 @@ class ReportDataBuilder:
         """Begin.
 
         Args:
-            is_selected: tells which calls are asked about; None for all. What is damaged is told all the same.
+            is_selected: tells which calls are asked about; None for all. What is damaged is told all the
+                same.
         """
         self._is_selected = is_selected
         self._diagnosis = Diagnosis(is_selected, self._keep_session)

@@ -38,7 +38,8 @@ class HexBlock:
         is_hex_only: there is nothing else in any of its lines.
         has_hex_notation: written as only hex is.
         blank_line_follows: a blank line follows.
-        asterisk_bytes: bytes that an asterisk which follows may stand for, rows like the last; 0 where none follows.
+        asterisk_bytes: bytes that an asterisk which follows may stand for, rows like the last; 0 where none
+            follows.
         size: whole bytes.
         notes: what is odd about it.
     """

@@ -45,8 +45,8 @@ class PacketDecoder:
     Attributes:
         counts: what became of the packets so far.
         comments: of the packets that have any, by number; the latest `COMMENTS_LIMIT` packets.
-        end_time: when the latest packet was captured, whatever was in it, nanoseconds since 1970; 0 before that.
-            Known once there are no more.
+        end_time: when the latest packet was captured, whatever was in it, nanoseconds since 1970; 0 before
+            that. Known once there are no more.
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:

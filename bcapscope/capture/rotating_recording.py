@@ -70,8 +70,8 @@ def parse_rotation(text: str) -> RotationLimits:
 class RotatingRecording(io.RawIOBase):
     """The files of a recording; `flush` writes everything in one piece.
 
-    Call `rotate_if_full` before each packet: it begins a ring's next file only for a packet that exists, so no file is
-    empty and no old file is removed in vain.
+    Call `rotate_if_full` before each packet: it begins a ring's next file only for a packet that exists, so
+    no file is empty and no old file is removed in vain.
 
     On a full disk, a ring removes its oldest file and goes on. So that an older file exists by then, no file
     takes more than half of the space that was free when it began.

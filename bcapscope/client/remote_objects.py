@@ -2,8 +2,8 @@
 
 A method is its vendor's name in small letters; the class it belongs to completes the name of the function, so
 that `Robot.get_attribute` calls Robot_GetAttribute. Types and order of the arguments are those of
-`protocol.tables.function_table`. Every method raises what `Session.call` raises, and RemoteProtocolError where the answer
-is of a type that the function does not have.
+`protocol.tables.function_table`. Every method raises what `Session.call` raises, and RemoteProtocolError
+where the answer is of a type that the function does not have.
 """
 
 from __future__ import annotations

@@ -71,7 +71,8 @@ class WireMessage:
         data: the bytes as they came.
         now: ns of the clock that durations are counted by.
         time: the same since 1970-01-01 UTC.
-        attempt_numbers: which try of its call each frame is or answers; empty unless `annotate_with_attempts` was called.
+        attempt_numbers: which try of its call each frame is or answers; empty unless `annotate_with_attempts`
+            was called.
     """
 
     __slots__ = ("_annotated", "attempt_numbers", "data", "flow", "now", "number", "time")

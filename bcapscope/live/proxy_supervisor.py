@@ -132,8 +132,8 @@ class ProxySupervisor:
         """Start the process that watches, and wait until it does.
 
         Args:
-            wait_for_scripts: waits up to so many seconds for what else has to begin; returns whether it has. Nothing is
-                recorded before, but the process is loaded meanwhile.
+            wait_for_scripts: waits up to so many seconds for what else has to begin; returns whether it has.
+                Nothing is recorded before, but the process is loaded meanwhile.
 
         Raises:
             FileRefused: the recording cannot be written, or no process be started.

@@ -2,8 +2,8 @@
 
 An arm is known by the name of its type, which the controller tells. No paper publishes the limits of all
 arms, so those of a real one come from the user; the only one that is known here is the simulator's. Where
-nothing is known, `MAX_ARM_SPEED` holds: no arm of DENSO Wave turns or moves as fast as that, so a step beyond it is
-a fault of the file.
+nothing is known, `MAX_ARM_SPEED` holds: no arm of DENSO Wave turns or moves as fast as that, so a step beyond
+it is a fault of the file.
 """
 
 from __future__ import annotations

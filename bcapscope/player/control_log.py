@@ -43,7 +43,8 @@ LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what
 async def read_log_records(
     session: Session, target: ControllerTarget, robot_name: str, check_abort: Callable[[], None]
 ) -> list[Value]:
-    """Read them by a session in which nothing is open yet; what `check_abort` raises ends it between two records.
+    """Read them by a session in which nothing is open yet; what `check_abort` raises ends it between two
+    records.
 
     Raises:
         BcapError: as `Session.call`.

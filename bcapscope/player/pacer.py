@@ -6,14 +6,16 @@ in ShoheiKobata/orin_bcap_python_samples):
 * **Async, mode 1**: we do. Deadlines are absolute, one a period. The reply may take until shortly before the
   next deadline; then the call is given up and the next set point sent, since the newest one wins and a try
   again only wastes bandwidth. Nobody is woken by the reply: it is looked for shortly before the call would be
-  given up or the next packet made, and the system tells when it came (`BlockingCaller.sleep_until_due`). One that
-  comes late still counts as word of the controller, and one that refuses ends the play. When the newest set
-  point that is known to be answered is older than `SILENCE_TIMEOUT`, the controller has a row of them before it, or
-  is gone; then nothing more is sent until it is through.
-* **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due `_PREPARATION`
+  given up or the next packet made, and the system tells when it came (`BlockingCaller.sleep_until_due`). One
+  that comes late still counts as word of the controller, and one that refuses ends the play. When the newest
+  set point that is known to be answered is older than `SILENCE_TIMEOUT`, the controller has a row of them
+  before it, or is gone; then nothing more is sent until it is through.
+* **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due
+`_PREPARATION`
   after the reply, so that it always goes out equally long after. While the reply does not come the call is
-  tried again, each `RetryPolicy.timeout`; a reply to an earlier try is discarded. When all tries are used up nothing
-  more is sent, and a reply to any of them will do: a controller with a full buffer is not in need yet. After
+  tried again, each `RetryPolicy.timeout`; a reply to an earlier try is discarded. When all tries are used up
+  nothing more is sent, and a reply to any of them will do: a controller with a full buffer is not in need
+  yet. After
   `SILENCE_TIMEOUT` it counts as gone.
 * **mode 0**: both. S_BUF_FULL asks for a period's pause; S_OK says that there is room, so the next follows at
   once; 83201483 says that there was none, and the same set point is sent again.

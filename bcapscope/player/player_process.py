@@ -53,8 +53,9 @@ _SERIAL_MAX = 0xFFFF
 class PlayerProcess:
     """A running player.
 
-    Messages are read when `fileno` is readable, by `read_messages`, or waited for, by `wait_for_messages`, in any thread.
-    Whoever reads too slowly misses progress, and nothing else. The last message is `PlayEnded`, always.
+    Messages are read when `fileno` is readable, by `read_messages`, or waited for, by `wait_for_messages`, in
+    any thread. Whoever reads too slowly misses progress, and nothing else. The last message is `PlayEnded`,
+    always.
     """
 
     def __init__(self, plan: PlayPlan) -> None:

@@ -47,8 +47,8 @@ class PreflightResult:
         problems: the gravest first.
         axis_figures: what each axis does with the times that the file has; () where they are not even, or the
             numbers do not allow to tell.
-        first_point_offsets: how far the first point is from where the robot is, an element an axis of the trajectory;
-            None where that is not known.
+        first_point_offsets: how far the first point is from where the robot is, an element an axis of the
+            trajectory; None where that is not known.
     """
 
     trajectory: Trajectory

@@ -1,8 +1,8 @@
 """Other times for the same way: another period, another speed, rest at both ends, a stop anywhere.
 
-The way is the `SmoothCurve` through the set points. What changes is how fast it is run through: the rate grows from
-0 and shrinks to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivative vanish at both ends.
-So position, speed and acceleration stay continuous, and both ends are at rest.
+The way is the `SmoothCurve` through the set points. What changes is how fast it is run through: the rate
+grows from 0 and shrinks to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivative vanish at
+both ends. So position, speed and acceleration stay continuous, and both ends are at rest.
 """
 
 from __future__ import annotations

@@ -123,9 +123,9 @@ class Trajectory:
         """Fill in the axes that the file does not have, so that they stay where they are.
 
         Args:
-            current_pose: the pose that the robot has now, of the same kind, for the axes that are missing; where
-                it is shorter, joints get 0, which is what axes that a robot does not have count, and so does
-                Fig.
+            current_pose: the pose that the robot has now, of the same kind, for the axes that are missing;
+                where it is shorter, joints get 0, which is what axes that a robot does not have count, and so
+                does Fig.
 
         Returns:
             A trajectory with 7 columns of P type, 8 of J type, 10 of T type.

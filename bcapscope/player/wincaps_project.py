@@ -46,8 +46,8 @@ def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
         read_file: reads one file.
 
     Returns:
-        What was found, by file, up to `MAX_TRAJECTORIES` and what the last file has beyond. A table without titles
-        is no log, since anything may stand in one; nor is a capture, which is nobody's export.
+        What was found, by file, up to `MAX_TRAJECTORIES` and what the last file has beyond. A table without
+        titles is no log, since anything may stand in one; nor is a capture, which is nobody's export.
 
     Raises:
         TrajectoryError: there is none; tells what there is and what to export.

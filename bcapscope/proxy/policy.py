@@ -94,8 +94,8 @@ class Policy(Protocol):
         """
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much is held that no stream of a client is to be read before `pop_due_actions` has given out
-        some.
+        """Return whether so much is held that no stream of a client is to be read before `pop_due_actions`
+        has given out some.
         """
 
     def on_stream_end(

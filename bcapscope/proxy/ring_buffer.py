@@ -51,7 +51,8 @@ class RingRecordKind(IntEnum):
     RESET = 6
     """As `END`, by RST, after which there is no other direction either."""
     HOLE = 7
-    """Bytes of a stream that found no room, before what is told next of its client; how many: `hole_sizes`."""
+    """Bytes of a stream that found no room, before what is told next of its client; how many: `hole_sizes`.
+    """
 
 
 class RelayCounter(IntEnum):
@@ -111,8 +112,8 @@ class RingRecord(NamedTuple):
         up: from client to controller; else the other way.
         client: its number; 0 where it concerns none.
         received_at: ns since 1970 when it was received, or happened; 0 for data that were only sent.
-        sent_at: ns since 1970 when it was about to be sent, so that no answer is older; 0 if it was not, or not
-            yet.
+        sent_at: ns since 1970 when it was about to be sent, so that no answer is older; 0 if it was not, or
+            not yet.
         data: what.
         note: what a rule did.
     """
@@ -205,7 +206,8 @@ class RingWriter(_Ring):
     Attributes:
         counts: by `RelayCounter`; the relay's own, to be added to in place.
         figures: by `DelayFigure`; the watcher's.
-        pending_datagrams: datagrams that are not written yet; whoever notes one looks whether they are `BATCH_SIZE`.
+        pending_datagrams: datagrams that are not written yet; whoever notes one looks whether they are
+            `BATCH_SIZE`.
         streams: numbers of the clients whose bytes are streams, in which a hole has to be told.
     """
 

@@ -47,8 +47,8 @@ class RulePolicy:
         guard: what requests it refuses; None for none.
         intercept: what is held.
         scripts: the user's own; None without.
-        refused_requests: requests that the guard has refused, motions while the scripts are off, and motions that
-            a stop has overtaken.
+        refused_requests: requests that the guard has refused, motions while the scripts are off, and motions
+            that a stop has overtaken.
         dropped_held: requests that were held until their client no longer waited, and were dropped.
         notify: is given a line for the user.
     """

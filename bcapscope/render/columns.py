@@ -22,7 +22,8 @@ def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[st
 
     Args:
         rows: all with the same number of cells; nothing in them that a terminal would obey.
-        alignments: for each column ``>`` to set it to the right, ``<`` to the left; the last is not filled up.
+        alignments: for each column ``>`` to set it to the right, ``<`` to the left; the last is not filled
+            up.
     """
     widths = [max(map(display_width, cells), default=0) for cells in zip(*rows, strict=True)]
     for row in rows:

@@ -195,8 +195,8 @@ class RecordedController:
 
     Attributes:
         dropped: datagrams that were no sound frame, or came from a client too many.
-        unknown_calls: calls of which nothing like them was recorded, or no answer that can be given again; they
-            are answered E_NOTIMPL.
+        unknown_calls: calls of which nothing like them was recorded, or no answer that can be given again;
+            they are answered E_NOTIMPL.
         runs_in_real_time: its time may stand still while it gets no processor.
         has_running_calls: no call waits for anything but its delay.
     """

@@ -38,7 +38,8 @@ class PlayedCall(NamedTuple):
         result: how it ended.
         delay: ns that it was asked later than in the recording, since what came before took longer.
         differs: ended with another result code, or without a reply, or with one where there had been none.
-        values_differ: ended with the same result code and other values, as a robot is never twice in the same place.
+        values_differ: ended with the same result code and other values, as a robot is never twice in the same
+            place.
     """
 
     script_call: ScriptCall
@@ -63,8 +64,8 @@ class PlayedCall(NamedTuple):
 class ScriptPlayer:
     """Plays a script.
 
-    What the recording uses and does not open, as its beginning was missed, is opened as `ObjectOpener` does; what it
-    leaves open is for the session to let go of.
+    What the recording uses and does not open, as its beginning was missed, is opened as `ObjectOpener` does;
+    what it leaves open is for the session to let go of.
     """
 
     def __init__(

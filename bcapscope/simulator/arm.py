@@ -1,8 +1,8 @@
 """The arm in time: ordinary motions, set points, and the encoders that lag behind.
 
 Times are ns, joints degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends at
-rest. The encoders show what was commanded `ENCODER_LAG_NS` ago: real servos lag in a less orderly way (the replies in
-DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their set points).
+rest. The encoders show what was commanded `ENCODER_LAG_NS` ago: real servos lag in a less orderly way (the
+replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their set points).
 """
 
 from __future__ import annotations

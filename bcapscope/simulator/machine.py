@@ -258,7 +258,8 @@ class Machine:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call with an error that stays active until ClearError; its effects are those of `raise_error`.
+        """Refuse a call with an error that stays active until ClearError; its effects are those of
+        `raise_error`.
 
         The error is listed once, however often the client repeats the call: 32 set points in a row would
         otherwise push the error that ended slave mode out of the list.

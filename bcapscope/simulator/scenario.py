@@ -1,8 +1,8 @@
 """Scenarios: what a controller is like and what goes wrong with it, as validated frozen data from YAML.
 
-A scenario is read by `read_scenario` and played by `bcapscope.simulator.scenario_runner.ScenarioRunner`. The durations, limits
-and moments in those that come with bcapscope are ours; what they show is what the users of real controllers
-have met, as each of them says.
+A scenario is read by `read_scenario` and played by `bcapscope.simulator.scenario_runner.ScenarioRunner`. The
+durations, limits and moments in those that come with bcapscope are ours; what they show is what the users of
+real controllers have met, as each of them says.
 """
 
 from __future__ import annotations

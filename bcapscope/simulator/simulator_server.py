@@ -106,9 +106,9 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator.
 
-    Its time is that of a `SimulatorClock`: what comes is heard as of when it came, which Linux tells. On TCP it tells
-    that of the last byte only: where set points have piled up that wait for no reply, those before the last
-    are taken as having come evenly since the client's last but those. Elsewhere a pile is one jump.
+    Its time is that of a `SimulatorClock`: what comes is heard as of when it came, which Linux tells. On TCP
+    it tells that of the last byte only: where set points have piled up that wait for no reply, those before
+    the last are taken as having come evenly since the client's last but those. Elsewhere a pile is one jump.
 
     Attributes:
         address: host and port that it listens on.

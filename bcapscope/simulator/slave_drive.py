@@ -2,7 +2,8 @@
 
 Slots, pacing and what is an error: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
 ShoheiKobata/orin_bcap_python_samples (table of slave modes) and issues of DENSORobot/denso_robot_ros (RC8).
-That an axis counts as moving above `MOVING_THRESHOLD`, and the grid of 8 ms that does not follow the client, are ours.
+That an axis counts as moving above `MOVING_THRESHOLD`, and the grid of 8 ms that does not follow the client,
+are ours.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Reading and writing the variables of controller, robot and task objects.
 
-Names and types: `bcapscope.protocol.tables.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and their
-configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config). That
-the other speeds can be written is assumed. TOOLn, WORKn and _ITP were seen on RC7 only.
+Names and types: `bcapscope.protocol.tables.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and
+their configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config).
+That the other speeds can be written is assumed. TOOLn, WORKn and _ITP were seen on RC7 only.
 """
 
 from __future__ import annotations

@@ -74,7 +74,8 @@ class Call:
             mind.
         skipped_handles: how many handles the one that came back is ahead of the next in sequence, where so
             many tries went unanswered; otherwise 0.
-        reserved_usage: how the conversation used the reserved field, as far as was known when the call settled.
+        reserved_usage: how the conversation used the reserved field, as far as was known when the call
+            settled.
         memory_bytes: bytes of its frames, and what keeping them costs, as far as its lane has counted them.
     """
 
@@ -242,10 +243,10 @@ class StrayReply:
 
     Attributes:
         observation: the frame.
-        call_number: the call that it comes too late for, where that is still known; None where the request was never
-            seen, or too long ago.
-        may_answer_evicted: it may be what a call waited for that was let go, perhaps of `call_number`, and so neither late
-            nor without a request.
+        call_number: the call that it comes too late for, where that is still known; None where the request
+            was never seen, or too long ago.
+        may_answer_evicted: it may be what a call waited for that was let go, perhaps of `call_number`, and so
+            neither late nor without a request.
     """
 
     observation: FrameObservation

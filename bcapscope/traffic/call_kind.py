@@ -15,9 +15,9 @@ MAX_KINDS = 4096
 forgotten and learnt again. A session has some dozens: a pair of handle and command each."""
 
 MAX_SERIALS = 1024
-"""Of one conversation at least this many latest requests are known to `RecentRequests`, at most twice as many. A
-client waits for each reply before it asks again, so even one that sends a set point every millisecond and
-never waits meets replies a second late."""
+"""Of one conversation at least this many latest requests are known to `RecentRequests`, at most twice as
+many. A client waits for each reply before it asks again, so even one that sends a set point every millisecond
+and never waits meets replies a second late."""
 
 MAX_CONVERSATIONS = 256
 """Conversations known to `RecentRequests`; the one that was silent longest is forgotten first. The official

@@ -100,8 +100,8 @@ class ConversationPairing:
         Args:
             conversation: between whom.
             budget: counts what the open calls of all conversations hold.
-            latest_evicted: the latest call of the traffic that may belong to this conversation and was evicted; 0 if
-                there is none.
+            latest_evicted: the latest call of the traffic that may belong to this conversation and was
+                evicted; 0 if there is none.
         """
         self.open_calls: deque[Call] = deque()
         self.memory_bytes = 0

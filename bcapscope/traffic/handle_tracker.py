@@ -36,8 +36,8 @@ class TrackedObject:
         name: what the client asked for by name, such as `Arm`; "" where it gave none.
         parent: label of the object that it was asked of; "" for controllers and where that is not known.
         created_by_call: the call that made it.
-        known_to_client: the client was told the handle; False for what a call made that was executed more than once, or
-            whose reply came too late.
+        known_to_client: the client was told the handle; False for what a call made that was executed more
+            than once, or whose reply came too late.
     """
 
     kind: ObjectClass
@@ -73,8 +73,8 @@ class ServiceSession:
         started_by_call: the call of Service_Start; None where the traffic began in the middle.
         ended_by_call: the call that ended it; None while it is open.
         ending: how it ended.
-        unreleased: objects that were not released, in the order in which they were made, first those whose handle
-            the client was never told.
+        unreleased: objects that were not released, in the order in which they were made, first those whose
+            handle the client was never told.
     """
 
     conversation: Conversation

@@ -70,7 +70,8 @@ class Conversation:
         transport: UDP or TCP.
         server_known_by: why `server` is held to be the server, in words for the user: "port 5007", or
             what in the traffic told it.
-        connection_end: how its connection ended, as far as was seen by now; None for one that is open, and over UDP.
+        connection_end: how its connection ended, as far as was seen by now; None for one that is open, and
+            over UDP.
     """
 
     __slots__ = ("client", "connection_end", "server", "server_known_by", "transport")

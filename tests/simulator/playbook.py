@@ -16,8 +16,9 @@ one before, and `#` begins a comment. ``profiles:`` names the profiles that the 
     controller: {action: emergency-stop}    an event, as in a scenario
 
 Arguments: ``"text"`` is VT_BSTR, ``-`` is EMPTY, ``$name`` is a value that an earlier reply was stored under,
-``( a b )`` is an array of VARIANT. All else is read by `bcapscope.protocol.codec.variant_notation.parse_variant`. ``{a+bn}`` is a
-number that grows with each repetition n = 0, 1, 2, ...
+``( a b )`` is an array of VARIANT. All else is read by
+`bcapscope.protocol.codec.variant_notation.parse_variant`. ``{a+bn}`` is a number that grows with each
+repetition n = 0, 1, 2, ...
 
 Replies: ``none`` is no argument, ``EMPTY`` is one EMPTY, ``$name`` stores an I4. Eight hexadecimal digits are
 a result other than S_OK. ``i4``, ``bstr``, ``r8[8]`` and ``r8[]`` give only the type and the number of

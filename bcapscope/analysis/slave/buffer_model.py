@@ -142,7 +142,8 @@ class SetPointArrivals(NamedTuple):
 
     Attributes:
         times: when each came, nanoseconds since an origin.
-        in_buffer_by: when each was in the buffer at the latest: when its reply came where replies wait for room.
+        in_buffer_by: when each was in the buffer at the latest: when its reply came where replies wait for
+            room.
         codes: HRESULT of each, 0 where it was not answered.
         frames: of the first request.
         reply_frames: 0 where there is none.

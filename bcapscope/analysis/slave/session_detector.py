@@ -384,7 +384,8 @@ class SelectedSlaveSessions:
         """Begin.
 
         Args:
-            is_selected: tells which set points are asked for; None for all, and for stays without any as well.
+            is_selected: tells which set points are asked for; None for all, and for stays without any as
+                well.
             window: as of `SlaveSessionDetector`.
         """
         self._is_selected = is_selected

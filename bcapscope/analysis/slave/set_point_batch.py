@@ -94,8 +94,8 @@ class SetPointBatch:
         row_data: a row each, as 64-bit integers.
         requests: bytes of the first requests.
         results: bytes of the accepted replies.
-        irregular: place and call of those that have more to tell: not answered, not with S_OK, or sent or answered
-            more than once.
+        irregular: place and call of those that have more to tell: not answered, not with S_OK, or sent or
+            answered more than once.
     """
 
     __slots__ = ("handle", "irregular", "requests", "results", "row_data")

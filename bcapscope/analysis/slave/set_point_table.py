@@ -32,8 +32,8 @@ class SetPointTable:
         frames: of the first requests.
         reply_frames: 0 where there is none.
         retries: of each.
-        irregular: place and call of those that have more to tell: not answered, not with S_OK, or sent or answered
-            more than once.
+        irregular: place and call of those that have more to tell: not answered, not with S_OK, or sent or
+            answered more than once.
     """
 
     origin: int

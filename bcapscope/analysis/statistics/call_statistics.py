@@ -52,8 +52,8 @@ class CallFigures:
         executing: S_EXECUTING notices.
         request_bytes: of all requests, retries included.
         calls_per_second: calls a second over the time of the whole, None for a time of 0.
-        line_time_share: of the whole time during which the client waited for the reply to such a call; what several
-            conversations wait at once adds up.
+        line_time_share: of the whole time during which the client waited for the reply to such a call; what
+            several conversations wait at once adds up.
         latency: milliseconds from the first request to the accepted reply.
         refusal_codes: failures by HRESULT, the most frequent first.
     """

@@ -101,8 +101,8 @@ class Frame:
         serial: chosen by the client, copied into the reply.
         reserved: marks retries on UDP.
         code: function id or HRESULT, unsigned.
-        external_problem: a problem that the frame's own bytes do not show, such as a capture that kept only the
-            beginning of the packet; None for nearly all.
+        external_problem: a problem that the frame's own bytes do not show, such as a capture that kept only
+            the beginning of the packet; None for nearly all.
     """
 
     __slots__ = ("code", "external_problem", "raw", "reserved", "serial")

@@ -72,9 +72,9 @@ class StreamSplitter:
     """Cuts a stream into pieces; the result depends on the bytes alone, never on how they arrive.
 
     Every byte fed comes out in exactly one piece, in order. Held are at most `limit` bytes, or
-    `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` where that is more. Splitters that share a budget together hold
-    no more than that, not counting `GUARANTEED_BUFFER` of each. A longer frame that exceeds the budget is returned
-    unfinished.
+    `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` where that is more. Splitters that share a budget together
+    hold no more than that, not counting `GUARANTEED_BUFFER` of each. A longer frame that exceeds the budget
+    is returned unfinished.
     """
 
     def __init__(

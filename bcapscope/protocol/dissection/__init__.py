@@ -1,1 +1,3 @@
-"""Frames taken apart for people: fields with their bytes and meanings, plausibility, repair of damaged frames."""
+"""Frames taken apart for people: fields with their bytes and meanings, plausibility, repair of damaged
+frames.
+"""

@@ -71,7 +71,8 @@ def frame_fields(
 
     Any frame, however damaged: the leaves cover every byte once. A missing EOT is a field without bytes, a
     damaged one has the byte that stands in its place.
-    What a compressed frame looks like on the wire is in `envelope_fields`, with the problems that belong there.
+    What a compressed frame looks like on the wire is in `envelope_fields`, with the problems that belong
+    there.
 
     Args:
         frame: the frame.

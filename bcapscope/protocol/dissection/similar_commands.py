@@ -34,8 +34,9 @@ class SimilarCommand(NamedTuple):
     Attributes:
         name: as it stands in the frame.
         catalogue_name: as the catalogue spells it.
-        misread_bytes: bytes to change in order to get `catalogue_name`; empty where all characters of `name` are ordinary
-            ones, which nobody misreads that way: it is misspelt, or a command that is not known here.
+        misread_bytes: bytes to change in order to get `catalogue_name`; empty where all characters of `name`
+            are ordinary ones, which nobody misreads that way: it is misspelt, or a command that is not known
+            here.
     """
 
     name: str

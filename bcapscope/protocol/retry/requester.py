@@ -142,7 +142,8 @@ class _OpenAttempt:
 class Requester:
     """Makes calls, one at a time, as servers of b-CAP handle them strictly one after another.
 
-    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless it is given up by
+    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless it is given up
+    by
     `abandon`.
     """
 

@@ -57,7 +57,9 @@ class RequestKind(Enum):
     """The call that is being executed, asked again: its answer will carry the serial of this packet. Or one
     that was abandoned, which has none."""
     BUSY = "busy"
-    """Another call while one is being executed; `Responder.reply_unremembered` refuses it, if it is to be refused."""
+    """Another call while one is being executed; `Responder.reply_unremembered` refuses it, if it is to be
+    refused.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,8 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 class Responder:
     """Decides for one client (on UDP one address and port, on TCP one connection) what each request is.
 
-    It never executes anything itself: `receive_request` says what a request is, and `answer_call` ends the call that
+    It never executes anything itself: `receive_request` says what a request is, and `answer_call` ends the
+    call that
     `receive_request` called new. Requests of a client are executed strictly one after another.
 
     The first packet has reserved 0 or its own serial. Any other value names a packet of the same call, the
@@ -125,14 +128,14 @@ class Responder:
     and arguments) belongs to it, and what it names and its own serial are learnt as further names of the
     call. A known serial with other contents is a client that has started anew.
 
-    Two cases cannot be decided by the bytes. A client of the old C library (`ReservedConvention.CHAIN`) names the try
-    before, and where that try was lost its retry looks like the retry of a new, equal call. And a program
-    that starts anew on the port of another one counts from the same serial again, so that a call which is
-    equal to one of its predecessor's, at the same serial or shortly before it, looks like a packet of that
-    one which was on the way for long. Both are held to be asked before, unless the client is known to have
-    another convention: nothing ever runs twice. The price is that such a call is not executed and its client
-    gets the earlier answer, an old value or the success of a motion that was made once and not twice. With
-    the first call of the new program that differs from what was asked under its serial, all that its
+    Two cases cannot be decided by the bytes. A client of the old C library (`ReservedConvention.CHAIN`) names
+    the try before, and where that try was lost its retry looks like the retry of a new, equal call. And a
+    program that starts anew on the port of another one counts from the same serial again, so that a call
+    which is equal to one of its predecessor's, at the same serial or shortly before it, looks like a packet
+    of that one which was on the way for long. Both are held to be asked before, unless the client is known to
+    have another convention: nothing ever runs twice. The price is that such a call is not executed and its
+    client gets the earlier answer, an old value or the success of a motion that was made once and not twice.
+    With the first call of the new program that differs from what was asked under its serial, all that its
     predecessor asked is forgotten; at the latest when `remembered` further calls have been made.
     """
 

@@ -94,8 +94,8 @@ class Filter:
         """Make a test of records out of it; the test never raises, unless a getter does.
 
         Args:
-            getters: how to read each of `getter_names` from a record; `FieldType` says what they give. More of
-                them do no harm.
+            getters: how to read each of `getter_names` from a record; `FieldType` says what they give. More
+                of them do no harm.
 
         Raises:
             KeyError: a getter is missing.

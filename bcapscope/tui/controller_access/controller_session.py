@@ -78,7 +78,8 @@ class ControllerSession:
         status: what the screen shows; replaced whole, so that any thread may read it.
         reply_monitor: when the controller was heard last.
         client_session: the one in use; None while there is no connection.
-        polling_paused: nothing is read that nobody asked for, as it might end the slave mode of another client.
+        polling_paused: nothing is read that nobody asked for, as it might end the slave mode of another
+            client.
     """
 
     def __init__(

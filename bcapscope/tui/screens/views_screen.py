@@ -23,7 +23,8 @@ def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
 class ViewsScreen(BaseScreen):
     """Shows one of its lists; number keys and the bar lead from one to another.
 
-    The content of a subclass has the bar that `make_view_bar` makes, and a `Switcher` with a `Lines` for each of
+    The content of a subclass has the bar that `make_view_bar` makes, and a `Switcher` with a `Lines` for each
+    of
     `VIEWS`, whose id is the view.
 
     Attributes:

@@ -1,8 +1,8 @@
 """The process that reads: packets go into a journal, calls beside it, and the screen is told what to think.
 
-Run as ``python -m bcapscope.tui.traffic_processes.reader_process``; the job comes through standard input, reports go to
-standard output. What follows the job on standard input says that nothing more will be written to the capture;
-when it is closed, by the screen or by its death, reading ends at once.
+Run as ``python -m bcapscope.tui.traffic_processes.reader_process``; the job comes through standard input,
+reports go to standard output. What follows the job on standard input says that nothing more will be written
+to the capture; when it is closed, by the screen or by its death, reading ends at once.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The process that saves packets with notes in a new file; the original is never touched.
 
-Run as ``python -m bcapscope.tui.traffic_processes.save_process``; what to save comes through standard input, and how it went,
-one sentence or nothing, goes to standard output.
+Run as ``python -m bcapscope.tui.traffic_processes.save_process``; what to save comes through standard input,
+and how it went, one sentence or nothing, goes to standard output.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The process that searches: it goes through a journal with a filter and tells what fits.
 
-Run as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``; what is asked comes through standard input, what
-was found goes to standard output. A new ask ends the one before; one that was answered goes on with what is
-added.
+Run as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``; what is asked comes through
+standard input, what was found goes to standard output. A new ask ends the one before; one that was answered
+goes on with what is added.
 """
 
 from __future__ import annotations

@@ -43,8 +43,8 @@ class CheckedInput(Vertical):
 
         Args:
             name: id of the field; the line's own is the name with ``-line`` behind it.
-            parse: makes something of a text that is not empty; raises `ValueError`, whose text is shown, where
-                it makes no sense.
+            parse: makes something of a text that is not empty; raises `ValueError`, whose text is shown,
+                where it makes no sense.
             hint: what stands in an empty field.
             caption: what stands before it; "" for nothing.
         """

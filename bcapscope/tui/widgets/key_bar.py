@@ -19,8 +19,8 @@ _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 class KeyBar(Widget):
     """Shows keys with what they do, as many as there is room for; a click does it as well.
 
-    The keys of the widget that has the focus come first, those of the application last; those of `_ALWAYS_SHOWN`
-    have their place.
+    The keys of the widget that has the focus come first, those of the application last; those of
+    `_ALWAYS_SHOWN` have their place.
     """
 
     COMPONENT_CLASSES = {"keybar--key", "keybar--text"}  # noqa: RUF012 - as Textual has it

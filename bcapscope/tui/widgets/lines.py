@@ -39,8 +39,8 @@ _EIGHTHS = 8
 class Lines(ScrollView, can_focus=True):
     """A list with a cursor; what it shows is what `count` and `line` say.
 
-    A subclass tells by `reset_lines` that its lines are others than before, and by `lines_added` that there are more of
-    them. It has neither border nor padding, which would not be drawn.
+    A subclass tells by `reset_lines` that its lines are others than before, and by `lines_added` that there
+    are more of them. It has neither border nor padding, which would not be drawn.
 
     Attributes:
         cursor: index of the line that the cursor is on; 0 where there is none.
