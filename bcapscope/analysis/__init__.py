@@ -1,1 +1,1 @@
-"""Judgement: pure functions over observations and exchanges that give frozen findings."""
+"""Analysis: findings, slave-mode sessions, statistics and comparison, as pure functions of the traffic."""

@@ -1,1 +1,1 @@
-"""Captured packets: files, standard input and live interfaces in, observations out."""
+"""Captures: files, standard input and live interfaces become observations."""

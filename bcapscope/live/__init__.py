@@ -1,1 +1,1 @@
-"""Live."""
+"""What runs beside the user: processes and their supervision, recorders, signals, priorities."""

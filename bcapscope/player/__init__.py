@@ -1,1 +1,1 @@
-"""Playing trajectories in slave mode: reading them, checking them before anything moves, keeping the pace."""
+"""Trajectories: reading, checking before anything moves, and playing in slave mode."""

@@ -1,1 +1,1 @@
-"""In the middle between clients and controllers: bytes pass at once, unless a rule says otherwise."""
+"""The proxy: forwards traffic between clients and controllers; rules can change it."""

@@ -1,1 +1,1 @@
-"""Words: lines, trees, hexdumps, tables, JSON and CSV, as strings and bytes only."""
+"""Output as text, trees, hex dumps, tables, JSON, CSV and HTML; strings and bytes only."""

@@ -1,1 +1,1 @@
-"""What was recorded, played again: the client's side to a controller, or the controller's to a client."""
+"""Recorded sessions, played again: the client's side or the controller's."""

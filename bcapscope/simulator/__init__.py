@@ -1,1 +1,1 @@
-"""A controller without a robot: the model (no I/O, time passed in) and the server that moves its bytes."""
+"""The simulator: a model of a controller without I/O or clock, and the server that gives it both."""

@@ -1,1 +1,1 @@
-"""What was said, by whom and when, live or recorded: observations and what follows from pairing them."""
+"""Traffic, live or recorded: observations, pairing into calls, handles."""

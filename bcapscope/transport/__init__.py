@@ -1,1 +1,1 @@
-"""Carrying bytes: UDP, TCP and memory for asyncio, and the clock. Nothing here knows what the bytes mean."""
+"""Transports: UDP, TCP and memory links for asyncio. They know nothing of the bytes they carry."""

@@ -1,4 +1,4 @@
-"""The screen in the terminal: it shows what capture, traffic, analysis and render give."""
+"""The terminal screen."""
 
 import os
 

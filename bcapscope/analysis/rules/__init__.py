@@ -1,4 +1,4 @@
-"""Rules: what can be wrong, and what looks for it."""
+"""Rules of `diagnose`: each checker looks for some of them."""
 
 from __future__ import annotations
 

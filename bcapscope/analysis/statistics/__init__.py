@@ -1,1 +1,1 @@
-"""Statistics."""
+"""Statistics of calls, and distributions in bounded memory."""

@@ -1,1 +1,1 @@
-"""Common."""
+"""What several commands share: options, prompts, exit codes, reading captures."""

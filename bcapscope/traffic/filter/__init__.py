@@ -1,1 +1,1 @@
-"""Filter."""
+"""Filter expressions: compile them, and evaluate them on frames and calls."""

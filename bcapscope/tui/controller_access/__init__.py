@@ -1,1 +1,1 @@
-"""What stands between the widgets of the Tester and the client: no widget here, and nothing that draws."""
+"""The Tester's connection to a controller, without widgets."""

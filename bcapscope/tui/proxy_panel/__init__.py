@@ -1,1 +1,1 @@
-"""What the screen of a proxy consists of."""
+"""Parts of the proxy screen."""

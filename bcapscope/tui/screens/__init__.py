@@ -1,1 +1,1 @@
-"""A module for each screen."""
+"""Screens, one per module."""

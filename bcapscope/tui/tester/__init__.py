@@ -1,1 +1,1 @@
-"""The widgets of the Tester's screen: one a module, which posts messages and never reaches into another."""
+"""Widgets of the Tester, one per module. They post messages and do not know each other."""

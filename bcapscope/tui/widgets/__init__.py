@@ -1,1 +1,1 @@
-"""A module for each widget; a widget posts messages and never reaches into another."""
+"""Widgets that several screens share. They post messages and do not know each other."""
