@@ -6,6 +6,7 @@ fault it was, so that a caller need not read the message to know what to do next
 
 from itertools import groupby
 from operator import attrgetter
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -81,7 +82,7 @@ class Attempt(NamedTuple):
         """Tell it in words, times counted from `start`; what came again and again is told once."""
         came = ", ".join(
             _repeated_event_text(what, [(arrival.time - start) / 1e6 for arrival in same])
-            for what, same in groupby(self.events, attrgetter("what"))
+            for what, same in groupby(self.events, attrgetter("description"))
         )
         head = f"serial {self.serial}, reserved {self.reserved}, sent at {(self.sent - start) / 1e6:.3f} ms"
         return f"{head}: {came or 'nothing came'}"
@@ -119,3 +120,17 @@ class CaptureError(BcapError):
     def __init__(self, message: str, offset: int | None = None) -> None:
         super().__init__(message)
         self.offset = offset
+
+
+class FileWriteError(BcapError):
+    """A file, or something like one, cannot be written.
+
+    Attributes:
+        path: of the file, as it was given; escape it before you print it.
+        reason: why, in lower case.
+    """
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = path
+        self.reason = reason

@@ -17,11 +17,11 @@ from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session_rules import QUIT_IN_SLAVE_MODE
-from bcapscope.cli.common.data_output import choose_palette
 from bcapscope.live.proxy_options import CLOSE_SESSIONS, READY, ProxyOptions
 from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_view import ProxyView
 from bcapscope.live.relay_figures import DelayStatistics, loss_lines, rates_text, totals_text
+from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
 from bcapscope.protocol.text_format import counted

@@ -15,7 +15,8 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import echo, print_stderr
+from bcapscope.cli.common.data_output import echo
+from bcapscope.live.standard_streams import print_stderr
 
 if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
     from bcapscope.faults.fault import AnyFault
