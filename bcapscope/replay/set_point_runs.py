@@ -16,7 +16,8 @@ from bcapscope.player.preflight_problem import PreflightProblem, interval_text, 
 from bcapscope.player.set_point_timing import find_gaps, timing_from_send_times
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import MIN_COLUMNS, Trajectory, TrajectorySource
-from bcapscope.protocol.slave_mode.modes import PoseType, integer_value, pose_type_of_mode
+from bcapscope.protocol.codec.variant import integer_value
+from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
 from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.protocol.text_format import counted

@@ -22,10 +22,9 @@ from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session, command_of, open_target_session
 from bcapscope.errors import BcapError
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT, Variant, integer_value
 from bcapscope.protocol.guard import needs_arming, request_effect
 from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
-from bcapscope.protocol.slave_mode.modes import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
