@@ -156,7 +156,7 @@ def python_program(
     needs_variants = any("Variant(" in step or "Variant.array(" in step for step in steps)
     lines = [
         f"from bcapscope.client import Blocking, connect, {over}",
-        *(["from bcapscope.protocol.codec.variant import VT, Variant"] if needs_variants else []),
+        *(["from bcapscope.protocol import VT, Variant"] if needs_variants else []),
         "",
         "with Blocking() as wait:",
         f"    service = wait.enter(connect({over}({_literal(target.host)}, {target.port}){option}))",
