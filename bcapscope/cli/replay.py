@@ -141,7 +141,8 @@ def command(
         with exit_if_not_listening(), serving.listen(standin, listen, target.port) as server:
             host, port = server.address
             print_stderr(
-                f"the recorded controller answers on {host} port {port}, UDP and TCP; {reachability_text(host)}"
+                f"the recorded controller answers on {host} port {port}, UDP and TCP; "
+                f"{reachability_text(host)}"
             )
             serving.serve(server)
         if not serving.close(_served_text(serving.log.call_count, standin.unknown_calls)):

@@ -86,8 +86,8 @@ class ProxySupervisor:
             low_latency: keep the machine's processors out of deep sleep while there is much traffic.
 
         Raises:
-            FileWriteError: there is no room for the memory that it shares with the watcher, or the system gives
-                nothing to wait with.
+            FileWriteError: there is no room for the memory that it shares with the watcher, or the system
+                gives nothing to wait with.
         """
         self._options = options
         self._end_signals = end_signals

@@ -117,7 +117,8 @@ def totals_text(counts: Sequence[int]) -> str:
     """Return what passed in all."""
     text = (
         f"{counted(counts[RelayCounter.CLIENTS], 'client')}; datagrams up {counts[RelayCounter.CAME_UP]} in, "
-        f"{counts[RelayCounter.LEFT_UP]} out, down {counts[RelayCounter.CAME_DOWN]} in, {counts[RelayCounter.LEFT_DOWN]} out"
+        f"{counts[RelayCounter.LEFT_UP]} out, down {counts[RelayCounter.CAME_DOWN]} in, "
+        f"{counts[RelayCounter.LEFT_DOWN]} out"
     )
     if counts[RelayCounter.BYTES_UP] or counts[RelayCounter.BYTES_DOWN]:
         text += f"; TCP bytes up {counts[RelayCounter.BYTES_UP]}, down {counts[RelayCounter.BYTES_DOWN]}"

@@ -202,7 +202,8 @@ def _call_lines(
         yield from _call_by_number_lines(function_id, arguments, chain)
         return
     pairs = zip(function.params[1:], arguments[1:], strict=True)
-    call = f"wait({subject.lower()}.{method_name(function)}({', '.join(_argument_literal(*pair) for pair in pairs)}))"
+    literals = ", ".join(_argument_literal(*pair) for pair in pairs)
+    call = f"wait({subject.lower()}.{method_name(function)}({literals}))"
     yield call if function.result is ResultKind.NONE else f"print({call})"
 
 

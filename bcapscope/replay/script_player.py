@@ -167,8 +167,8 @@ class ScriptPlayer:
         far = pose_distance(kind, here, goal)
         if far > POSITION_TOLERANCE:
             raise NotAtStartError(
-                f"call {first.number}, the first set point, is {far:.3g} (degrees or mm) from where the robot "
-                "stands: slave mode was not entered; bring the robot there first"
+                f"call {first.number}, the first set point, is {far:.3g} (degrees or mm) from where the "
+                "robot stands: slave mode was not entered; bring the robot there first"
             )
 
     def _pause(self, length: int) -> None:

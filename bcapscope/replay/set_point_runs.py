@@ -129,7 +129,8 @@ def _gap_findings(sent_at: Array) -> Iterator[PreflightProblem]:
     if count:
         steps = np.diff(sent_at)
         sentence = (
-            f"{counted(count, 'pause')} between set points, the longest of {interval_text(float(steps.max()))} "
+            f"{counted(count, 'pause')} between set points, "
+            f"the longest of {interval_text(float(steps.max()))} "
             f"where {interval_text(float(np.median(steps)))} are usual"
         )
         yield PreflightProblem("gap", Severity.WARNING, sentence, "slave mode may end there", points, count)

@@ -122,7 +122,7 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Let go of everything, `CLOSE_TIMEOUT` seconds at most, and end the thread. From any other thread."""
+        """Release everything within `CLOSE_TIMEOUT` seconds and end the thread; call it from another one."""
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)
