@@ -41,7 +41,7 @@ LATEST = (
     (finding_collector, "MAX_CALLS"),
     (controller_state, "MAX_CALLS"),
     (session_detector, "MOST_SESSIONS"),
-    (frame_line, "MOST_PHRASES"),
+    (frame_line, "MOST_TEMPLATES"),
 )
 """Where much is kept of the latest clients: less of it is filled by few of them."""
 
