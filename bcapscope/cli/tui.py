@@ -26,7 +26,7 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 
 
 class TesterTarget(NamedTuple):
-    """The controller that is to be tested, as `tui.screens.tester.Start` has it."""
+    """The controller that is to be tested, as `tui.screens.tester_screen.TesterOptions` has it."""
 
     host: str
     port: int

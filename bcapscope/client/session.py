@@ -97,7 +97,7 @@ class Session:
         """Make a call and return how it ended.
 
         Raises:
-            LocalProtocolError: it cannot be sent, see `Requester.call`.
+            LocalProtocolError: it cannot be sent, see `Requester.start_call`.
             ConnectionError: the link is gone.
         """
         pace = self.retry_policy_for(function_id, arguments)
@@ -121,8 +121,8 @@ class Session:
 
         Raises:
             ControllerError: the controller refused it.
-            ExchangeTimeout: no try was answered in time.
-            LocalProtocolError: it cannot be sent, see `Requester.call`.
+            CallTimeout: no try was answered in time.
+            LocalProtocolError: it cannot be sent, see `Requester.start_call`.
             ConnectionError: the link is gone.
         """
         settled = await self.perform_call(function_id, arguments)

@@ -81,7 +81,7 @@ class ProxySupervisor:
 
         Args:
             options: of the watcher.
-            end_signals: from which the signals come that end programs; see `awaited_ends`.
+            end_signals: from which the signals come that end programs; see `end_signal_socket`.
             policy: the rules; None without.
             low_latency: keep the machine's processors out of deep sleep while there is much traffic.
 
@@ -121,8 +121,8 @@ class ProxySupervisor:
             forget_after: ns of silence after which a UDP client is forgotten.
 
         Raises:
-            ListenError: it cannot be listened on.
-            NoWay: the controller's name is unknown.
+            ProxyListenError: it cannot be listened on.
+            UnreachableError: the controller's name is unknown.
         """
         address, ports = open_listeners(self.relay, listener, forget_after)
         self._ports += ports

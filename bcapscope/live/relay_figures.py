@@ -55,7 +55,7 @@ class DelayStatistics:
         return f"held p50/p99.9 µs {', '.join(parts)}" if parts else ""
 
     def figures(self) -> list[int]:
-        """Return what `ring.Figure` lists."""
+        """Return what `ring_buffer.DelayFigure` lists."""
         found: list[int] = []
         for up, _ in _DIRECTIONS:
             spread = self._histograms[up].distribution()

@@ -171,7 +171,7 @@ class Pacer:
 
         Raises:
             ControllerError: the controller refused one.
-            ExchangeTimeout: it does not answer any more.
+            CallTimeout: it does not answer any more.
             HaltedError: `idle` said so.
             OSError: the link is gone.
         """
@@ -262,7 +262,7 @@ class Pacer:
         """Note how a call ended; return its result, None where there is none that we could wait for.
 
         Raises:
-            ExchangeTimeout: that is the end.
+            CallTimeout: that is the end.
             ControllerError: a set point before this one was refused, as we hear only now.
         """
         self._retries += len(settled.attempts) - 1

@@ -40,7 +40,7 @@ _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
 class CallTarget(Protocol):
-    """A controller, and how it is reached, such as `client.target.Target`."""
+    """A controller, and how it is reached, such as `client.controller_target.ControllerTarget`."""
 
     @property
     def host(self) -> str: ...

@@ -100,7 +100,7 @@ class ScriptPlayer:
 
         Raises:
             ValueError: an object is needed that nobody told the name of.
-            FarAwayError: slave mode would begin far from where the robot stands; it is not entered.
+            NotAtStartError: slave mode would begin far from where the robot stands; it is not entered.
             BcapError: what was missing could not be opened, or a call cannot be sent.
             OSError: the link is gone.
         """

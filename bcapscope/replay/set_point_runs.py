@@ -63,7 +63,7 @@ def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
     Where slave mode was not entered, they count as joints.
 
     Raises:
-        UnreadableError: one of them is no pose, or has another number of axes than the one before.
+        UnreadableSetPointError: one of them is no pose, or has another number of axes than the one before.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:

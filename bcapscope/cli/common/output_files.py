@@ -36,8 +36,8 @@ class AtomicFile:
     """A file that gets its name when it is complete; until then it stands beside, under a name of its own.
 
     What is not kept is removed, so that a command that fails leaves nothing half written; nor does one that a
-    signal ends, after `signals.end_in_order`, as nothing is there before it is written in the block. It is
-    open only while something is written, so that there may be any number of them.
+    signal ends, after `interrupt_on_end_signals`, as nothing is there before it is written in the block. It
+    is open only while something is written, so that there may be any number of them.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The HTTP server of the served screen: a few pages and a websocket, all behind the gate of `webgate`."""
+"""The HTTP server of the served screen: a few pages and a websocket, all behind the gate of `web_gate`."""
 
 from __future__ import annotations
 
