@@ -4,10 +4,14 @@ Reading never raises: bytes that make no sense become items that say so. What is
 fault it was, so that a caller need not read the message to know what to do next.
 """
 
+from __future__ import annotations
+
 from itertools import groupby
 from operator import attrgetter
-from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from pathlib import Path  # `bcapscope --help` loads this module, and pathlib takes a tenth of its time
 
 
 class BcapError(Exception):

@@ -172,7 +172,7 @@ class Pacer:
         Raises:
             ControllerError: the controller refused one.
             CallTimeout: it does not answer any more.
-            HaltedError: `idle` said so.
+            HaltedError: `on_idle` said so.
             OSError: the link is gone.
         """
         due = self._last_answered_at = self._caller.link.now() + _START_DELAY

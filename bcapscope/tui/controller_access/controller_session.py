@@ -1,7 +1,7 @@
 """The desk: one connection at a time, made and used in a thread of its own, and told of to the screen.
 
 Its event loop is not the screen's, so that what is drawn does not delay a call, and times that are shown are
-those of the network. Coroutines here are for that loop; `do` brings one there from the screen's.
+those of the network. Coroutines here are for that loop; `run_in_loop` brings one there from the screen's.
 """
 
 from __future__ import annotations
