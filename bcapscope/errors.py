@@ -4,9 +4,14 @@ Reading never raises: bytes that make no sense become items that say so. What is
 fault it was, so that a caller need not read the message to know what to do next.
 """
 
+from __future__ import annotations
+
 from itertools import groupby
 from operator import attrgetter
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from pathlib import Path  # `bcapscope --help` loads this module, and pathlib takes a tenth of its time
 
 
 class BcapError(Exception):
@@ -119,3 +124,17 @@ class CaptureError(BcapError):
     def __init__(self, message: str, offset: int | None = None) -> None:
         super().__init__(message)
         self.offset = offset
+
+
+class FileWriteError(BcapError):
+    """A file, or something like one, cannot be written.
+
+    Attributes:
+        path: of the file, as it was given; escape it before you print it.
+        reason: why, in lower case.
+    """
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.path = path
+        self.reason = reason

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, clue_of_call, stronger_clue
-from bcapscope.protocol.codec.variant import Value, Variant
-from bcapscope.protocol.slave_mode.modes import Generation, SlaveMode, integer_value, slave_mode_by_number
+from bcapscope.protocol.codec.variant import Value, Variant, integer_value
+from bcapscope.protocol.slave_mode.modes import Generation, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
 from bcapscope.traffic.call import Call

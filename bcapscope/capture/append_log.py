@@ -98,7 +98,7 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """The records of an `AppendLogWriter`, by their number from 0; also a context manager that closes them."""
+    """The records of an `AppendLogWriter`, by number from 0; also a context manager that closes them."""
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)

@@ -1,6 +1,6 @@
-"""The command line: one module a subcommand, imported when it is called.
+"""The command line: one module per subcommand, imported when it is called.
 
-Data goes to stdout, everything else to stderr; the exit codes are in `exits`.
+Data goes to stdout, everything else to stderr; the exit codes are in `common.exit_codes`.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ import gc
 import importlib
 import io
 import sys
+from typing import Any
 
 import click
 
 from bcapscope import __version__
-from bcapscope.cli.common.data_output import StdoutWriteError, discard_stdout
+from bcapscope.cli.common.data_output import StdoutWriteError
 from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.errors import FileWriteError
+from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.protocol.text_format import shortened
+from bcapscope.render.escape import printable
 
 _COMMANDS = {
     "decode": "Read frames, one line each.",
@@ -46,6 +50,12 @@ _GC_THRESHOLDS = (20_000, 20, 100)
 """How rarely to look for cycles: frames and calls hold none, and looking takes a twentieth of the time."""
 
 
+class _UnwritableFileError(click.ClickException):
+    """A file cannot be written; the message is free of control characters."""
+
+    exit_code = ExitCode.UNWRITABLE
+
+
 class _LazyGroup(click.Group):
     """Knows its commands by name and imports one only when it is called or asked for its help."""
 
@@ -60,6 +70,13 @@ class _LazyGroup(click.Group):
         assert isinstance(command, click.Command)
         return command
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; exit with `ExitCode.UNWRITABLE` if it cannot write a file."""
+        try:
+            return super().invoke(ctx)
+        except FileWriteError as error:
+            raise _UnwritableFileError(printable(str(error))) from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(_COMMANDS.items()))
@@ -72,7 +89,7 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Run the command line and exit with one of `exits.Exit`."""
+    """Run the command line and exit with an `ExitCode`."""
     gc.set_threshold(*_GC_THRESHOLDS)
     if sys.stdout is None or sys.stderr is None:  # closed by whoever started us
         if sys.stderr is not None:

@@ -11,7 +11,7 @@ import click
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.arming_prompt import log_armed_calls, unarmed_reason
-from bcapscope.cli.common.data_output import choose_palette, echo, print_stderr
+from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.planned_call import LONGEST_LINE, PlannedCall, PlannedCallParser, check_owners
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
@@ -21,6 +21,7 @@ from bcapscope.client.object_opener import DEFAULT_OBJECT_NAMES, ObjectOpener
 from bcapscope.client.session import open_target_session
 from bcapscope.errors import CallTimeout
 from bcapscope.live.end_signals import run_interruptible
+from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.retry.requester import CallRefused, CallTimedOut, RequesterOutcome

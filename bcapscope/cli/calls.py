@@ -11,7 +11,7 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import read_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.data_output import choose_palette, print_stderr
+from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.call_text import CallRenderer, session_text

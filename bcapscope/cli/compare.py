@@ -13,8 +13,8 @@ from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.data_output import choose_palette, print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call import Call, PairingResult

@@ -13,7 +13,7 @@ import click
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.data_output import choose_palette
+from bcapscope.live.standard_streams import choose_palette
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.csv_table import CsvTableRenderer
 from bcapscope.render.frame_line import FrameLineRenderer

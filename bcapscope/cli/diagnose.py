@@ -11,8 +11,8 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.data_output import choose_palette
 from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.live.standard_streams import choose_palette
 from bcapscope.render.findings import FindingsRenderer, finding_record
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind

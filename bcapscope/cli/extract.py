@@ -19,10 +19,10 @@ from bcapscope.analysis.slave.captured_trajectory import (
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import read_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter

@@ -10,12 +10,12 @@ from pathlib import Path
 import click
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import choose_palette
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.play_runner import PlayOutput, PlayRunner
 from bcapscope.cli.common.target_options import ControllerTarget, target_options
 from bcapscope.cli.common.trajectory_options import TrajectoryOptions, trajectory_options
+from bcapscope.live.standard_streams import choose_palette
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
 from bcapscope.player.preflight import run_preflight

@@ -13,7 +13,6 @@ import click
 from bcapscope.capture.rotating_recording import RotationLimits, parse_rotation
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
@@ -23,6 +22,7 @@ from bcapscope.live.end_signals import end_signal_socket
 from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions
 from bcapscope.live.proxy_supervisor import ProxySupervisor
 from bcapscope.live.server_runner import reachability_text
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.listener_spec import ListenerSpec, ListenerSpecError, parse_listener_specs
 from bcapscope.proxy.script_protocol import ScriptError

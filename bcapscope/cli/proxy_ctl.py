@@ -12,9 +12,10 @@ import click
 import msgspec
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import echo, print_stderr
+from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.faults.quantities import Duration
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.codec.frame import parse_datagram
 from bcapscope.proxy.control_answers import ClientStatus, ControlAnswer, FaultStatus, HeldStatus, parse_list
 from bcapscope.proxy.control_client import ControlClient, ControlRefused

@@ -19,8 +19,9 @@ from bcapscope.cli.common.arming_prompt import (
 )
 from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.data_output import choose_palette, echo, print_stderr
+from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
 from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
@@ -29,6 +30,7 @@ from bcapscope.client.session import Session
 from bcapscope.errors import BcapError
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.live.server_runner import ServerRunner, reachability_text
+from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
 from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, run_blocking
 from bcapscope.player.channel import Channel, open_channel
@@ -136,13 +138,15 @@ def command(
     if side == "server":
         serving = ServerRunner(quiet=quiet, record=record)
         standin = RecordedController(script, serving.log.on_call, delays=not no_delay)
-        with serving.listen(standin, listen, target.port) as server:
+        with exit_if_not_listening(), serving.listen(standin, listen, target.port) as server:
             host, port = server.address
             print_stderr(
-                f"the recorded controller answers on {host} port {port}, UDP and TCP; {reachability_text(host)}"
+                f"the recorded controller answers on {host} port {port}, UDP and TCP; "
+                f"{reachability_text(host)}"
             )
             serving.serve(server)
-        serving.close(_served_text(serving.log.call_count, standin.unknown_calls))
+        if not serving.close(_served_text(serving.log.call_count, standin.unknown_calls)):
+            sys.exit(ExitCode.UNWRITABLE)
         return
     flight = _PreflightCheck(script, limits, color, quiet)
     flight.check(UNKNOWN_ARM)

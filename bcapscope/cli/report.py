@@ -13,10 +13,10 @@ from bcapscope.analysis.report_data import ReportData, ReportDataBuilder
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import read_to_end
 from bcapscope.cli.common.capture_reader import STDIN, CaptureReader
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS

@@ -13,9 +13,11 @@ import msgspec
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
 from bcapscope.cli.common.behaviour_list import list_behaviours
-from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.scenario_options import choose_scenario, list_scenarios, scenario_introduction
+from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.live.server_runner import ServerRunner, reachability_text
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.simulator.profile import PROFILES, NoArgument
 from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
 from bcapscope.simulator.scenario_runner import ScenarioRunner
@@ -128,7 +130,7 @@ def command(
         if scenario is None
         else ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
     )
-    with serving.listen(stage or simulator, listen, port) as server:
+    with exit_if_not_listening(), serving.listen(stage or simulator, listen, port) as server:
         print_stderr(_greeting(simulator, server))
         if scenario is not None:
             print_stderr(scenario_introduction(scenario))
@@ -140,7 +142,8 @@ def command(
         serving.serve(server, keys.read_commands, keys.watched)
     dropped = f"{simulator.dropped} datagrams dropped (no sound requests, or no place for their client)"
     unheard = f"; {server.datagram_queue.dropped} more came too fast" if server.datagram_queue.dropped else ""
-    serving.close(f"{serving.log.call_count} calls; {dropped}{unheard}")
+    if not serving.close(f"{serving.log.call_count} calls; {dropped}{unheard}"):
+        sys.exit(ExitCode.UNWRITABLE)
 
 
 def _played_scenario(

@@ -10,9 +10,9 @@ import click
 from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.cli.common.call_reading import read_calls
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.traffic.call import Call

@@ -13,11 +13,12 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import print_stderr, require_terminal
+from bcapscope.cli.common.data_output import require_terminal
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.common.serve_options import ServeOptions, serve_options, serve_screen
 from bcapscope.cli.common.tui_sources import ProxyScreenOptions, show_proxy, show_simulator
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
@@ -25,7 +26,7 @@ _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
 
 
 class TesterTarget(NamedTuple):
-    """The controller that is to be tested, as `tui.screens.tester.Start` has it."""
+    """The controller that is to be tested, as `tui.screens.tester_screen.TesterOptions` has it."""
 
     host: str
     port: int

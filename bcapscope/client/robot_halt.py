@@ -28,7 +28,7 @@ async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaita
 
     Raises:
         ControllerError: it was refused.
-        ExchangeTimeout: no try was answered.
+        CallTimeout: no try was answered.
         ConnectionError: the link is gone.
     """
     usual = session.retry_policies

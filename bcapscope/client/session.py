@@ -17,10 +17,9 @@ from bcapscope.client.retry_policies import (
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT, Variant, integer_value
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, RequesterOutcome, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
-from bcapscope.protocol.slave_mode.modes import integer_value
 from bcapscope.protocol.tables.command_catalogue import call_name, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
@@ -98,7 +97,7 @@ class Session:
         """Make a call and return how it ended.
 
         Raises:
-            LocalProtocolError: it cannot be sent, see `Requester.call`.
+            LocalProtocolError: it cannot be sent, see `Requester.start_call`.
             ConnectionError: the link is gone.
         """
         pace = self.retry_policy_for(function_id, arguments)
@@ -122,8 +121,8 @@ class Session:
 
         Raises:
             ControllerError: the controller refused it.
-            ExchangeTimeout: no try was answered in time.
-            LocalProtocolError: it cannot be sent, see `Requester.call`.
+            CallTimeout: no try was answered in time.
+            LocalProtocolError: it cannot be sent, see `Requester.start_call`.
             ConnectionError: the link is gone.
         """
         settled = await self.perform_call(function_id, arguments)

@@ -51,7 +51,7 @@ class ChildProcess:
         """Start ``bcapscope WORDS --attended`` and wait until it listens.
 
         Raises:
-            ChildError: it does not.
+            ChildStartError: it does not.
         """
         self._output: deque[str] = deque(maxlen=_MAX_LINES)
         self._startup_done = threading.Event()

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
 
-from bcapscope.cli.common.output_files import FileWriteError
+from bcapscope.errors import FileWriteError
 
 T = TypeVar("T")
 
@@ -73,7 +73,7 @@ def end_signal_socket() -> Iterator[socket.socket]:
         A socket that does not wait, from which the number of each such signal can be read, a byte.
 
     Raises:
-        FileRefused: there are no file descriptors left.
+        FileWriteError: there are no file descriptors left.
     """
     try:
         here, there = socket.socketpair()

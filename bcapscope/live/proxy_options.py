@@ -9,7 +9,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from bcapscope.capture.rotating_recording import RotationLimits
-from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
@@ -18,8 +17,8 @@ BEGIN, CLOSE_SESSIONS, READY = b"begin", b"farewell", b"ready"
 """What the relay says when the process may begin to watch, what it asks before it ends, and what it waits for
 before it begins. Anything else that it says is advice for the user, for the case that it is too slow."""
 
-INCOMPLETE = int(ExitCode.UNWRITABLE)
-"""Exit code of the process if the recording lacks something."""
+INCOMPLETE = 6
+"""Exit code of the process if the recording lacks something; not 1, which a traceback also gives."""
 
 
 class TrafficFormat(StrEnum):

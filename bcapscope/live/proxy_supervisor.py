@@ -17,11 +17,11 @@ from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
-from bcapscope.cli.common.data_output import print_stderr
-from bcapscope.cli.common.output_files import FileWriteError
+from bcapscope.errors import FileWriteError
 from bcapscope.live.cpu_wakefulness import CpuLatencyLimit, CpuWakefulness, datagrams_passed
 from bcapscope.live.end_signals import end_signals_blocked
 from bcapscope.live.proxy_options import BEGIN, CLOSE_SESSIONS, INCOMPLETE, READY, ProxyOptions, run_watcher
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_writer import ERASE_LINE
 from bcapscope.live.watcher_priority import WatcherPriority, idle_priority_switch
 from bcapscope.player.realtime import realtime_priority
@@ -81,13 +81,13 @@ class ProxySupervisor:
 
         Args:
             options: of the watcher.
-            end_signals: from which the signals come that end programs; see `awaited_ends`.
+            end_signals: from which the signals come that end programs; see `end_signal_socket`.
             policy: the rules; None without.
             low_latency: keep the machine's processors out of deep sleep while there is much traffic.
 
         Raises:
-            FileRefused: there is no room for the memory that it shares with the watcher, or the system gives
-                nothing to wait with.
+            FileWriteError: there is no room for the memory that it shares with the watcher, or the system
+                gives nothing to wait with.
         """
         self._options = options
         self._end_signals = end_signals
@@ -121,8 +121,8 @@ class ProxySupervisor:
             forget_after: ns of silence after which a UDP client is forgotten.
 
         Raises:
-            ListenError: it cannot be listened on.
-            NoWay: the controller's name is unknown.
+            ProxyListenError: it cannot be listened on.
+            UnreachableError: the controller's name is unknown.
         """
         address, ports = open_listeners(self.relay, listener, forget_after)
         self._ports += ports
@@ -136,7 +136,7 @@ class ProxySupervisor:
                 Nothing is recorded before, but the process is loaded meanwhile.
 
         Raises:
-            FileRefused: the recording cannot be written, or no process be started.
+            FileWriteError: the recording cannot be written, or no process be started.
             KeyboardInterrupt: it is to end already.
         """
         arguments = self._memory.name, self._watcher_end, self._options

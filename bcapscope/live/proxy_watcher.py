@@ -17,11 +17,11 @@ from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session_rules import QUIT_IN_SLAVE_MODE
-from bcapscope.cli.common.data_output import choose_palette
 from bcapscope.live.proxy_options import CLOSE_SESSIONS, READY, ProxyOptions
 from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_view import ProxyView
 from bcapscope.live.relay_figures import DelayStatistics, loss_lines, rates_text, totals_text
+from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
 from bcapscope.protocol.text_format import counted
@@ -292,7 +292,8 @@ class ProxyWatcher:
             )
             for sentence in self._silence_monitor.check(sending, now - _DECODING_DELAY_NS):
                 self._terminal.write_message(
-                    f"{color.problem}{QUIT_IN_SLAVE_MODE.severity}{color.reset} {QUIT_IN_SLAVE_MODE.id}: {sentence}"
+                    f"{color.problem}{QUIT_IN_SLAVE_MODE.severity}{color.reset} "
+                    f"{QUIT_IN_SLAVE_MODE.id}: {sentence}"
                 )
         for finding in self._diagnosis.new_findings():
             head = f"{color.problem}{finding.severity}{color.reset} {finding.rule}"
@@ -355,9 +356,8 @@ class ProxyWatcher:
         self._terminal.write_lines(self._settled_lines(self._tracker.close()))
         findings = self._diagnosis.finish()
         tell, counts = self._terminal.write_message, tuple(self._reader.counts)
-        tell(
-            f"{counted(self._call_count, 'call')}, {counted(self._retry_count, 'retry', 'retries')}; {totals_text(counts)}"
-        )
+        calls = f"{counted(self._call_count, 'call')}, {counted(self._retry_count, 'retry', 'retries')}"
+        tell(f"{calls}; {totals_text(counts)}")
         for line in (*loss_lines(counts), *self._delays.summary_lines()):
             tell(line)
         if self._record_decoder.observation_count:

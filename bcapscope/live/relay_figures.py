@@ -55,7 +55,7 @@ class DelayStatistics:
         return f"held p50/p99.9 µs {', '.join(parts)}" if parts else ""
 
     def figures(self) -> list[int]:
-        """Return what `ring.Figure` lists."""
+        """Return what `ring_buffer.DelayFigure` lists."""
         found: list[int] = []
         for up, _ in _DIRECTIONS:
             spread = self._histograms[up].distribution()
@@ -117,7 +117,8 @@ def totals_text(counts: Sequence[int]) -> str:
     """Return what passed in all."""
     text = (
         f"{counted(counts[RelayCounter.CLIENTS], 'client')}; datagrams up {counts[RelayCounter.CAME_UP]} in, "
-        f"{counts[RelayCounter.LEFT_UP]} out, down {counts[RelayCounter.CAME_DOWN]} in, {counts[RelayCounter.LEFT_DOWN]} out"
+        f"{counts[RelayCounter.LEFT_UP]} out, down {counts[RelayCounter.CAME_DOWN]} in, "
+        f"{counts[RelayCounter.LEFT_DOWN]} out"
     )
     if counts[RelayCounter.BYTES_UP] or counts[RelayCounter.BYTES_DOWN]:
         text += f"; TCP bytes up {counts[RelayCounter.BYTES_UP]}, down {counts[RelayCounter.BYTES_DOWN]}"

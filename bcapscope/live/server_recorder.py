@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, TypeAlias
 from bcapscope.capture.append_log import write_all
 from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import Address, SocketRecording
-from bcapscope.cli.common.output_files import FileWriteError
+from bcapscope.errors import FileWriteError
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 
@@ -45,7 +45,7 @@ def create_capture(path: Path) -> BinaryIO | RawIOBase:
     """Make a new file for a capture; it has no buffer, so that a kill loses nothing that was written.
 
     Raises:
-        FileRefused: it exists already, or cannot be made.
+        FileWriteError: it exists already, or cannot be made.
     """
     try:
         return path.open("xb", buffering=0)

@@ -7,21 +7,17 @@ own, and what there is no time for is counted.
 from __future__ import annotations
 
 import ipaddress
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from bcapscope.cli.common.data_output import print_stderr
-from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.end_signals import end_signal_socket, interrupt_on_end_signals
 from bcapscope.live.server_recorder import ServerRecorder, create_capture
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.render.simulator_log import call_log_line, refusal_line
 from bcapscope.simulator.call_executor import CallReport
-from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.simulator import Peer
 from bcapscope.simulator.simulator_server import ControllerModel, SimulatorServer, serve
 
@@ -65,15 +61,11 @@ class ServerRunner:
         """Listen; what is done with the server ends in order with Ctrl-C or a signal that ends programs.
 
         Raises:
-            FileRefused: the capture cannot be written.
+            SimulatorListenError: the server cannot listen on this address.
+            FileWriteError: the capture cannot be written.
         """
         interrupt_on_end_signals()
-        try:
-            server = SimulatorServer(answerer, host, port)
-        except SimulatorListenError as error:
-            print_stderr(f"{error}")
-            sys.exit(ExitCode.UNREADABLE)
-        with closing(server):
+        with closing(SimulatorServer(answerer, host, port)) as server:
             if self._recording_path is not None:
                 self._recorder = ServerRecorder(
                     create_capture(Path(self._recording_path)), self._recording_path, self.print_message
@@ -109,14 +101,13 @@ class ServerRunner:
             watched.append(end.fileno())
             serve(server, self._on_idle, take_or_end, watched)
 
-    def close(self, summary: str) -> None:
-        """Write what is left, and the summary; exit if the capture lacks something."""
+    def close(self, summary: str) -> bool:
+        """Write what is left, and the summary; return whether the capture has everything."""
         self.log.flush()
         complete = self._recorder is None or self._recorder.close()
         self.print_message(summary)
         self._terminal.close()
-        if not complete:
-            sys.exit(ExitCode.UNWRITABLE)
+        return complete
 
     def _on_idle(self) -> bool:
         self.log.flush_if_due()

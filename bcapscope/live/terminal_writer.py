@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TextIO
 
-from bcapscope.cli.common.data_output import discard_stdout
+from bcapscope.live.standard_streams import discard_stdout
 
 MAX_WAITING = 20_000
 """Lines that wait for a terminal, or whatever reads them, before newer ones are dropped and counted."""

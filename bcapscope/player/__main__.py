@@ -1,4 +1,4 @@
-"""The player's process: ``python -m bcapscope.player``, started by `process.Player` and by nobody else.
+"""The player's process: ``python -m bcapscope.player``, started only by `player_process.PlayerProcess`.
 
 It has one thread and no event loop. What it is told comes on standard input, what it tells goes to standard
 output; standard error is for Python's own last words.

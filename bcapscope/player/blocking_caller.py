@@ -1,8 +1,8 @@
 """Making calls without an event loop: the requester, a channel, and a thread that waits for both.
 
-`begin`, `send` and `settle` are the steps of a call for whoever has a deadline between them; `exchange` is
-all of them, for a `Session`, which makes its calls through the same requester and so with the same row of
-serials.
+`begin_call`, `send_due` and `wait_for_outcome` are the steps of a call for a caller with a deadline between
+them; `perform_call` is all of them, for a `Session`, which makes its calls through the same requester and so
+with the same row of serials.
 """
 
 from __future__ import annotations

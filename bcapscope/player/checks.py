@@ -65,7 +65,8 @@ def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
             if place >= context.axis_count and trajectory.points[:, place].any()
         ]
         if moved:
-            sentence = f"the robot has {counted(context.axis_count, 'axis', 'axes')}, the file moves {_join_names(moved)}"
+            axes = counted(context.axis_count, "axis", "axes")
+            sentence = f"the robot has {axes}, the file moves {_join_names(moved)}"
             yield PreflightProblem(
                 "axes", Severity.ERROR, sentence, "make sure that the file is for this robot"
             )
@@ -140,8 +141,10 @@ def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
 def _check_period(found: float, wanted: float) -> Iterator[PreflightProblem]:
     if abs(found - wanted) <= SAME_INTERVAL * wanted:
         return
-    sentence = f"the set points are {interval_text(found)} apart and slvMove goes each {interval_text(wanted)}, which "
-    sentence += f"would move the robot at {found / wanted:.3g} times the speed"
+    sentence = (
+        f"the set points are {interval_text(found)} apart and slvMove goes each {interval_text(wanted)}, "
+    )
+    sentence += f"which would move the robot at {found / wanted:.3g} times the speed"
     yield PreflightProblem("interval", Severity.ERROR, sentence, RESAMPLE_ADVICE)
 
 

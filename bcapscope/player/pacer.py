@@ -171,8 +171,8 @@ class Pacer:
 
         Raises:
             ControllerError: the controller refused one.
-            ExchangeTimeout: it does not answer any more.
-            HaltedError: `idle` said so.
+            CallTimeout: it does not answer any more.
+            HaltedError: `on_idle` said so.
             OSError: the link is gone.
         """
         due = self._last_answered_at = self._caller.link.now() + _START_DELAY
@@ -262,7 +262,7 @@ class Pacer:
         """Note how a call ended; return its result, None where there is none that we could wait for.
 
         Raises:
-            ExchangeTimeout: that is the end.
+            CallTimeout: that is the end.
             ControllerError: a set point before this one was refused, as we hear only now.
         """
         self._retries += len(settled.attempts) - 1

@@ -350,7 +350,7 @@ class PlaySession:
         """Ask the user.
 
         Raises:
-            EndedEarly: there is an order instead of an answer.
+            PlayAbortedError: there is an order instead of an answer.
         """
         answer = self._pipe.ask(PlayerQuestion(topic, text, choices))
         self._check_order()
@@ -360,7 +360,7 @@ class PlaySession:
         """Wait so many ns.
 
         Raises:
-            EndedEarly: there is an order.
+            PlayAbortedError: there is an order.
         """
         until = self._channel.now() + length
         while True:
@@ -408,7 +408,7 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
     """Return the slave mode to play in.
 
     Raises:
-        EndedEarly: there is none.
+        PlayAbortedError: there is none.
     """
     value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
     mode = slave_mode_by_number(value, generation)

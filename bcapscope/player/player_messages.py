@@ -73,7 +73,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         period: ns from one set point to the next, where no reply of the controller decides that.
         points: set points; the robot rests at the first and the last. Axes that are left out stay where they
             are.
-        limits: of the arm, as `limits.limited` takes them; a stop keeps within them.
+        limits: of the arm, as `arm_limits.with_limits` takes them; a stop keeps within them.
         rounds: how often to play them, the first following the last; 0 until it is told to stop.
         approach: percentage of the speed of an ordinary motion to the first point.
         may_approach: go there without asking.
@@ -178,7 +178,7 @@ class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system allows, as `realtime.Grade`."""
+    """What the system allows, as `realtime.RealtimeGrant`."""
 
     realtime: bool
     locked: bool

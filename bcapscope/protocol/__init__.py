@@ -1,4 +1,91 @@
 """b-CAP itself: frames, VARIANTs, functions, commands and result codes.
 
-Standard library only, no I/O and no clock.
+Standard library only, no I/O and no clock. What other programs need most can be imported from here:
+
+* `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: a frame, or all of a datagram.
+* `StreamSplitter`, `StreamPiece`: the frames of a TCP stream.
+* `VT`, `ARRAY`, `Variant`, `EMPTY`, `vt_name`, `integer_value`: typed values.
+* `FUNCTIONS`, `Function`, `function_name`, `function_by_name`, `call_name`: what a frame calls.
+* `is_failure`, `is_success`, `hresult_name`, `describe_hresult`, `HresultInfo`: what a result code means.
+
+The submodules hold the rest. A name is loaded when it is first used, so that importing one submodule does
+not load the others.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bcapscope.protocol.codec.frame import (
+        Frame,
+        Malformed,
+        encode_frame,
+        parse_datagram,
+        parse_single_frame,
+    )
+    from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
+    from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant, integer_value, vt_name
+    from bcapscope.protocol.tables.command_catalogue import call_name
+    from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, function_by_name, function_name
+    from bcapscope.protocol.tables.hresult import (
+        HresultInfo,
+        describe_hresult,
+        hresult_name,
+        is_failure,
+        is_success,
+    )
+
+__all__ = [
+    "ARRAY",
+    "EMPTY",
+    "FUNCTIONS",
+    "VT",
+    "Frame",
+    "Function",
+    "HresultInfo",
+    "Malformed",
+    "StreamPiece",
+    "StreamSplitter",
+    "Variant",
+    "call_name",
+    "describe_hresult",
+    "encode_frame",
+    "function_by_name",
+    "function_name",
+    "hresult_name",
+    "integer_value",
+    "is_failure",
+    "is_success",
+    "parse_datagram",
+    "parse_single_frame",
+    "vt_name",
+]
+
+_NAMES_BY_MODULE = {
+    "codec.frame": "Frame Malformed encode_frame parse_datagram parse_single_frame",
+    "codec.stream_splitter": "StreamPiece StreamSplitter",
+    "codec.variant": "ARRAY EMPTY VT Variant integer_value vt_name",
+    "tables.command_catalogue": "call_name",
+    "tables.function_table": "FUNCTIONS Function function_by_name function_name",
+    "tables.hresult": "HresultInfo describe_hresult hresult_name is_failure is_success",
+}
+_MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
+
+
+if not TYPE_CHECKING:  # else a type checker would accept any name
+
+    def __getattr__(name: str) -> object:
+        """Load a name of `__all__`; a submodule is no such name, and Python imports it itself."""
+        module = _MODULE_BY_NAME.get(name)
+        if module is None:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module  # noqa: PLC0415 - most who import a submodule need none of this
+
+        value = getattr(import_module(f"{__name__}.{module}"), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

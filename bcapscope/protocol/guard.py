@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bcapscope.protocol.codec.variant import Variant
-from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID

@@ -1,4 +1,4 @@
-"""The socket behind which the `ControlApi` stands: in the file system with the rights 0600, or on loopback."""
+"""The socket of the `ControlApi`: in the file system with the rights 0600, or on loopback."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def parse_listener_specs(
         allow: addresses or networks in CIDR notation.
 
     Raises:
-        SpecError: something is missing, twice there, or no address.
+        ListenerSpecError: something is missing, twice there, or no address.
     """
     if not listen:
         raise ListenerSpecError("there is nothing to listen on: --listen HOST:PORT --to HOST:PORT")

@@ -22,8 +22,8 @@ def open_listeners(
     Port 0 takes one that is free, on both transports if both are wanted.
 
     Raises:
-        ListenError: it cannot be listened on.
-        NoWay: the controller's name is unknown.
+        ProxyListenError: it cannot be listened on.
+        UnreachableError: the controller's name is unknown.
     """
     for last in range(_TRIES - 1, -1, -1):
         ports: list[TcpListener | UdpListener] = []

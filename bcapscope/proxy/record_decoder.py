@@ -47,7 +47,7 @@ class ClientEndpoints(NamedTuple):
 
 
 def read_endpoints(record: RingRecord) -> ClientEndpoints:
-    """Read a record of the kind `OPENED`."""
+    """Read a record of the kind `CLIENT_OPENED`."""
     transport, *ends = json.loads(record.data)
     client, listen, upstream, controller = (Endpoint(host, port) for host, port in ends)
     return ClientEndpoints(Transport(transport), client, listen, upstream, controller)

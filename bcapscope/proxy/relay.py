@@ -44,7 +44,7 @@ class RelaySession(Protocol):
     Attributes:
         number: of the client, never used twice.
         conversation: between the client and the controller itself.
-        source: where the client comes from; see `source_of`.
+        source: where the client comes from; see `source_network`.
         last_heard: `Relay.now` when it was last heard.
     """
 

@@ -159,7 +159,7 @@ class _Hole:
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use memory that both ends share, zeros at first; its size is a multiple of 8 beyond `HEADER_SIZE`."""
+        """Use memory that both ends share, zeros at first, of `HEADER_SIZE` and a multiple of 8 bytes."""
         self._marks = memory[:HEADER_SIZE].cast("Q")
         self._space = memory[HEADER_SIZE:]
         self._size = len(self._space)

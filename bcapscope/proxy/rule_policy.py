@@ -235,7 +235,7 @@ class RulePolicy:
     # for the process of the scripts
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Take what came from the scripts' process; `pop_due_actions` gives out what becomes of what waited."""
+        """Apply what the scripts' process decided; `pop_due_actions` returns what is then to be done."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_data(data, now), now)
 

@@ -40,7 +40,7 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     """Open a socket for clients.
 
     Raises:
-        ListenError: that cannot be done.
+        ProxyListenError: that cannot be done.
     """
     family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
     stream = transport is Transport.TCP
@@ -75,7 +75,7 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
     """Return the address family and the address.
 
     Raises:
-        NoWay: there is no such host.
+        UnreachableError: there is no such host.
     """
     kind = socket.SOCK_STREAM if transport is Transport.TCP else socket.SOCK_DGRAM
     try:

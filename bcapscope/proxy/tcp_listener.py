@@ -33,7 +33,7 @@ class TcpListener:
         """Listen.
 
         Raises:
-            ListenError: the address cannot be used.
+            ProxyListenError: the address cannot be used.
         """
         self.relay = relay
         self.controller = resolve(spec.to, Transport.TCP)

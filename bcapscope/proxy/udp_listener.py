@@ -65,7 +65,7 @@ class UdpListener:
         """Listen.
 
         Raises:
-            ListenError: that cannot be done.
+            ProxyListenError: that cannot be done.
         """
         self.relay = relay
         self.controller = resolve(spec.to, Transport.UDP)

@@ -40,7 +40,7 @@ _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
 class CallTarget(Protocol):
-    """A controller, and how it is reached, such as `client.target.Target`."""
+    """A controller, and how it is reached, such as `client.controller_target.ControllerTarget`."""
 
     @property
     def host(self) -> str: ...
@@ -156,7 +156,7 @@ def python_program(
     needs_variants = any("Variant(" in step or "Variant.array(" in step for step in steps)
     lines = [
         f"from bcapscope.client import Blocking, connect, {over}",
-        *(["from bcapscope.protocol.codec.variant import VT, Variant"] if needs_variants else []),
+        *(["from bcapscope.protocol import VT, Variant"] if needs_variants else []),
         "",
         "with Blocking() as wait:",
         f"    service = wait.enter(connect({over}({_literal(target.host)}, {target.port}){option}))",
@@ -202,7 +202,8 @@ def _call_lines(
         yield from _call_by_number_lines(function_id, arguments, chain)
         return
     pairs = zip(function.params[1:], arguments[1:], strict=True)
-    call = f"wait({subject.lower()}.{method_name(function)}({', '.join(_argument_literal(*pair) for pair in pairs)}))"
+    literals = ", ".join(_argument_literal(*pair) for pair in pairs)
+    call = f"wait({subject.lower()}.{method_name(function)}({literals}))"
     yield call if function.result is ResultKind.NONE else f"print({call})"
 
 

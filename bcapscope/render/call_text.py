@@ -66,12 +66,14 @@ class CallRenderer:
         color = self._palette
         request = call.request
         text = (
-            f"{call.number:>6} {self._write_time(request.time)} {color.dim}{self._write_endpoints(request.flow)}{color.reset}"
+            f"{call.number:>6} {self._write_time(request.time)} "
+            f"{color.dim}{self._write_endpoints(request.flow)}{color.reset}"
             f"  {self._function_text(call.kind)}{_subject_text(call, subject)}  {self._outcome_text(call)}"
         )
         if call.latency is not None:
             text += f"  {color.number}{milliseconds(call.latency)} ms{color.reset}"
-        return f"{text}{self._remarks_text(call)}  {color.dim}{self._tongue(call_frames_text(call))}{color.reset}"
+        frames = self._tongue(call_frames_text(call))
+        return f"{text}{self._remarks_text(call)}  {color.dim}{frames}{color.reset}"
 
     def tree(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> Iterator[str]:
         """Write the line of a call and under it every frame, with the time since the frame before."""
@@ -158,7 +160,8 @@ class CallRenderer:
         what = self._tongue(f"reply with serial {seen.item.serial} {whose}")
         frame = self._tongue(f"frame {seen.number}")
         return (
-            f"{'-':>6} {self._write_time(seen.time)} {color.dim}{self._write_endpoints(seen.flow)}{color.reset}"
+            f"{'-':>6} {self._write_time(seen.time)} "
+            f"{color.dim}{self._write_endpoints(seen.flow)}{color.reset}"
             f"  {color.problem}{what}{color.reset}"
             f"  {self._result_text(seen.item.code)}  {color.dim}{frame}{color.reset}"
         )

@@ -85,7 +85,8 @@ class _TreeSection:
         name = f"{_INDENT * row.depth}{color.name}{row.name}{color.reset}"
         padding = " " * (_NAME_WIDTH - len(_INDENT) * row.depth - len(row.name) if row.text else 0)
         text = f"{' ' if row.text else ''}{colored_value(row, color)}"
-        yield f"{self._offsets_text(row.start, row.stop)}  {self._hex_text(shown)}  {name}{padding}{text}".rstrip()
+        offsets = self._offsets_text(row.start, row.stop)
+        yield f"{offsets}  {self._hex_text(shown)}  {name}{padding}{text}".rstrip()
         if self._full:
             for start in range(BYTES_SHOWN, len(shown), BYTES_SHOWN):
                 yield f"{' ' * self._offsets_width}  {self._hex_text(shown[start:])}".rstrip()

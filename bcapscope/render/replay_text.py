@@ -40,7 +40,8 @@ class ReplayRenderer:
             )
         if played.differs:
             return f"{number}{text}  {color.problem}recorded: {_recorded_text(line)}{color.reset}"
-        return f"{number}{text}{f'  {color.dim}recorded: other values{color.reset}' if played.values_differ else ''}"
+        remark = f"  {color.dim}recorded: other values{color.reset}" if played.values_differ else ""
+        return f"{number}{text}{remark}"
 
     def record(self, played: PlayedCall) -> bytes:
         """Write a JSON object."""

@@ -276,7 +276,8 @@ def _event_marker_text(kind: TimelineEventKind, mark: TimelineEvent) -> str:
     if mark.call_kind is not None:
         text = f"{plotly_label(call_kind_text(mark.call_kind))}: {text}"
     if mark.hresult is not None and kind is TimelineEventKind.REFUSED:
-        text += f"<br>{plotly_label(hresult_name(mark.hresult))}, {plotly_label(describe_hresult(mark.hresult).text, 80)}"
+        meaning = plotly_label(describe_hresult(mark.hresult).text, 80)
+        text += f"<br>{plotly_label(hresult_name(mark.hresult))}, {meaning}"
     return f"{text}<br>{'frame' if mark.occurrences == 1 else 'first in frame'} {mark.frame}"
 
 
@@ -329,6 +330,7 @@ def _event_text(call: Call, event: CallFrame) -> str:
         else f", {plotly_label(hresult_name(seen.item.code))}"
     )
     return (
-        f"{plotly_label(call_kind_text(call.kind))}: {name}{result}<br>{elapsed:.3f} ms after the first request"
+        f"{plotly_label(call_kind_text(call.kind))}: {name}{result}"
+        f"<br>{elapsed:.3f} ms after the first request"
         f"<br>frame {seen.number}, serial {seen.item.serial}, reserved {seen.item.reserved}"
     )

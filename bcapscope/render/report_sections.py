@@ -55,7 +55,8 @@ _VERDICT_TEXTS = {
     CallVerdict.UNANSWERED: "no reply to any try was seen, and the client went on",
     CallVerdict.CAPTURE_ENDED: "no reply was seen before the capture ended",
     CallVerdict.NOT_FOLLOWED: "more was open than is kept, so that nobody looked for its reply any more",
-    CallVerdict.EXECUTED_TWICE: "the controller did it more than once: replies differ, or handles are missing",
+    CallVerdict.EXECUTED_TWICE: "the controller did it more than once: replies differ, or handles "
+    "are missing",
     CallVerdict.REPLY_LATE: "a reply came after the client had asked again or gone on, and was discarded",
     CallVerdict.REPLY_LOST: "a reply was seen here, and the client asked again all the same",
     CallVerdict.REQUEST_LOST: "the controller was at work on a later try and on none before",
@@ -202,8 +203,8 @@ def _verdict(report_data: ReportData) -> Html:
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
         first = report_data.findings[0]
         kind = "error" if counts[Severity.ERROR] else "warning"
-        return element("div", Html(f"{element('strong', escape_html(told + '.'))} {escape_html(first.sentence)}"),
-                       class_=f"verdict {kind}")  # fmt: skip
+        sentences = Html(f"{element('strong', escape_html(told + '.'))} {escape_html(first.sentence)}")
+        return element("div", sentences, class_=f"verdict {kind}")
     words = "No problem found" + (f"; {told}." if told else ".")
     return element("div", element("strong", escape_html(words)), class_="verdict good")
 

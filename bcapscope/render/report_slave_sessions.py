@@ -60,8 +60,9 @@ def pace_picture(slave_session: SlaveSession, start: int) -> Picture | None:
     return make_picture(
         f"pace-{slave_session.number}",
         f"Stay {slave_session.number}: pace of the set points",
-        f"Top: time since the set point before; the dashed line is the period of {timing.grid_ms:g} ms that "
-        f"the client should keep{_slack_note(slave_session)}. Middle: time from the first request to the reply. "
+        "Top: time since the set point before; the dashed line is the period of "
+        f"{timing.grid_ms:g} ms that the client should keep{_slack_note(slave_session)}. "
+        "Middle: time from the first request to the reply. "
         "Bottom: time that was left until the controller's buffer would have been empty, by a model of a "
         f"buffer of {slave_session.buffer.slots}; below the dashed line it was."
         f"{_sampling_note(samples)}{_marks_note(slave_session)}",

@@ -56,7 +56,8 @@ def _underflow_lines(buffer: BufferFacts, palette: Palette, tongue: Tongue) -> I
     for each in buffer.underflow_list[:_MOST_UNDERFLOWS_SHOWN]:
         moving = {True: "moving", False: "standing", None: "motion not known"}[each.moving]
         color = palette.problem if each.moving is not False and not buffer.overwrites else ""
-        text = f"after frame {each.last_frame}: frame {each.late_frame} came {each.late_ms:.3f} ms too late, {moving}"
+        late = f"frame {each.late_frame} came {each.late_ms:.3f} ms too late"
+        text = f"after frame {each.last_frame}: {late}, {moving}"
         yield continued_line(f"{color}{tongue(text)}{palette.reset if color else ''}")
     if buffer.underflows > _MOST_UNDERFLOWS_SHOWN:
         yield continued_line(f"and {buffer.underflows - _MOST_UNDERFLOWS_SHOWN} more", tongue)

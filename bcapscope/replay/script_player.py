@@ -100,7 +100,7 @@ class ScriptPlayer:
 
         Raises:
             ValueError: an object is needed that nobody told the name of.
-            FarAwayError: slave mode would begin far from where the robot stands; it is not entered.
+            NotAtStartError: slave mode would begin far from where the robot stands; it is not entered.
             BcapError: what was missing could not be opened, or a call cannot be sent.
             OSError: the link is gone.
         """
@@ -167,8 +167,8 @@ class ScriptPlayer:
         far = pose_distance(kind, here, goal)
         if far > POSITION_TOLERANCE:
             raise NotAtStartError(
-                f"call {first.number}, the first set point, is {far:.3g} (degrees or mm) from where the robot "
-                "stands: slave mode was not entered; bring the robot there first"
+                f"call {first.number}, the first set point, is {far:.3g} (degrees or mm) from where the "
+                "robot stands: slave mode was not entered; bring the robot there first"
             )
 
     def _pause(self, length: int) -> None:

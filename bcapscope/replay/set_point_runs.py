@@ -16,7 +16,8 @@ from bcapscope.player.preflight_problem import PreflightProblem, interval_text, 
 from bcapscope.player.set_point_timing import find_gaps, timing_from_send_times
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import MIN_COLUMNS, Trajectory, TrajectorySource
-from bcapscope.protocol.slave_mode.modes import PoseType, integer_value, pose_type_of_mode
+from bcapscope.protocol.codec.variant import integer_value
+from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
 from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.protocol.text_format import counted
@@ -62,7 +63,7 @@ def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
     Where slave mode was not entered, they count as joints.
 
     Raises:
-        UnreadableError: one of them is no pose, or has another number of axes than the one before.
+        UnreadableSetPointError: one of them is no pose, or has another number of axes than the one before.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:
@@ -128,7 +129,8 @@ def _gap_findings(sent_at: Array) -> Iterator[PreflightProblem]:
     if count:
         steps = np.diff(sent_at)
         sentence = (
-            f"{counted(count, 'pause')} between set points, the longest of {interval_text(float(steps.max()))} "
+            f"{counted(count, 'pause')} between set points, "
+            f"the longest of {interval_text(float(steps.max()))} "
             f"where {interval_text(float(np.median(steps)))} are usual"
         )
         yield PreflightProblem("gap", Severity.WARNING, sentence, "slave mode may end there", points, count)

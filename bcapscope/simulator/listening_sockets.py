@@ -22,7 +22,7 @@ def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
     """Open a UDP and a TCP socket on one port; with port 0 on one that is free on both.
 
     Raises:
-        ListenError: the address cannot be used.
+        SimulatorListenError: the address cannot be used.
     """
     tries = 1 if port else 20
     for last in range(tries - 1, -1, -1):

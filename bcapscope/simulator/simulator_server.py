@@ -125,7 +125,7 @@ class SimulatorServer:
             port: 0 for any that is free on both.
 
         Raises:
-            ListenError: that cannot be done.
+            SimulatorListenError: that cannot be done.
         """
         self._model = simulator
         self.tap: TrafficTap | None = None

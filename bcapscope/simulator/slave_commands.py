@@ -10,9 +10,9 @@ from __future__ import annotations
 from math import hypot
 from types import MappingProxyType
 
-from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, integer_value
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
-from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode, integer_value, slave_mode_by_number
+from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.slave_mode.slvmove_values import SetPoint, UserIO, parse_set_point
 from bcapscope.protocol.tables.hresult import (
     E_ARM_NOT_TAKEN,

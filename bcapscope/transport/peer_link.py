@@ -51,4 +51,4 @@ class BaseLink(Protocol):
 
 
 class Link(BaseLink, Protocol):
-    """A way to one peer that tells a `LinkReceiver` what comes, which after `close` hears nothing any more."""
+    """A way to one peer; it hands what comes to a `LinkReceiver` until `close`."""

@@ -32,7 +32,7 @@ def main() -> None:
         for name, hooks in SCRIPTS.items():
             path = Path(folder) / f"{hooks[0]}{len(hooks)}.py"
             hooked = "".join(_HOOK.format(hook=hook) for hook in hooks)
-            path.write_text("class Script:\n" + hooked.replace("message.function", "message.question"))
+            path.write_text("class Script:\n" + hooked.replace("message.function", "message.call_kind"))
             ways[f"script: {name}"] = "--script", str(path)
         for _ in range(RUNS):
             for name, words in ways.items():

@@ -311,7 +311,7 @@ def test_a_listener_hears_of_late_replies() -> None:
             await session.invoke("Controller_GetHelp", 7)
 
     run_in_virtual_time(play())
-    assert [type(event).__name__ for event in heard] == ["Late", "Answered"]
+    assert [type(event).__name__ for event in heard] == ["LateReply", "CallAnswered"]
     assert isinstance(heard[0], LateReply)
 
 

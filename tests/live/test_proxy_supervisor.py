@@ -13,7 +13,7 @@ from multiprocessing.shared_memory import SharedMemory
 
 import pytest
 
-from bcapscope.cli.common.output_files import FileWriteError
+from bcapscope.errors import FileWriteError
 from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.live import proxy_supervisor
 from bcapscope.live.proxy_options import ProxyOptions, ViewOptions

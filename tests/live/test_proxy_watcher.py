@@ -36,12 +36,12 @@ TEXT = Variant(VT.BSTR, "")
 
 FEW = 80
 LATEST = (
-    (report_data, "MOST_LANES"),
-    (report_data, "MOST_STAYS"),
-    (finding_collector, "MOST_CALLS"),
-    (controller_state, "MOST_CALLS"),
-    (session_detector, "MOST_ENDED"),
-    (frame_line, "MOST_PHRASES"),
+    (report_data, "MOST_TIMELINES"),
+    (report_data, "MOST_SESSIONS"),
+    (finding_collector, "MAX_CALLS"),
+    (controller_state, "MAX_CALLS"),
+    (session_detector, "MOST_SESSIONS"),
+    (frame_line, "MOST_TEMPLATES"),
 )
 """Where much is kept of the latest clients: less of it is filled by few of them."""
 

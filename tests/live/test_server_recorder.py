@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from bcapscope.capture.capture_file import open_capture as captured
-from bcapscope.cli.common.output_files import FileWriteError
+from bcapscope.errors import FileWriteError
 from bcapscope.live import server_recorder as module
 from bcapscope.live.server_recorder import ServerRecorder, create_capture
 from bcapscope.protocol.codec.frame import encode_frame

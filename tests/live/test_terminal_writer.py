@@ -10,9 +10,9 @@ import pytest
 
 _SCREEN = """
 import sys, time
-from bcapscope.cli import screen
+from bcapscope.live import terminal_writer
 {setup}
-it = screen.Screen()
+it = terminal_writer.TerminalWriter()
 {do}
 it.close()
 """
@@ -28,7 +28,9 @@ def ran(do: str, setup: str = "", stdout: int = subprocess.PIPE) -> tuple[str, s
 
 
 def test_lines_and_sentences() -> None:
-    out, err = ran('it.show(["one", b"two", "三"]); it.tell("a sentence"); it.show([])')
+    out, err = ran(
+        'it.write_lines(["one", b"two", "三"]); it.write_message("a sentence"); it.write_lines([])'
+    )
     assert (out, err) == ("one\ntwo\n三\n", "a sentence\n")
 
 
@@ -36,8 +38,8 @@ def test_lines_and_sentences() -> None:
 def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    wait = 'time.sleep(0.2); it.show(["two"]); it.tell("still here")'
-    _, err = ran(f'it.show(["one"]); {wait}', stdout=writing)
+    wait = 'time.sleep(0.2); it.write_lines(["two"]); it.write_message("still here")'
+    _, err = ran(f'it.write_lines(["one"]); {wait}', stdout=writing)
     os.close(writing)
     sentence = "standard output is closed: nothing is shown there any more, all else goes on"
     assert err == f"{sentence}\nstill here\n"
@@ -47,7 +49,7 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no such file")
 def test_a_full_disk_is_told_as_that() -> None:
     with open("/dev/full", "wb") as full:
-        _, err = ran('it.show(["one"])', stdout=full.fileno())
+        _, err = ran('it.write_lines(["one"])', stdout=full.fileno())
     assert err == "standard output has no room: nothing is shown there any more, all else goes on\n"
 
 
@@ -57,10 +59,12 @@ def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
     try:
         do = (
             "began = time.monotonic()\n"
-            'for number in range(50): it.show(["x" * 99] * 1000)\n'
+            'for number in range(50): it.write_lines(["x" * 99] * 1000)\n'
             "assert time.monotonic() - began < 10"
         )
-        _, err = ran(f'{do}; it.tell("a sentence")', "screen._LEAVES_WITHIN = 0.5", stdout=writing)
+        _, err = ran(
+            f'{do}; it.write_message("a sentence")', "terminal_writer._LINES_WITHIN = 0.5", stdout=writing
+        )
         assert err.startswith("a sentence\n")
         missing = int(err.split()[2].replace(",", ""))
         assert err.endswith(" lines are not shown: standard output takes nothing\n")
@@ -72,18 +76,18 @@ def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
 
 
 def test_a_pipe_that_does_not_wait_is_waited_for() -> None:
-    out, err = ran('it.show(["x" * 99] * 1000)', "import os; os.set_blocking(1, False)")
+    out, err = ran('it.write_lines(["x" * 99] * 1000)', "import os; os.set_blocking(1, False)")
     assert (out, err) == (("x" * 99 + "\n") * 1000, "")
 
 
 def test_what_there_was_no_time_for_is_counted() -> None:
-    out, err = ran('it.show(["x"] * 30)', "screen.MOST_WAITING = 20")
+    out, err = ran('it.write_lines(["x"] * 30)', "terminal_writer.MAX_WAITING = 20")
     assert out == "x\n" * 20
     assert err == "10 lines are not shown: there was no time to write them\n"
 
 
 def test_the_line_at_the_bottom_is_for_terminals_only() -> None:
     setup = "sys.stderr.isatty = lambda: True"
-    do = 'it.status("12 calls"); time.sleep(0.3); it.tell("news"); time.sleep(0.3)'
+    do = 'it.set_status("12 calls"); time.sleep(0.3); it.write_message("news"); time.sleep(0.3)'
     assert ran(do, setup)[1] == "12 calls\r\x1b[Knews\n"
     assert ran(do)[1] == "news\n"

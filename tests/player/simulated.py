@@ -23,7 +23,7 @@ from bcapscope.player.player_messages import (
 )
 from bcapscope.player.player_pipe import PlayerPipe
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES

@@ -10,7 +10,7 @@ from bcapscope import simulator
 from bcapscope.simulator.behaviours import BEHAVIOURS, Certainty
 from bcapscope.simulator.profile import Profile
 
-_ENDS = ("RefusedError", "Answer", "Fault", "fail", "refuse", "reply", "stop")
+_ENDS = ("RefusedError", "CallResult", "SlaveModeFault", "raise_error", "refuse", "reply", "stop")
 """What is called with a result."""
 
 NAMES = [behaviour.name for behaviour in BEHAVIOURS]

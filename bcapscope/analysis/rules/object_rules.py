@@ -143,7 +143,8 @@ def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry
     opened = client.opened_objects.get(handle)
     if opened is not None and opened.object_class is not function.owner:
         return fixed_reason(
-            f"handle {handle} is that of the {opened.object_class} '{shown(opened.name)}', not of a {function.owner}"
+            f"handle {handle} is that of the {opened.object_class} '{shown(opened.name)}', "
+            f"not of a {function.owner}"
         )
     whose = next((other for other in clients.other_clients(client) if handle in other.opened_objects), None)
     if opened is None and whose is not None:

@@ -154,9 +154,9 @@ class PacingChecker(RuleChecker):
 
         def say(speech: Speech) -> str:
             return (
-                f"the set point of frame {underflow.late_frame} came {span(round(underflow.late_ms * MS))} after the "
-                f"buffer of {counted(session.buffer.slots, 'point')} must have been empty, while the robot "
-                "moved (by a model of the buffer)"
+                f"the set point of frame {underflow.late_frame} came {span(round(underflow.late_ms * MS))} "
+                f"after the buffer of {counted(session.buffer.slots, 'point')} must have been empty, "
+                "while the robot moved (by a model of the buffer)"
             )
 
         def then(speech: Speech, after: int) -> str:

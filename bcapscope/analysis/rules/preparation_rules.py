@@ -13,9 +13,9 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, fixed_reason, make_refusal
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
 from bcapscope.analysis.speech import Speech, called, name_of, span
-from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.guard import request_effect
-from bcapscope.protocol.slave_mode.modes import Generation, integer_value
+from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.enumerations import pass_motion_text
 from bcapscope.protocol.tables.function_table import ID

@@ -15,7 +15,7 @@ from bcapscope.analysis.rules.rule_checker import (
 )
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, SlaveSession
 from bcapscope.analysis.speech import Speech, called, name_of, shown
-from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import function_name

@@ -158,11 +158,11 @@ class WireChecker(RuleChecker):
                 self._report_frame(
                     CAPTURE_GAP, observation, f"the capture has only a part of what {who} sent here"
                 )
-        elif any(problem.code == "cut" for problem in problems):
+        elif cuts := [problem for problem in problems if problem.code == "cut"]:
             self._report_frame(
                 CAPTURE_CUT,
                 observation,
-                f"frame {observation.number} is cut: {_problem_reasons([each for each in problems if each.code == 'cut'])}",
+                f"frame {observation.number} is cut: {_problem_reasons(cuts)}",
             )
         else:
             self._report_malformed(observation, problems)

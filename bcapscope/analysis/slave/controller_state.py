@@ -13,8 +13,9 @@ from bcapscope.analysis.slave.session_builder import (
     execute_parameter,
 )
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
+from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.formats import parse_format_parameter
-from bcapscope.protocol.slave_mode.modes import PoseType, integer_value
+from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import pose_numbers
 from bcapscope.traffic.call import Call
 

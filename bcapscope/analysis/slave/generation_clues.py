@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.arguments import Argument
-from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
-from bcapscope.protocol.slave_mode.modes import Generation, integer_value, slave_mode_by_number
+from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, integer_value
+from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call

@@ -19,7 +19,7 @@ from bcapscope.analysis.slave.session_builder import (
 from bcapscope.analysis.slave.set_point_batch import HANDLE_VALUE_BYTES, LARGE_FRAME, ROW_SIZE, SetPointBatch
 from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
 from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
-from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import (
     E_NOT_IN_SLAVE_MODE,

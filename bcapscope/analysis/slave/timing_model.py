@@ -66,7 +66,7 @@ class TimingFacts:
         rtt: from the request that was answered to the accepted reply; None likewise.
         deadlines: recommended time-outs against `latency`.
         slowest: the set points with the longest latency or with no reply in time, worst first.
-        slack_ms: what the controller's buffer can bridge when full, see `analysis.buffer.slack_ms`.
+        slack_ms: what the controller's buffer can bridge when full, see `buffer_model.slack_ms`.
         gaps: cycles longer than `slack_ms`, all of them.
         gap_list: the first of them, each the set point behind the gap.
     """

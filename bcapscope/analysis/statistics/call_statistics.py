@@ -23,7 +23,7 @@ MAX_CODES = 16
 
 GRACE_NS = 200_000_000_000
 """How long after the end of a time slice its last calls may settle: a tracker keeps a silent call open for
-180 s (`traffic.lane.EXECUTION_NS`)."""
+180 s (`conversation_pairing.EXECUTION_NS`)."""
 
 OTHER_KINDS = CallKind(0, None)
 """Stands for all that was asked beyond `MAX_KINDS`; 0 is no function's id."""

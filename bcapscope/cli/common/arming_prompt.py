@@ -9,10 +9,10 @@ from pathlib import Path
 
 import click
 
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.client.action_log import ActionLog, LoggedConnection, default_folder
 from bcapscope.client.armed_call_logger import ArmedCallLogger
 from bcapscope.client.controller_target import os_error_text
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.escape import printable
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import click
 import orjson
 
-from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.live.standard_streams import print_stderr
 
 attended_option = click.option(
     "--attended",

@@ -20,11 +20,12 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.pasted_text import PastedText
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.capture.text_lines import text_lines
-from bcapscope.cli.common.data_output import DataOutput, print_stderr
+from bcapscope.cli.common.data_output import DataOutput
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.progress_bar import ReadProgressBar
 from bcapscope.errors import CaptureError
 from bcapscope.live.deferred_interrupts import DeferredInterrupts
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable

@@ -1,16 +1,16 @@
-"""Where output goes: data to stdout in large pieces, narration to stderr, colours where they are wanted."""
+"""Data for standard output, written in large pieces."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Callable, Iterable
-from typing import TextIO, TypeGuard, cast
+from typing import TypeGuard, cast
 
 import click
 
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.render.color_palette import ANSI, PLAIN, Palette
+from bcapscope.live.standard_streams import discard_stdout
 
 _BATCH_CHARACTERS = 256 * 1024  # characters after which lines are written, however few
 
@@ -37,7 +37,7 @@ class DataOutput:
 
         Raises:
             BrokenPipeError: the reader has gone.
-            OutputRefused: there is no room, or the like.
+            StdoutWriteError: there is no room, or the like.
         """
         batch: list[str | bytes] = []
         size = 0
@@ -69,7 +69,7 @@ def echo(text: str | bytes, end: bool = True) -> None:
 
     Raises:
         BrokenPipeError: the reader has gone.
-        OutputRefused: there is no room, or the like.
+        StdoutWriteError: there is no room, or the like.
     """
     try:
         click.echo(text, nl=end)
@@ -92,15 +92,6 @@ def require_terminal() -> None:
         raise click.UsageError("the screen needs a terminal; decode, calls and diagnose need none")
 
 
-def discard_stdout() -> None:
-    """Give up what standard output did not take, which would else be tried again at exit."""
-    _redirect_to_null(sys.stdout)
-
-
-def _redirect_to_null(stream: TextIO) -> None:
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
 def _joined_lines(lines: list[str | bytes]) -> bytes:
     if _are_bytes(lines):
         return b"\n".join(lines) + b"\n"
@@ -109,18 +100,3 @@ def _joined_lines(lines: list[str | bytes]) -> bytes:
 
 def _are_bytes(lines: list[str | bytes]) -> TypeGuard[list[bytes]]:
     return isinstance(lines[0], bytes)
-
-
-def print_stderr(text: str) -> None:
-    """Tell the user something that is not data; nobody hears it where the terminal was closed."""
-    try:
-        click.echo(text, err=True)
-    except OSError:
-        _redirect_to_null(sys.stderr)
-
-
-def choose_palette(color: str) -> Palette:
-    """Choose colours: `always`, `never`, or `auto` for a terminal without NO_COLOR (no-color.org)."""
-    if color == "auto":
-        return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
-    return ANSI if color == "always" else PLAIN

@@ -10,7 +10,7 @@ import click
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.cli.common.data_output import choose_palette
+from bcapscope.live.standard_streams import choose_palette
 from bcapscope.render.color_palette import Palette
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind

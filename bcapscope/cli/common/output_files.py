@@ -9,19 +9,9 @@ from typing import Self
 
 import click
 
-from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.render.escape import printable
+from bcapscope.errors import FileWriteError
 
 force_option = click.option("--force", is_flag=True, help="Overwrite what is there.")
-
-
-class FileWriteError(click.ClickException):
-    """A file cannot be written."""
-
-    exit_code = ExitCode.UNWRITABLE
-
-    def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(f"{printable(str(path))}: {reason}")
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
@@ -32,7 +22,7 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
         overwrite: it may be there already; None where the command has no `--force` that would say so.
 
     Raises:
-        FileRefused: something is there already, or is no file.
+        FileWriteError: something is there already, or is no file.
     """
     is_there = os.path.exists(path)  # that of Path has an exception for a name that is too long
     if is_there and not path.is_file():
@@ -46,8 +36,8 @@ class AtomicFile:
     """A file that gets its name when it is complete; until then it stands beside, under a name of its own.
 
     What is not kept is removed, so that a command that fails leaves nothing half written; nor does one that a
-    signal ends, after `signals.end_in_order`, as nothing is there before it is written in the block. It is
-    open only while something is written, so that there may be any number of them.
+    signal ends, after `interrupt_on_end_signals`, as nothing is there before it is written in the block. It
+    is open only while something is written, so that there may be any number of them.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,7 +50,7 @@ class AtomicFile:
         """Write some more.
 
         Raises:
-            FileRefused: nothing can be written there, or there is no more room.
+            FileWriteError: nothing can be written there, or there is no more room.
         """
         try:
             with self._temporary.open(self._mode) as file:
@@ -74,7 +64,7 @@ class AtomicFile:
         nothing is written afterwards.
 
         Raises:
-            FileRefused: something is there already, or it cannot have that name.
+            FileWriteError: something is there already, or it cannot have that name.
         """
         path = self._path if path is None else path
         check_output_path(path, overwrite)

@@ -10,9 +10,10 @@ from types import FrameType
 import click
 
 from bcapscope.cli.common.arming_prompt import can_prompt, confirm_robot_may_move, log_armed_calls
-from bcapscope.cli.common.data_output import echo, print_stderr
+from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.client.action_log import LoggedConnection
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_keys import TerminalKeys
 from bcapscope.player.arm_limits import limits_for_arm, with_limits
 from bcapscope.player.armed_message_logger import ArmedMessageLogger

@@ -15,7 +15,8 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import echo, print_stderr
+from bcapscope.cli.common.data_output import echo
+from bcapscope.live.standard_streams import print_stderr
 
 if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
     from bcapscope.faults.fault import AnyFault
@@ -38,10 +39,11 @@ class RuleOptions:
         seed: of all chance.
         guard: None for none.
         intercept: what is to be held; None for nothing.
-        hold_ns: ns that a held message waits; None for the usual, `intercept.PATIENCE`.
+        hold_ns: ns that a held message waits; None for the usual, `intercept.HOLD_TIME_NS`.
         scripts: paths.
-        script_limit_ns: ns that they have for a message; None for the usual, `scriptqueue.LIMIT`.
-        script_memory_mb: megabytes that they may allocate; None for the usual, `scriptprocess.MEMORY`.
+        script_limit_ns: ns that they have for a message; None for the usual, `script_queue.TIME_LIMIT_NS`.
+        script_memory_mb: megabytes that they may allocate; None for the usual,
+            `script_process.DEFAULT_MEMORY_MB`.
         control: address of the control socket; "" for none.
         command_line: the options as they were typed, for another process; without that of the control socket.
     """

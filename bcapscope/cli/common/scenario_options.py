@@ -58,6 +58,7 @@ def scenario_introduction(scenario: Scenario) -> str:
     """Tell what a scenario is about, in lines for a person."""
     client = scenario.client
     lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
-    met = f"It shows with a client that {_SESSION_TEXTS[client.session].format(client.mode)} over {client.over.upper()}"
+    session = _SESSION_TEXTS[client.session].format(client.mode)
+    met = f"It shows with a client that {session} over {client.over.upper()}"
     then = f"; diagnose then names {scenario.shows} first" if scenario.shows else ""
     return "\n  ".join(map(printable, [*lines, f"{met}{then}."]))

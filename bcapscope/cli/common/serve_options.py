@@ -15,9 +15,9 @@ from typing import Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.options import IntegerRange
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.observation import Endpoint
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -12,11 +12,11 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.client.controller_target import ControllerTarget, os_error_text, split_host_port
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
-from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.errors import BcapError, CallTimeout, ControllerError, FileWriteError
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.text_format import shortened
@@ -142,7 +142,7 @@ def exit_on_failure(target: ControllerTarget) -> Iterator[None]:
     """Turn what goes wrong between us and a controller into a sentence and an exit code."""
     try:
         yield
-    except BrokenPipeError:
+    except (BrokenPipeError, FileWriteError):
         raise
     except ControllerError as error:
         _exit_with(str(error), ExitCode.REFUSED)

@@ -11,8 +11,8 @@ from typing import Any, NoReturn
 import click
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.data_output import print_stderr
 from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.column_layout import ReadOptions, parse_columns
 from bcapscope.player.resampling import resample

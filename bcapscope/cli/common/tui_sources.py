@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bcapscope.cli.common.data_output import print_stderr, require_terminal
+from bcapscope.cli.common.data_output import require_terminal
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.escape import printable
 
 if TYPE_CHECKING:

@@ -112,6 +112,25 @@ def vt_name(vt: int) -> str:
     return f"{base}|VT_ARRAY" if vt & ARRAY else base
 
 
+def integer_value(variant: Variant) -> int | None:
+    """Return the whole number that a value holds, such as slvChangeMode's parameter or slvGetMode's result.
+
+    Integers of any width are taken (VT_I2 in DENSO Wave 2009, VT_I4 in the samples), whole floating-point
+    numbers, and decimal text, which the ANSI-C client sends. None for everything else.
+    """
+    value = variant.value
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int):
+        return value
+    if isinstance(value, float):
+        return int(value) if value.is_integer() else None
+    if isinstance(value, str):
+        text = value.strip()
+        return int(text) if text.isascii() and text.isdecimal() and len(text) <= 9 else None
+    return None
+
+
 def encode_variant(variant: Variant) -> bytes:
     """Pack type, count and data, as they stand inside a VARIANT array.
 

@@ -1,9 +1,9 @@
 """The client's side of a call: serials, reserved, tries, and which reply counts.
 
 No socket and no clock: each method is told what time it is, in nanoseconds of any clock that does not go
-back, and three questions are answered afterwards: what to send (`data_to_send`), when to call `wake` (`due`),
-and what happened (`events`). The rules are those of DENSO Wave 2009, How to use the Slave mode (Retry
-sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
+back, and three questions are answered afterwards: what to send (`data_to_send`), when to call
+`handle_timeout` (`deadline`), and what happened (`drain_events`). The rules are those of DENSO Wave 2009,
+How to use the Slave mode (Retry sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
 """
 
 from __future__ import annotations

@@ -209,7 +209,7 @@ class Responder:
             arguments: of the reply.
 
         Raises:
-            TooLargeError: the answer is longer than `largest`; the call is still running.
+            TooLargeError: the answer is longer than `largest_answer`; the call is still running.
             LocalProtocolError: the arguments cannot be packed; the call is still running.
         """
         call = self._running

@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from bcapscope.protocol.codec.variant import Variant
-
 PERIOD_MS = 8
 """A controller takes one set point each 8 ms."""
 
@@ -179,22 +177,3 @@ def slave_mode_by_number(value: int, generation: Generation = Generation.RC8) ->
 def pose_type_of_mode(value: int) -> PoseType | None:
     """Return the pose type in a mode's low digit, which all generations share; None for 0 and bad modes."""
     return _POSE_TYPES.get(value & POSE_MASK) if value & ~(POSE_MASK | KIND_MASK) == 0 else None
-
-
-def integer_value(parameter: Variant) -> int | None:
-    """Read the number out of slvChangeMode's parameter or slvGetMode's result.
-
-    Integers of any width are taken (VT_I2 in DENSO Wave 2009, VT_I4 in the samples), whole floating-point
-    numbers, and decimal text, which the ANSI-C client sends. None for everything else.
-    """
-    value = parameter.value
-    if isinstance(value, bool):
-        return None
-    if isinstance(value, int):
-        return value
-    if isinstance(value, float):
-        return int(value) if value.is_integer() else None
-    if isinstance(value, str):
-        text = value.strip()
-        return int(text) if text.isascii() and text.isdecimal() and len(text) <= 9 else None
-    return None

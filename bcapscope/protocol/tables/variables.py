@@ -10,8 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from bcapscope.protocol.codec.variant import Variant
-from bcapscope.protocol.slave_mode.modes import integer_value
+from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import ObjectClass
 

@@ -168,7 +168,8 @@ def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
     if compared.type in _LISTS:
         compared.fail_at(
             token,
-            f"{compared.name} is {_type_with_article(compared.type)}: use {compared.name} contains ..., or {compared.name}[0]",
+            f"{compared.name} is {_type_with_article(compared.type)}: "
+            f"use {compared.name} contains ..., or {compared.name}[0]",
         )
     match compared.type:
         case FieldType.HRESULT:

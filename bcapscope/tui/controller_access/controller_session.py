@@ -1,7 +1,7 @@
 """The desk: one connection at a time, made and used in a thread of its own, and told of to the screen.
 
 Its event loop is not the screen's, so that what is drawn does not delay a call, and times that are shown are
-those of the network. Coroutines here are for that loop; `do` brings one there from the screen's.
+those of the network. Coroutines here are for that loop; `run_in_loop` brings one there from the screen's.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session, command_of, open_target_session
 from bcapscope.errors import BcapError
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT, Variant, integer_value
 from bcapscope.protocol.guard import needs_arming, request_effect
 from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
-from bcapscope.protocol.slave_mode.modes import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
@@ -123,7 +122,7 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Let go of everything, `CLOSE_TIMEOUT` seconds at most, and end the thread. From any other thread."""
+        """Release everything within `CLOSE_TIMEOUT` seconds and end the thread; call it from another one."""
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from enum import StrEnum
 
 from bcapscope.client.session import command_of
-from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant
-from bcapscope.protocol.slave_mode.modes import integer_value, pose_type_of_mode
+from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant, integer_value
+from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import pose_numbers
 from bcapscope.protocol.tables.hresult import describe_hresult
 from bcapscope.tui.controller_access.controller_session import (

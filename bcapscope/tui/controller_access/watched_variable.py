@@ -20,7 +20,7 @@ class WatchSeries:
     """One number of a variable over time: the variable itself, or an element of an array.
 
     Attributes:
-        minimum: since the beginning, or since `reset`.
+        minimum: since the beginning, or since `reset_extremes`.
         maximum: likewise.
     """
 

@@ -12,7 +12,7 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Seconds that a screen has to end; then it is killed. Longer than `tui.app.CLOSING_LIMIT`, within which it
+"""Seconds that a screen has to end; then it is killed. Longer than `tui.app.CLOSE_TIMEOUT`, within which it
 releases what it opened."""
 
 RELOAD_WITHIN = 2.0

@@ -1,4 +1,4 @@
-"""The HTTP server of the served screen: a few pages and a websocket, all behind the gate of `webgate`."""
+"""The HTTP server of the served screen: a few pages and a websocket, all behind the gate of `web_gate`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 from aiohttp.http import HttpProcessingError
 from textual_serve.server import Server
 
-from bcapscope.cli.common.data_output import print_stderr
+from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Endpoint
 from bcapscope.tui.web.screen_process import ENDS_WITHIN, NoSeat, ScreenProcess, ViewerSeats

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.output_files import AtomicFile, FileWriteError, check_output_path
+from bcapscope.cli.common.output_files import AtomicFile, check_output_path
+from bcapscope.errors import FileWriteError
+from tests.cli.run import CAPTURES, run, run_here
 
 pytestmark = pytest.mark.lifecycle
 
@@ -35,9 +37,8 @@ def test_what_came_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
     with AtomicFile(path) as file:
         file.write(b"one")
         path.write_bytes(b"mine")
-        with pytest.raises(FileWriteError, match="exists already") as refused:
+        with pytest.raises(FileWriteError, match="exists already"):
             file.commit()
-    assert refused.value.exit_code == ExitCode.UNWRITABLE
     assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"mine"]
 
 
@@ -55,13 +56,22 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
         check_output_path(Path("/dev/null"), overwrite=True)
 
 
-def test_reasons_are_told_and_names_are_harmless(tmp_path: Path) -> None:
+def test_the_error_names_the_path_and_the_reason(tmp_path: Path) -> None:
     def refused(path: Path) -> str:
         check_output_path(path)
         with pytest.raises(FileWriteError) as caught, AtomicFile(path) as file:
             file.write(b"one")
-        return caught.value.message
+        assert caught.value.path == path
+        return str(caught.value)
 
     assert refused(tmp_path / "nowhere" / "a.csv").endswith("no such file or directory")
     assert refused(tmp_path / ("a" * 300)).endswith("name too long")
-    assert "\x1b" not in refused(tmp_path / "no\x1bwhere" / "a.csv")
+
+
+def test_a_command_that_cannot_write_exits_with_the_code_and_a_harmless_message(tmp_path: Path) -> None:
+    path = tmp_path / "a\x1b.csv"
+    path.write_bytes(b"mine")
+    for run_program in (run, run_here):
+        ran = run_program("extract", CAPTURES / "slave-session.pcapng", "-o", path)
+        assert ran.code == ExitCode.UNWRITABLE
+        assert ran.err.endswith("a\\x1b.csv: exists already; --force overwrites it\n")

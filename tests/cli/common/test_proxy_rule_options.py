@@ -238,7 +238,7 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         "class Mine:\n"
         "    def request(self, message):\n        1 / 0\n"
         "    def settled(self, call):\n        self.last = call\n"
-        "    def done(self):\n        print('done after', self.last.question.command)\n"
+        "    def done(self):\n        print('done after', self.last.kind.command)\n"
     )
     with proxied("--script", path, "-q") as proxy:
         words = "-e", "Robot_Execute CurJnt", "-e", "Robot_Execute CurPos"

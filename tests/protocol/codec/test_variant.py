@@ -15,6 +15,7 @@ from bcapscope.protocol.codec.variant import (
     Variant,
     encode_argument,
     encode_variant,
+    integer_value,
     vt_name,
 )
 from tests.frames import ARGUMENT_IDS, ARGUMENTS, ArgumentPair
@@ -150,3 +151,26 @@ def test_refuses_with_one_error_only(vt: int, value: object, elements: int) -> N
 )
 def test_types_have_names(vt: int, name: str) -> None:
     assert vt_name(vt) == name
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        (Variant(VT.I2, 0x102), 0x102),
+        (Variant(VT.I4, 514), 0x202),
+        (Variant(VT.BSTR, "514"), 0x202),
+        (Variant(VT.BSTR, " 0 "), 0),
+        (Variant(VT.R8, 2.0), 2),
+        (Variant(VT.R8, 2.5), None),
+        (Variant(VT.R8, float("nan")), None),
+        (Variant(VT.R8, float("inf")), None),
+        (Variant(VT.BOOL, False), None),
+        (Variant(VT.BSTR, ""), None),
+        (Variant(VT.BSTR, "９" * 4), None),
+        (Variant(VT.BSTR, "9" * 5000), None),
+        (EMPTY, None),
+        (Variant.array(VT.I4, (2,)), None),
+    ],
+)
+def test_an_integer_is_read_from_any_type_that_clients_send(parameter: Variant, value: int | None) -> None:
+    assert integer_value(parameter) == value

@@ -6,14 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.variant import VT, Variant, integer_value
 from bcapscope.protocol.slave_mode.modes import (
     MODES,
     Generation,
     ModeKind,
     PoseType,
     SlaveMode,
-    integer_value,
     pose_type_of_mode,
     slave_mode_by_number,
 )
@@ -73,29 +72,6 @@ def test_every_mode_round_trips(mode: SlaveMode) -> None:
 
 def test_only_mode_0_overflows() -> None:
     assert {mode.kind for mode in MODES if mode.overflow_is_error} == {ModeKind.MODE_0}
-
-
-@pytest.mark.parametrize(
-    ("parameter", "value"),
-    [
-        (Variant(VT.I2, 0x102), 0x102),
-        (Variant(VT.I4, 514), 0x202),
-        (Variant(VT.BSTR, "514"), 0x202),
-        (Variant(VT.BSTR, " 0 "), 0),
-        (Variant(VT.R8, 2.0), 2),
-        (Variant(VT.R8, 2.5), None),
-        (Variant(VT.R8, float("nan")), None),
-        (Variant(VT.R8, float("inf")), None),
-        (Variant(VT.BOOL, False), None),
-        (Variant(VT.BSTR, ""), None),
-        (Variant(VT.BSTR, "９" * 4), None),
-        (Variant(VT.BSTR, "9" * 5000), None),
-        (EMPTY, None),
-        (Variant.array(VT.I4, (2,)), None),
-    ],
-)
-def test_mode_numbers_are_read_from_any_type_that_clients_send(parameter: Variant, value: int | None) -> None:
-    assert integer_value(parameter) == value
 
 
 @given(st.integers(-(2**31), 2**31 - 1), st.sampled_from(Generation))

@@ -1,0 +1,21 @@
+"""What commands that answer clients share besides their server: how they exit."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.live.standard_streams import print_stderr
+from bcapscope.simulator.listening_sockets import SimulatorListenError
+
+
+@contextmanager
+def exit_if_not_listening() -> Iterator[None]:
+    """Print why the server cannot listen, and exit with `ExitCode.UNREADABLE`."""
+    try:
+        yield
+    except SimulatorListenError as error:
+        print_stderr(str(error))
+        sys.exit(ExitCode.UNREADABLE)

@@ -1,0 +1,41 @@
+"""Standard output and standard error: sentences for the user, colours, and a stream that takes no more."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from typing import TextIO
+
+from bcapscope.render.color_palette import ANSI, PLAIN, Palette
+
+_ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
+
+
+def print_stderr(text: str) -> None:
+    """Write a line to stderr, coloured only on a terminal; write nothing if the terminal was closed."""
+    stream = sys.stderr
+    if stream is None:
+        return
+    try:
+        shown = text if stream.isatty() else _ANSI_SEQUENCE.sub("", text)
+        stream.write(f"{shown}\n")
+        stream.flush()
+    except OSError:
+        _redirect_to_null(stream)
+
+
+def choose_palette(color: str) -> Palette:
+    """Choose colours: `always`, `never`, or `auto` for a terminal without NO_COLOR (no-color.org)."""
+    if color == "auto":
+        return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
+    return ANSI if color == "always" else PLAIN
+
+
+def discard_stdout() -> None:
+    """Give up what standard output did not take, which would else be tried again at exit."""
+    _redirect_to_null(sys.stdout)
+
+
+def _redirect_to_null(stream: TextIO) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -1,0 +1,14 @@
+"""The former home of `VT` and `Variant`, for programs that were copied from the screen before they moved."""
+
+import warnings
+from typing import Any
+
+from bcapscope.protocol.codec import variant as _variant
+
+
+def __getattr__(name: str) -> Any:
+    value = getattr(_variant, name)
+    if not name.startswith("__"):
+        text = "bcapscope.protocol.variant is deprecated; import VT and Variant from bcapscope.protocol"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+    return value
