@@ -1,7 +1,7 @@
 """The desk: one connection at a time, made and used in a thread of its own, and told of to the screen.
 
 Its event loop is not the screen's, so that what is drawn does not delay a call, and times that are shown are
-those of the network. Coroutines here are for that loop; `do` brings one there from the screen's.
+those of the network. Coroutines here are for that loop; `run_in_loop` brings one there from the screen's.
 """
 
 from __future__ import annotations
@@ -415,7 +415,7 @@ class ControllerSession:
         function = FUNCTIONS.get(record.function_id)
         if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and function is not None:
             self._handle_table.record_call(function, record.arguments, record.reply)
-            changes["open"] = self._handle_table.open_handles()
+            changes["open_objects"] = self._handle_table.open_handles()
             if self.status.robot not in self._handle_table.open_handles():
                 changes["robot"] = None
             command = command_of(record.function_id, record.arguments)

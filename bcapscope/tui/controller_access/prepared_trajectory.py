@@ -31,7 +31,7 @@ class PlaybackSettings:
         speed: share of the file's speed.
         rounds: how often; 0 until told to stop.
         always_resample: resample even where speed and interval are those of the file.
-        limits: of the arm, as `player.limits.limited` takes them.
+        limits: of the arm, as `player.arm_limits.with_limits` takes them.
     """
 
     path: str

@@ -93,7 +93,7 @@ def load_request(path: Path) -> SavedRequest:
     """Read one file.
 
     Raises:
-        SavedError: there is none, or it holds no request; with the field that makes no sense.
+        SavedRequestError: there is none, or it holds no request; with the field that makes no sense.
     """
     try:
         with path.open("rb") as file:
@@ -138,7 +138,7 @@ def save_request(
         note: what it is for.
 
     Raises:
-        SavedError: the request has no notation, the name is empty, or there is no room or no right.
+        SavedRequestError: the request has no notation, the name is empty, or there is no room or no right.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(function.params) != len(arguments):

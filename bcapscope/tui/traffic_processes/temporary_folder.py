@@ -39,7 +39,7 @@ class TemporaryFolder:
         """Make one where the platform keeps what may be lost.
 
         Raises:
-            FolderError: there is no room, or no right to.
+            TemporaryFolderError: there is no room, or no right to.
         """
         root = cache_root()
         try:

@@ -49,15 +49,17 @@ JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 
 RULES = [each.name for each in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")]
 ROOMS = {
-    "analysis": "buffer casebook generation timing",
-    "capture": "file following live observer pcap pcapng source",
-    "faults": "effects notation quantities shaper yamlevents",
-    "player": "checks checks_motion process project reading realtime records resampling slvmoves station "
-    "table timing yamltext",
-    "protocol": "arguments content stream",
-    "proxy": "control control_client farewell guard intercept relay scriptprocess scriptqueue tcp udp vigil",
-    "render": "advice line preflight slave slave_controller slave_motion slave_timing slaverun statistics",
-    "traffic": "filter_tokens filters",
+    "analysis": "finding_collector slave.buffer_model slave.generation_clues slave.timing_model",
+    "capture": "byte_source capture_file growing_capture live_capture packet_decoder pcap pcapng",
+    "faults": "fault_effects fault_injector fault_notation quantities yaml_events",
+    "player": "capture_trajectories checks motion_checks player_process realtime resampling robot_adapter "
+    "set_point_timing trajectory_documents trajectory_reader trajectory_table wincaps_project yaml_text",
+    "protocol": "codec.arguments codec.frame_content codec.stream_splitter",
+    "proxy": "control_api control_client intercept relay request_guard script_process script_queue "
+    "session_closer silence_monitor tcp_session udp_listener",
+    "render": "frame_line preflight_text result_advice slave_controller slave_motion slave_run_charts "
+    "slave_session_text slave_timing statistics_text",
+    "traffic": "filter.compiler filter.tokens",
 }
 MODULES = (*RULES, *(f"bcapscope.{room}.{name}" for room, names in ROOMS.items() for name in names.split()))
 """Those whose sentences a screen shows."""
