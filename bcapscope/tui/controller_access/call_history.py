@@ -48,7 +48,8 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
         )
     else:
         took = f"{color.dim}{record.took / 1e6:.3f} ms{color.reset}"
-        text = f"{color.name}{printable(name)}{color.reset} {color.bad}{failure_text(record)}{color.reset}  {took}"
+        failure = f"{color.bad}{failure_text(record)}{color.reset}"
+        text = f"{color.name}{printable(name)}{color.reset} {failure}  {took}"
     return f"{color.dim}{head}{color.reset} {text}"
 
 

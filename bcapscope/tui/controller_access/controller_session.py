@@ -123,7 +123,7 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Let go of everything, `CLOSE_TIMEOUT` seconds at most, and end the thread. From any other thread."""
+        """Let go of all, `CLOSE_TIMEOUT` seconds at most, and end the thread. From any other thread."""
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)

@@ -91,7 +91,8 @@ class ClientList(ItemList[ClientStatus]):
     def item_line(self, item: ClientStatus) -> str:
         """Write a client."""
         heard = "" if item.heard_s is None else f"{item.heard_s:.1f} s"
-        text = f"{item.client:<21} {item.transport:<4} {_duration_text(item.since_s):>7} {item.up:>8,} {item.down:>8,}"
+        since = _duration_text(item.since_s)
+        text = f"{item.client:<21} {item.transport:<4} {since:>7} {item.up:>8,} {item.down:>8,}"
         return f" {printable(text)} {heard:>8}  {_upstream_text(item)}"
 
 

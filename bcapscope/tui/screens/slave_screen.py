@@ -187,9 +187,7 @@ class SlaveScreen(BaseScreen):
             not ready.preflight.is_playable or self._player_slot.is_playing
         )
         app = app_of(self)
-        app.settings.trajectories = with_recent(
-            str(Path(wish.path).absolute()), app.settings.trajectories
-        )
+        app.settings.trajectories = with_recent(str(Path(wish.path).absolute()), app.settings.trajectories)
         app.save_settings()
 
     def _read_fields(self) -> PlaybackSettings | str:
