@@ -81,7 +81,7 @@ class Attempt(NamedTuple):
         """Tell it in words, times counted from `start`; what came again and again is told once."""
         came = ", ".join(
             _repeated_event_text(what, [(arrival.time - start) / 1e6 for arrival in same])
-            for what, same in groupby(self.events, attrgetter("what"))
+            for what, same in groupby(self.events, attrgetter("description"))
         )
         head = f"serial {self.serial}, reserved {self.reserved}, sent at {(self.sent - start) / 1e6:.3f} ms"
         return f"{head}: {came or 'nothing came'}"

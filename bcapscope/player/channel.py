@@ -162,8 +162,17 @@ def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_po
     Raises:
         OSError: there is no such host, no way to it, or nobody listens.
     """
-    if tcp:
-        return SocketChannel(socket.create_connection((host, port), timeout))
+    sock = (
+        socket.create_connection((host, port), timeout) if tcp else _connect_datagrams(host, port, local_port)
+    )
+    try:
+        return SocketChannel(sock)
+    except OSError:  # the controller has reset the connection already
+        sock.close()
+        raise
+
+
+def _connect_datagrams(host: str, port: int, local_port: int) -> socket.socket:
     found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     family, kind, protocol, _, address = preferred_address(found)
     sock = socket.socket(family, kind, protocol)
@@ -171,7 +180,7 @@ def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_po
         if local_port:
             sock.bind(("", local_port))
         sock.connect(address)
-        return SocketChannel(sock)
     except OSError:
         sock.close()
         raise
+    return sock

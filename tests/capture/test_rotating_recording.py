@@ -78,8 +78,9 @@ def test_a_file_that_cannot_be_opened_leaves_nothing_to_close(tmp_path: Path, pa
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "a.pcapng").touch()
     source = (
-        "import sys\nfrom pathlib import Path\nfrom bcapscope.capture.rotating_recording import Series\n"
-        "try:\n    Series(Path(sys.argv[1]))\nexcept OSError:\n    print('refused')\n"
+        "import sys\nfrom pathlib import Path\n"
+        "from bcapscope.capture.rotating_recording import RotatingRecording\n"
+        "try:\n    RotatingRecording(Path(sys.argv[1]))\nexcept OSError:\n    print('refused')\n"
     )
     # Python older than 3.13 keeps errors of a finalizer to itself except in development mode.
     argv = [sys.executable, "-X", "dev", "-c", source, str(tmp_path / path)]

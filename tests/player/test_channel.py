@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import sys
 import time
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from bcapscope.player import channel as channels
 from bcapscope.player.channel import SPIN_TIME, SocketChannel, open_channel
 from bcapscope.transport.receive_timestamps import kernel_timestamp
 from tests.transport.test_udp_link import two_addresses
@@ -43,6 +45,21 @@ def test_a_name_with_an_address_of_ipv6_before_it_is_reached(monkeypatch: pytest
     channel = open_channel("controller.test", 5007, tcp=False)
     assert channel.peer == ("127.0.0.1", 5007)
     channel.close()
+
+
+def test_a_connection_that_is_reset_at_once_is_closed(
+    listening: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: socket.socket) -> None:
+        raise OSError(errno.ENOTCONN, "Transport endpoint is not connected")
+
+    monkeypatch.setattr(channels, "enable_receive_timestamps", refuse)
+    with pytest.raises(OSError, match="not connected"):
+        open_channel("127.0.0.1", listening.getsockname()[1], tcp=True)
+    accepted, _ = listening.accept()
+    with accepted:
+        accepted.settimeout(10)
+        assert accepted.recv(1) == b""
 
 
 def test_nothing_comes_until_the_time_is_over() -> None:

@@ -123,7 +123,12 @@ def test_it_plays_and_tells(sim: Sim, tmp_path: Path) -> None:
     ended = player.ended
     assert (ended.outcome, ended.reason, ended.index) == (PlayOutcome.DONE, "", 100)
     assert messages[-1] is ended
-    assert {type(message).__name__ for message in messages} >= {"Readiness", "Peer", "Packet", "Progress"}
+    assert {type(message).__name__ for message in messages} >= {
+        "RealtimeReport",
+        "ControllerInfo",
+        "FrameMessage",
+        "PlayProgress",
+    }
     shown = [message for message in messages if isinstance(message, PlayProgress) and message.commanded]
     assert len(shown) > 5
     assert len(shown[-2].returned) == 8
@@ -175,17 +180,18 @@ def test_signals_stop_it_too(sim: Sim, number: signal.Signals) -> None:
 
 _PARENT = """
 import sys
-from bcapscope.client.controller_target import Target
-from bcapscope.player.player_messages import Plan, Progress, Question
-from bcapscope.player.player_process import Player
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.player.player_messages import PlayerQuestion, PlayPlan, PlayProgress
+from bcapscope.player.player_process import PlayerProcess
 from tests.player.simulated import wave
 
-player = Player(Plan(target=Target("127.0.0.1", int(sys.argv[1]), True), mode=0x102, points=wave(1000, 0.5)))
+target = ControllerTarget("127.0.0.1", int(sys.argv[1]), True)
+player = PlayerProcess(PlayPlan(target=target, mode=0x102, points=wave(1000, 0.5)))
 while True:
-    for message in player.wait(1.0):
-        if isinstance(message, Question):
+    for message in player.wait_for_messages(1.0):
+        if isinstance(message, PlayerQuestion):
             player.answer("yes")
-        if isinstance(message, Progress) and message.index > 50:
+        if isinstance(message, PlayProgress) and message.index > 50:
             print(player.pid, flush=True)
 """
 

@@ -170,14 +170,14 @@ def test_each_byte_is_recorded_when_it_came_and_when_it_left(
             source.sendall(data[:size])
             assert receive(sink, size) == data[:size]
             passed += data[:size]
-        eventually(lambda: recorded_bytes(proxy, "left") == passed)
-        assert recorded_bytes(proxy, "came") == passed
+        eventually(lambda: recorded_bytes(proxy, "sent_at") == passed)
+        assert recorded_bytes(proxy, "received_at") == passed
         assert {each.up for each in proxy.of(RingRecordKind.DATA)} == {up}
         assert proxy.relay.counts[RelayCounter.BYTES_UP if up else RelayCounter.BYTES_DOWN] == len(passed)
 
 
 def recorded_bytes(proxy: Running, time: str) -> bytes:
-    """Return the bytes of all records that carry this time, `came` or `left`."""
+    """Return the bytes of all records that carry this time, `received_at` or `sent_at`."""
     return b"".join(record.data for record in proxy.of(RingRecordKind.DATA) if getattr(record, time))
 
 

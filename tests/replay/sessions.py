@@ -61,7 +61,7 @@ class _Stream:
 
     def __init__(self, controller: ControllerModel) -> None:
         controller.on_connect("player", 0)
-        self.datagram = controller.on_segment
+        self.on_datagram = controller.on_segment
         self.advance = controller.advance
         self.due = controller.due
 

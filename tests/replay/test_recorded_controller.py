@@ -29,7 +29,7 @@ START, GET, MOVE = CallKind(1, None), CallKind(101, None), CallKind(64, "slvMove
 
 def line(question: CallKind, *arguments: Variant, answer: int | None = 0, **other: Any) -> ScriptCall:
     """Make a line whose answer tells it from others."""
-    fields: dict[str, Any] = {"call": 1, "at": 0, "took": 0, "notices": ()}
+    fields: dict[str, Any] = {"number": 1, "offset": 0, "duration": 0, "notice_offsets": ()}
     fields |= (
         {"hresult": None, "values": ()} if answer is None else {"hresult": S_OK, "values": (i4(answer),)}
     )
@@ -102,7 +102,7 @@ def test_commands_are_told_apart_without_regard_to_case() -> None:
 
 
 def test_an_answer_takes_as_long_as_it_did() -> None:
-    standin = played(line(GET, i4(1), took=5 * MS, notices=(2 * MS, 4 * MS)))
+    standin = played(line(GET, i4(1), duration=5 * MS, notice_offsets=(2 * MS, 4 * MS)))
     assert standin.on_datagram("a", get(7), 100) == []
     assert standin.due(100) == 100 + 2 * MS
     assert codes(standin.advance(100 + 2 * MS)) == [(7, S_EXECUTING)]
@@ -111,13 +111,13 @@ def test_an_answer_takes_as_long_as_it_did() -> None:
 
 
 def test_or_none_if_so_wished() -> None:
-    standin = played(line(GET, i4(1), took=5 * MS, notices=(2 * MS,)), delays=False)
+    standin = played(line(GET, i4(1), duration=5 * MS, notice_offsets=(2 * MS,)), delays=False)
     assert codes(standin.on_datagram("a", get(7), 0)) == [(7, S_OK)]
 
 
 def test_a_retry_is_no_new_call() -> None:
     standin = played(
-        line(GET, i4(1), answer=1, took=5 * MS), line(GET, i4(1), answer=2), replies=ReplyReserved.ECHOED
+        line(GET, i4(1), answer=1, duration=5 * MS), line(GET, i4(1), answer=2), replies=ReplyReserved.ECHOED
     )
     assert standin.on_datagram("a", get(7), 0) == []
     assert standin.on_datagram("a", get(8, reserved=7), MS) == []
@@ -139,7 +139,7 @@ def test_what_was_never_answered_is_not_answered_until_the_client_goes_on() -> N
 
 
 def test_calls_that_come_before_an_answer_wait_for_it() -> None:
-    standin = played(line(GET, i4(1), answer=1, took=5 * MS), line(GET, i4(2), answer=2))
+    standin = played(line(GET, i4(1), answer=1, duration=5 * MS), line(GET, i4(2), answer=2))
     standin.on_connect("a", 0)
     requests = get(1) + b"".join(get(serial, 2) for serial in range(2, MAX_WAITING + 3))
     assert codes(standin.on_segment("a", requests, 0)) == [(MAX_WAITING + 2, E_BUSY)]
@@ -148,7 +148,9 @@ def test_calls_that_come_before_an_answer_wait_for_it() -> None:
 
 def test_calls_behind_one_that_was_never_answered_are_answered() -> None:
     standin = played(
-        line(GET, i4(1), took=5 * MS), line(GET, i4(2), answer=None), line(GET, i4(3), answer=3, took=MS)
+        line(GET, i4(1), duration=5 * MS),
+        line(GET, i4(2), answer=None),
+        line(GET, i4(3), answer=3, duration=MS),
     )
     standin.on_connect("a", 0)
     assert standin.on_segment("a", get(1) + get(2, 2) + get(3, 3), 0) == []
@@ -173,7 +175,7 @@ def test_a_late_try_of_a_call_that_was_given_up_is_no_new_call() -> None:
 
 
 def test_a_call_that_broke_off_while_it_was_executed_ends_likewise() -> None:
-    standin = played(line(GET, i4(1), answer=None, notices=(2 * MS,)))
+    standin = played(line(GET, i4(1), answer=None, notice_offsets=(2 * MS,)))
     standin.on_datagram("a", get(7), 0)
     assert codes(standin.advance(10 * MS)) == [(7, S_EXECUTING)]
     assert standin.due(10 * MS) is None

@@ -53,11 +53,11 @@ def test_which_errors_mean_that_none_is_left(number: int, expected: bool) -> Non
 def test_the_limit_is_raised_as_far_as_the_user_may() -> None:
     code = (
         "import resource\n"
-        "from bcapscope.transport.descriptors import allow_descriptors\n"
+        "from bcapscope.transport.descriptors import raise_descriptor_limit\n"
         "limits = lambda: print(*resource.getrlimit(resource.RLIMIT_NOFILE))\n"
         "resource.setrlimit(resource.RLIMIT_NOFILE, (100, 200))\n"
         "for count in (50, 150, 300):\n"
-        "    allow_descriptors(count)\n"
+        "    raise_descriptor_limit(count)\n"
         "    limits()\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)

@@ -72,10 +72,8 @@ def test_retries_are_one_step_with_the_time_of_the_first() -> None:
     assert trajectory.mode.value == 0x202
     assert trajectory.mode.pose_type is PoseType.J
     assert [axis.name for axis in trajectory.axes] == ["J1", "J2", "J3", "J4", "J5", "J6", "J7", "J8"]
-    first = TrajectoryStep(
-        2, START + 10 * MS, START + 27 * MS, 1, 0, joints(1.0).value, joints(0.5).value, None
-    )  # type: ignore[arg-type]  # tuples
-    assert steps[0] == first
+    times = START + 10 * MS, START + 27 * MS
+    assert steps[0] == (2, *times, 1, 0, joints(1.0).value, joints(0.5).value, None)
     assert [step.commanded[0] for step in steps] == [1.0, 2.0]
     assert trajectories.left_out == {}
 
