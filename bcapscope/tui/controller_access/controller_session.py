@@ -178,9 +178,8 @@ class ControllerSession:
         stack, self._stack = self._stack, AsyncExitStack()
         INITIATOR.set(Initiator.SCREEN)
         if self.client_session is not None:
-            self.client_session.retry_policies = self.client_session.retry_policies._replace(
-                others=CLEANUP_PACE
-            )
+            policies = self.client_session.retry_policies
+            self.client_session.retry_policies = policies._replace(others=CLEANUP_PACE)
         try:
             with suppress(BcapError, OSError):
                 await stack.aclose()
@@ -305,11 +304,9 @@ class ControllerSession:
         """Open an object; None where that was refused or not answered, as the last record tells."""
         values = (handle_argument(parent), Variant(VT.BSTR, name), Variant(VT.BSTR, option))
         record = await self.invoke(f"{parent.kind}_Get{kind}", *values, initiator=initiator)
-        return (
-            self._handle_table.find(kind, _handle_in_reply(record))
-            if record.outcome is RecordOutcome.ANSWERED
-            else None
-        )
+        if record.outcome is not RecordOutcome.ANSWERED:
+            return None
+        return self._handle_table.find(kind, _handle_in_reply(record))
 
     def select_robot(self, robot: ObjectHandle | None) -> None:
         """Have commands of the robot go to this one."""
@@ -398,13 +395,8 @@ class ControllerSession:
             self.action_log.log_reply(connection, item, observation.time)
             return
         reads = isinstance(item, Frame) and request_effect(item.code, item.variants) is CallEffect.READS
-        self.action_log.log_request(
-            connection,
-            item,
-            observation.time,
-            initiator.value,
-            is_logged=initiator is Initiator.USER or not reads,
-        )
+        logged = initiator is Initiator.USER or not reads
+        self.action_log.log_request(connection, item, observation.time, initiator.value, is_logged=logged)
 
     def _on_log_error(self, path: Path, error: OSError) -> None:
         self.report(SessionProblem(f"{path}: {error_text(error)}"))
