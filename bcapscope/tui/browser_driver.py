@@ -24,7 +24,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
     if not issubclass(driver, WebDriver):
         return driver
 
-    class Outlasting(driver):  # type: ignore[valid-type, misc]  # a subclass of WebDriver, for all we know
+    class ServerSafeDriver(driver):  # type: ignore[valid-type, misc]  # a subclass of WebDriver, for all we know
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
             self._write = partial(_write_all, self.fileno)
@@ -42,7 +42,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
             if not self.exit_event.is_set():
                 self._loop.call_soon_threadsafe(on_end)
 
-    return Outlasting
+    return ServerSafeDriver
 
 
 def _write_all(fileno: int, data: bytes) -> None:

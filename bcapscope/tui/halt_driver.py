@@ -27,7 +27,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
         halt: called in the thread that reads the keys; returns at once and must not raise.
     """
 
-    class Halting(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
+    class HaltDriver(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
         _must_signal_resume: bool
 
         def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -54,7 +54,7 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
                 self._must_signal_resume = True  # has all drawn anew
             super()._sigcont_application(*arguments)
 
-    return Halting
+    return HaltDriver
 
 
 class _HangupSafeFile:

@@ -18,7 +18,7 @@ from bcapscope.tui.words import CATALOGUE, Language, language_of, say, speak
 
 (_ROOT,) = map(Path, bcapscope.tui.__path__)
 SOURCES = sorted(path for path in _ROOT.rglob("*.py") if path.parent.name != "words")
-LABELS = {"Static": 0, "Label": 0, "Button": 0, "notify": 0, "tell": 0, "Prompt": 0}
+LABELS = {"Static": 0, "Label": 0, "Button": 0, "notify": 0, "show_message": 0, "Prompt": 0}
 """Calls whose first argument people read."""
 
 _WORD = re.compile(r"(^|\s)[^\W\d_]{2,}[.:…]?(\s|$)")

@@ -186,11 +186,9 @@ class SlaveScreen(BaseScreen):
         self.query_one("#start", Button).disabled = (
             not ready.preflight.is_playable or self._player_slot.is_playing
         )
-        scope = app_of(self)
-        scope.settings.trajectories = with_recent(
-            str(Path(wish.path).absolute()), scope.settings.trajectories
-        )
-        scope.save_settings()
+        app = app_of(self)
+        app.settings.trajectories = with_recent(str(Path(wish.path).absolute()), app.settings.trajectories)
+        app.save_settings()
 
     def _read_fields(self) -> PlaybackSettings | str:
         """Return what the fields ask for, or what is wrong with them."""

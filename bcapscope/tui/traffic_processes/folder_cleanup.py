@@ -1,7 +1,7 @@
 """The process that removes a folder once the screen that needs it has ended, however that came about.
 
-Run by its path, without site packages, as ``python -I -S sweeping.py FOLDER``: it does nothing but wait for
-the end of its standard input, which the system closes even where the screen was killed.
+Run by its path, without site packages, as ``python -I -S folder_cleanup.py FOLDER``: it does nothing but wait
+for the end of its standard input, which the system closes even where the screen was killed.
 """
 
 import sys

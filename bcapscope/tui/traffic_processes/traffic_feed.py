@@ -78,7 +78,7 @@ class TrafficFeed:
         self._undelivered: list[FeedUpdate] = []
         self._lock = threading.Lock()
         self._errors = (self._folder.path / "errors").open("w+b")
-        self._reader = self._start_process("reading")
+        self._reader = self._start_process("reader_process")
         self._searcher: subprocess.Popen[bytes] | None = None
         self._generation = 0
         self._threads: list[threading.Thread] = []
@@ -164,7 +164,7 @@ class TrafficFeed:
         if self._searcher is None:
             if not expression:
                 return self._generation
-            self._searcher = self._start_process("searching", str(self._folder.path))
+            self._searcher = self._start_process("search_process", str(self._folder.path))
             self._start_thread(self._read_matches, self._searcher)
         with suppress(OSError):  # it died in this moment; what is asked next begins it anew
             send_message(_pipe(self._searcher.stdin), ask)
@@ -188,7 +188,7 @@ class TrafficFeed:
         Returns:
             Why that was not possible, "" where it was.
         """
-        process = self._start_process("saving")
+        process = self._start_process("save_process")
         send_message(_pipe(process.stdin), job)
         out, _ = process.communicate()
         return out.decode() if process.returncode == 0 else self._last_error_line()

@@ -29,8 +29,8 @@ class TopBar(Widget):
 
     def render(self) -> RenderResult:
         """Write the bar; what must be seen stays where there is no room for both."""
-        scope = app_of(self)
-        status = Text.assemble(*((text, scope.text_styles.get(ink, "")) for text, ink in scope.status))
+        app = app_of(self)
+        status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
         for mode, text in self._screen_labels():
             left.append(text, style=self._style(mode))

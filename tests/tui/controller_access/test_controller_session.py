@@ -39,6 +39,7 @@ from bcapscope.tui.controller_access.session_updates import (
     ConnectionLost,
     ConnectStep,
     ConnectStepUpdate,
+    SessionProblem,
     SessionUpdate,
 )
 from bcapscope.tui.tester.status_line import status_pieces
@@ -401,7 +402,7 @@ def test_a_log_that_cannot_be_written_is_told_once(tmp_path: Path, simulator: Bu
     (tmp_path / "file").write_text("")
     with desk(tmp_path / "file") as (made, heard):
         assert join(made, simulator.port, tcp=True)
-        troubles = [each for each in heard.news if type(each).__name__ == "Trouble"]
+        troubles = [each for each in heard.news if isinstance(each, SessionProblem)]
         assert len(troubles) == 1
 
 

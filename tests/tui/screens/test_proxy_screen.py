@@ -104,7 +104,7 @@ def test_a_rule_that_is_switched_off_lets_pass_and_clients_appear(
     with proxied(tmp_path, simulated[0], "--fault", "drop request name all") as (app, place, _, port):
 
         async def act(pilot: Pilot[None]) -> None:
-            assert await ask(port, "Service_Start", "") == "ExchangeTimeout"
+            assert await ask(port, "Service_Start", "") == "CallTimeout"
             await until(pilot, lambda: place.clients.items)
             assert place.clients.items[0].transport == "udp"
             await pilot.press("2")
@@ -114,7 +114,7 @@ def test_a_rule_that_is_switched_off_lets_pass_and_clients_appear(
             assert await ask(port, "Service_Start", "") == "answered"
             await pilot.press("space")
             await until(pilot, lambda: place.rules.items[0].on)
-            assert await ask(port, "Service_Start", "") == "ExchangeTimeout"
+            assert await ask(port, "Service_Start", "") == "CallTimeout"
             await until(pilot, lambda: len(place.clients.items) == 3)
             await pilot.press("f3")
             await until(pilot, lambda: traffic_screen(pilot).frames.count == 6)
@@ -211,7 +211,7 @@ def test_tcp_clients_are_seen_and_their_messages_held_edited_and_dropped(
             await until(pilot, lambda: not place.held.items)
             assert await edited == "ControllerError"
             await until(pilot, lambda: "TCP bytes: up " in text_of(place, "#summary"))
-            assert await dropped == "ExchangeTimeout"
+            assert await dropped == "CallTimeout"
             await pilot.press("1")
             await until(pilot, lambda: not place.clients.items)  # they have hung up
             await pilot.press("f3")
@@ -253,7 +253,7 @@ def test_a_message_is_dropped_and_what_is_held_is_chosen(simulated: tuple[int, P
             assert "· held 1" in shown(app)
             await pilot.press("x")
             await until(pilot, lambda: not place.held.items)
-            assert await call == "ExchangeTimeout"
+            assert await call == "CallTimeout"
 
         drive(app, act)
 

@@ -200,9 +200,9 @@ def test_bytes_and_fields_light_each_other() -> None:
         await pilot.press("enter", "down", "down")
         assert pilot.app.focused is here.query_one("#fields")
         lit = here.query_one("#bytes")
-        assert lit._lit == (0, 5, 7)  # type: ignore[attr-defined]  # serial
+        assert lit._highlighted == (0, 5, 7)  # type: ignore[attr-defined]  # serial
         await pilot.press("tab", *["right"] * 5)
-        assert lit._lit == (0, 9, 13)  # type: ignore[attr-defined]  # function id
+        assert lit._highlighted == (0, 9, 13)  # type: ignore[attr-defined]  # function id
         tree = here.query_one("#fields")
         assert "function id" in tree.line(tree.cursor)  # type: ignore[attr-defined]
 
@@ -295,7 +295,7 @@ def test_no_color_shows_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
         }
         assert colors
         assert all(red == green == blue for red, green, blue in colors)
-        assert all(style.color is None for style in app.inks.values())  # type: ignore[attr-defined]
+        assert all(style.color is None for style in app.text_styles.values())  # type: ignore[attr-defined]
 
     act_on(STORY, act)
 

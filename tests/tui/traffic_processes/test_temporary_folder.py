@@ -19,9 +19,9 @@ pytestmark = pytest.mark.lifecycle
 
 LIMIT = 30.0
 _SCREEN = """
-from bcapscope.tui.traffic_processes.traffic_feed import Feed
-feed = Feed(path={path!r}, follow=True)
-while not feed.open():
+from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+feed = TrafficFeed(path={path!r}, follow=True)
+while not feed.open_journal():
     pass
 print("open", flush=True)
 input()

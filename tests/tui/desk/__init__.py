@@ -1,1 +1,0 @@
-"""Tests of what stands between the widgets of the Tester and the client."""
