@@ -81,7 +81,7 @@ class Tracker:
                 if stray is not None:
                     self._results.append(stray)
             while self._budget.is_exceeded:
-                self._evict_half(max(self._pairings.values(), key=attrgetter("weight")))
+                self._evict_half(max(self._pairings.values(), key=attrgetter("memory_bytes")))
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:

@@ -256,3 +256,18 @@ def test_the_open_calls_of_a_client_that_is_gone_are_given_out_and_it_is_forgott
     (stray,) = tracker.observe(late)
     assert isinstance(stray, StrayReply)
     assert stray.call_number is None
+
+
+def test_the_conversation_with_the_most_bytes_is_the_first_to_lose_calls(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(tracker_module, "MAX_BYTES", 1 << 14)
+    script = Script()
+    patient, flood = script.client(1), script.client(2)
+    tracker = Tracker()
+    tracker.observe(patient.ask(0, 1, 1, MOVE))
+    settled: list[PairingResult] = []
+    for step in range(1, 200):
+        settled += tracker.observe(flood.ask(0.001 * step, step, step, MOVE))
+    assert {call.conversation for call in calls_of(settled) if call.evicted} == {flood.conversation}
+    assert patient.conversation in {call.conversation for call in tracker.open_calls}
