@@ -414,7 +414,7 @@ class ControllerSession:
         function = FUNCTIONS.get(record.function_id)
         if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and function is not None:
             self._handle_table.record_call(function, record.arguments, record.reply)
-            changes["open"] = self._handle_table.open_handles()
+            changes["open_objects"] = self._handle_table.open_handles()
             if self.status.robot not in self._handle_table.open_handles():
                 changes["robot"] = None
             command = command_of(record.function_id, record.arguments)
