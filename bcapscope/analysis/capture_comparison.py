@@ -14,7 +14,7 @@ from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigur
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import CallKind
 
-MOST_SESSIONS = 64
+MAX_SESSIONS = 64
 """Stays in slave mode of one capture that are compared, the first ones."""
 
 FEWEST_SAMPLES = 8
@@ -45,7 +45,7 @@ class ComparedCapture:
     Attributes:
         name: of the capture, for people.
         statistics: of its calls; None where it has none.
-        slave_sessions: its stays in slave mode, in the order of their beginnings, `MOST_SESSIONS` at most.
+        slave_sessions: its stays in slave mode, in the order of their beginnings, `MAX_SESSIONS` at most.
         findings: of its diagnosis.
     """
 

@@ -20,7 +20,7 @@ MAX_HANDLES = 1024
 """Handles of a client that are remembered; the official server gives it 1000 (orin_bcap
 C/src/bCAPServer/bcap_server.c)."""
 
-MOST_CLOSED_CLIENTS = 32
+MAX_CLOSED_CLIENTS = 32
 """Clients that are known to have gone and are remembered, as they may have left something behind."""
 
 SLOW_CALL_NS = 50_000_000
@@ -400,7 +400,7 @@ class ClientRegistry:
             return
         client.recent_set_points.clear()
         self._closed.append(conversation)
-        if len(self._closed) > MOST_CLOSED_CLIENTS:
+        if len(self._closed) > MAX_CLOSED_CLIENTS:
             forgotten = self._by_conversation.pop(self._closed.popleft(), None)
             if forgotten is not None:
                 self._on_drop(forgotten)

@@ -22,7 +22,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
-MOST_CALL_KINDS = 4096
+MAX_CALL_KINDS = 4096
 """Kinds of calls whose watchers are remembered; when more are met, all are forgotten and asked again."""
 
 MAX_FLOWS = 65536
@@ -232,7 +232,7 @@ class Diagnosis:
             look(observation)
 
     def _handlers_for(self, key: tuple[CallKind, CallHealth]) -> tuple[_CallHandler, ...]:
-        if len(self._handlers_by_kind) >= MOST_CALL_KINDS:
+        if len(self._handlers_by_kind) >= MAX_CALL_KINDS:
             self._handlers_by_kind.clear()
         seers = self._handlers_by_kind[key] = tuple(
             each.on_call for each in self._call_checkers if each.wants_call(*key)

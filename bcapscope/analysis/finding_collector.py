@@ -19,10 +19,10 @@ MAX_CALLS = 256
 """Calls whose incidents can be found by their number, the latest: what explains a call is not long ago. An
 incident may hold all that is known of a stay in slave mode, some 20 kB."""
 
-MOST_FRAMES_NAMED = 16
+MAX_FRAMES_NAMED = 16
 """Frames that a finding names."""
 
-_MOST_NAMED_STEPS = 3
+_MAX_NAMED_STEPS = 3
 """Consequences that the sentence of a root tells one by one."""
 
 _OPENERS = frozenset(("the", "your", "client", "a", "at", "that", "after", "frame", "another", "slave"))
@@ -155,7 +155,7 @@ class FindingCollector:
                 rule=case.rule.id,
                 severity=case.rule.severity,
                 sentence=_as_sentence(case.first.say(speech)),
-                frames=case.first.frames[:MOST_FRAMES_NAMED],
+                frames=case.first.frames[:MAX_FRAMES_NAMED],
                 consequence_of=None,
                 advice=case.first.advice or case.rule.advice,
                 source=case.rule.source,
@@ -311,7 +311,7 @@ def _story(root: FindingGroup, order: _FindingOrder, speech: Speech) -> str:
     text, time, told = "", root.shown.completed, 0
     for case in order.first_consequences(root):
         clause = None if case.shown.then is None else case.shown.then(speech, case.shown.completed - time)
-        if clause is None or told == _MOST_NAMED_STEPS:
+        if clause is None or told == _MAX_NAMED_STEPS:
             break
         text, time, told = f"{text}; {clause}", case.shown.completed, told + 1
     family = list(order.with_consequences(root))
@@ -330,8 +330,8 @@ def _story(root: FindingGroup, order: _FindingOrder, speech: Speech) -> str:
 def _frames(group: FindingGroup) -> tuple[int, ...]:
     """Return the frames of the incident that is told and the ends of the first and the last."""
     frames = list(group.shown.frames)
-    if len(frames) > MOST_FRAMES_NAMED:
-        frames = [*frames[: MOST_FRAMES_NAMED // 2], *frames[-MOST_FRAMES_NAMED // 2 :]]
+    if len(frames) > MAX_FRAMES_NAMED:
+        frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]
     if group.count > 1:
         frames += [*group.first.frames[:1], *group.last.frames[-1:]]
     return tuple(sorted(set(frames)))

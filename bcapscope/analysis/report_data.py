@@ -15,8 +15,8 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import Statistics, StatisticsBuilder
 from bcapscope.analysis.timeline_events import (
     ACTIVITY_PAUSE_NS,
-    MOST_ACTIVITY_PERIODS,
-    MOST_EVENTS,
+    MAX_ACTIVITY_PERIODS,
+    MAX_EVENTS,
     TimelineEvent,
     TimelineEventKind,
     TimelineEventList,
@@ -28,13 +28,13 @@ from bcapscope.traffic.call import Call, FrameObservation, PairingResult, StrayR
 from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
-MOST_TIMELINES = 256
+MAX_TIMELINES = 256
 """Clients with a lane of their own."""
 
 MAX_COUNTED = 65536
 """Clients without a lane that are counted."""
 
-MOST_RETRY_CHAINS = 12
+MAX_RETRY_CHAINS = 12
 """Calls of which every frame is told: the ones that were sent again most often, of those the slowest."""
 
 LARGEST_RETRY_CHAIN = 2 << 20
@@ -43,10 +43,10 @@ LARGEST_RETRY_CHAIN = 2 << 20
 MAX_DAMAGED = 20
 """Damaged frames that are told one by one, the first ones."""
 
-MOST_DAMAGED_BYTES = 24
+MAX_DAMAGED_BYTES = 24
 """Bytes of a damaged frame that are kept."""
 
-MOST_SESSIONS = 256
+MAX_SESSIONS = 256
 """Stays in slave mode that are kept; further ones are counted."""
 
 
@@ -217,14 +217,14 @@ class ReportDataBuilder:
             self._on_troubled_call(call)
 
     def _keep_session(self, session: SlaveSession) -> None:
-        if len(self._slave_sessions) < MOST_SESSIONS:
+        if len(self._slave_sessions) < MAX_SESSIONS:
             self._slave_sessions.append(session)
         else:
             self._sessions_left_off += 1
 
     def _timeline_of(self, conversation: Conversation) -> _TimelineBuilder | None:
         lane = self._timelines.get(conversation)
-        if lane is None and len(self._timelines) < MOST_TIMELINES:
+        if lane is None and len(self._timelines) < MAX_TIMELINES:
             lane = self._timelines[conversation] = _TimelineBuilder(conversation)
         elif lane is None and len(self._timelines_left_off) < MAX_COUNTED:
             self._timelines_left_off.add(conversation)
@@ -240,7 +240,7 @@ class ReportDataBuilder:
             if call.memory_bytes > LARGEST_RETRY_CHAIN:
                 return
             badness = retries, call.latency or 0, -call.number
-            (heapq.heappushpop if len(self._retry_chains) >= MOST_RETRY_CHAINS else heapq.heappush)(
+            (heapq.heappushpop if len(self._retry_chains) >= MAX_RETRY_CHAINS else heapq.heappush)(
                 self._retry_chains, (badness, call)
             )
 
@@ -257,7 +257,7 @@ class ReportDataBuilder:
             lane.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
         self._damaged_count += 1
         if len(self._damaged) < MAX_DAMAGED:
-            about = observation.flow, len(item.raw), item.raw[:MOST_DAMAGED_BYTES], item.problems, missing
+            about = observation.flow, len(item.raw), item.raw[:MAX_DAMAGED_BYTES], item.problems, missing
             self._damaged.append(DamagedFrame(observation.number, observation.time, *about))
 
 
@@ -267,7 +267,7 @@ class _TimelineBuilder:
     def __init__(self, conversation: Conversation) -> None:
         self.call_count = 0
         self._conversation = conversation
-        self._activity = TimelineEventList(MOST_ACTIVITY_PERIODS, ACTIVITY_PAUSE_NS)
+        self._activity = TimelineEventList(MAX_ACTIVITY_PERIODS, ACTIVITY_PAUSE_NS)
         self._events: dict[TimelineEventKind, TimelineEventList] = {}
 
     def add_call(self, call: Call, plain: bool) -> None:
@@ -284,7 +284,7 @@ class _TimelineBuilder:
         """Set a mark."""
         marks = self._events.get(kind)
         if marks is None:
-            marks = self._events[kind] = TimelineEventList(MOST_EVENTS)
+            marks = self._events[kind] = TimelineEventList(MAX_EVENTS)
         marks.add(event)
 
     def timeline(self) -> ClientTimeline:

@@ -10,10 +10,10 @@ from bcapscope.traffic.call_kind import CallKind
 ACTIVITY_PAUSE_NS = 500_000_000
 """Calls that are less apart belong to one spell of activity, as long as there is room for all spells."""
 
-MOST_ACTIVITY_PERIODS = 512
+MAX_ACTIVITY_PERIODS = 512
 """Spells of one client."""
 
-MOST_EVENTS = 256
+MAX_EVENTS = 256
 """Marks of one kind and one client."""
 
 

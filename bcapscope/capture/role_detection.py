@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from bcapscope.protocol.codec.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
-from bcapscope.protocol.codec.stream_splitter import MOST_RESYNC_ARGUMENTS
+from bcapscope.protocol.codec.stream_splitter import MAX_RESYNC_ARGUMENTS
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.dissection.plausibility import SENT_TYPES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
@@ -59,7 +59,7 @@ def may_begin_frame(data: bytes) -> bool:
     length = int.from_bytes(data[1:5], "little")
     if len(data) >= 5 and not SMALLEST_FRAME <= length <= LARGEST_FRAME:
         return False
-    if len(data) >= 15 and int.from_bytes(data[13:15], "little") > MOST_RESYNC_ARGUMENTS:
+    if len(data) >= 15 and int.from_bytes(data[13:15], "little") > MAX_RESYNC_ARGUMENTS:
         return False
     return len(data) < length or len(data) < 5 or data[length - 1] == EOT
 

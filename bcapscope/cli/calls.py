@@ -22,7 +22,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 
-_MOST_SESSIONS_LISTED = 8
+_MAX_SESSIONS_LISTED = 8
 
 
 @click.command(short_help="Pair requests, retries and replies: a line a call.")
@@ -107,9 +107,9 @@ class _FilteredCalls:
             count = counted(self._stray_count, "reply", "replies")
             print_stderr(f"{count} to no open call, the first in frame {self._first_stray}")
         unclean = [session for session in self._handles.sessions() if not session.is_clean]
-        for session in unclean[:_MOST_SESSIONS_LISTED]:
+        for session in unclean[:_MAX_SESSIONS_LISTED]:
             print_stderr(session_text(session))
-        if len(unclean) > _MOST_SESSIONS_LISTED:
+        if len(unclean) > _MAX_SESSIONS_LISTED:
             print_stderr(
-                f"… and {len(unclean) - _MOST_SESSIONS_LISTED} more sessions that were not ended in order"
+                f"… and {len(unclean) - _MAX_SESSIONS_LISTED} more sessions that were not ended in order"
             )

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from bcapscope.analysis.capture_comparison import MOST_SESSIONS, ComparedCapture, compare
+from bcapscope.analysis.capture_comparison import MAX_SESSIONS, ComparedCapture, compare
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
@@ -72,9 +72,9 @@ def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> Compa
         diagnosis.on_pairing_result(settled)
         if isinstance(settled, Call) and (chosen is None or chosen(settled)):
             summary.add_call(settled)
-        del stays[MOST_SESSIONS:]
+        del stays[MAX_SESSIONS:]
 
     read_to_end(reader, diagnosis.on_observation, take)
     findings = diagnosis.finish(reader.ended_at)
-    first = sorted(stays, key=lambda stay: stay.number)[:MOST_SESSIONS]
+    first = sorted(stays, key=lambda stay: stay.number)[:MAX_SESSIONS]
     return ComparedCapture(path, summary.statistics(), tuple(first), findings)

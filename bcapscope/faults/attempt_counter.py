@@ -9,7 +9,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
-MOST_ATTEMPTS = 16
+MAX_ATTEMPTS = 16
 """Twice of what any client sends for one call, the one that tries without end left out."""
 
 
@@ -124,6 +124,6 @@ class _AttemptsBySerial:
             return CallAttempt(origin.call, origin.call.attempts + 1)
         # The first try was lost before it came here; serials count on from it.
         behind = (serial - reserved) & 0xFFFF
-        found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MOST_ATTEMPTS else 2)
+        found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
         self.latest[reserved] = CallAttempt(found.call, 1)
         return found

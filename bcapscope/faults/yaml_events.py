@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-MOST_LEVELS = 64
+MAX_LEVELS = 64
 """Levels."""
 
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
@@ -38,15 +38,15 @@ def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
     """Yield the events of a stream of documents; scalars are text.
 
     Raises:
-        YamlError: this is no YAML, or more than `MOST_LEVELS` levels.
+        YamlError: this is no YAML, or more than `MAX_LEVELS` levels.
     """
     depth = 0
     try:
         for event in yaml.parse(data, Loader=_LOADER):
             if isinstance(event, yaml.CollectionStartEvent):
                 depth += 1
-                if depth > MOST_LEVELS:
-                    raise YamlError(f"more than {MOST_LEVELS} levels", event.start_mark)
+                if depth > MAX_LEVELS:
+                    raise YamlError(f"more than {MAX_LEVELS} levels", event.start_mark)
             elif isinstance(event, yaml.CollectionEndEvent):
                 depth -= 1
             yield event

@@ -29,7 +29,7 @@ BUSY_WITHIN = 1.0
 AWAKE_FOR = 2.0
 """Seconds without that much after which processors may sleep again."""
 
-MOST_STOLEN_SHARE = 0.05
+MAX_STOLEN_SHARE = 0.05
 """Share of a processor's time that the host may take from all of them together."""
 
 PAUSED_FOR = 60.0
@@ -121,7 +121,7 @@ class CpuWakefulness:
         return (
             before is not None
             and self._stolen_before is not None
-            and self._stolen_before - before > MOST_STOLEN_SHARE * since
+            and self._stolen_before - before > MAX_STOLEN_SHARE * since
         )
 
 

@@ -59,7 +59,7 @@ _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord]
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
-_MOST_PAIR_ENCODERS = 1024
+_MAX_PAIR_ENCODERS = 1024
 """Of so many clients, directions and sizes is kept what makes blocks; when there are more, all of it goes."""
 
 
@@ -166,7 +166,7 @@ class ProxyRecorder:
         """Return what writes datagrams of so many bytes; None for a stream, and for an unknown client."""
         if not self._sends_datagrams(number):
             return None
-        if len(self._pair_encoders) >= _MOST_PAIR_ENCODERS:
+        if len(self._pair_encoders) >= _MAX_PAIR_ENCODERS:
             self._pair_encoders.clear()
         near, far = self._sides[number]
         first, second = (near, far) if up else (far, near)

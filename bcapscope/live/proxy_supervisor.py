@@ -40,7 +40,7 @@ from bcapscope.transport.descriptors import raise_descriptor_limit
 RING_SIZE = 32 << 20
 """Bytes: twenty seconds of four robots with a set point each millisecond, if nobody watched at all."""
 
-_MOST_DESCRIPTORS = 1024
+_MAX_DESCRIPTORS = 1024
 """Files that may be open: two for a TCP client, one for a UDP client and for one that is silent so far."""
 
 _POLL_INTERVAL = 0.05
@@ -91,7 +91,7 @@ class ProxySupervisor:
         """
         self._options = options
         self._end_signals = end_signals
-        raise_descriptor_limit(_MOST_DESCRIPTORS)
+        raise_descriptor_limit(_MAX_DESCRIPTORS)
         self._memory = _shared_memory(HEADER_SIZE + RING_SIZE)
         self._is_memory_linked = True
         assert self._memory.buf is not None

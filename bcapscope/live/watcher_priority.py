@@ -28,7 +28,7 @@ LATE_AFTER = 0.2
 OVERDUE_AFTER = 0.4
 """The same, if it is to be recorded within a second whatever else the machine does."""
 
-MOST_RING_SHARE = 0.5
+MAX_RING_SHARE = 0.5
 """Share of the ring that may wait."""
 
 IDLE_AGAIN_AFTER = 30.0
@@ -92,7 +92,7 @@ class WatcherPriority:
         if ring.bytes_read >= self._target_position:
             self._target_position, self._target_set_at = ring.bytes_written, now
         late = now - self._target_set_at
-        if late > OVERDUE_AFTER or ring.fill_ratio > MOST_RING_SHARE:
+        if late > OVERDUE_AFTER or ring.fill_ratio > MAX_RING_SHARE:
             return WatcherUrgency.ALL
         return WatcherUrgency.SOME if late > LATE_AFTER else WatcherUrgency.NONE
 

@@ -16,7 +16,7 @@ from bcapscope.transport.first_frame_queue import source_network
 MAX_CLIENTS = 256
 """Clients of each transport, of all listeners; DENSO's C server takes 20 (orin_bcap C/src/bcap_server.c)."""
 
-MOST_PER_SOURCE = 192
+MAX_PER_SOURCE = 192
 """Clients of one address, behind which a whole plant may be; the rest is enough for three controllers."""
 
 RESERVED_SLOTS = 4
@@ -84,7 +84,7 @@ class ClientSlots:
             is_stop: its first frame is a stop.
         """
         source = source_network(host)
-        if self._sources[source] >= MOST_PER_SOURCE:
+        if self._sources[source] >= MAX_PER_SOURCE:
             found = self._evict_one(source, now)
         else:
             found = len(self._regular) < MAX_CLIENTS or self._evict_one(None, now)

@@ -23,7 +23,7 @@ SET_POINT_DEADLINE_NS = 2_000_000
 BATCH_SIZE = 16
 """Datagrams that are noted before they are written together: writing costs time in which others may wait."""
 
-MOST_WAITING_NOTICES = 1024
+MAX_WAITING_NOTICES = 1024
 """Sentences that wait for room; those that come then are lost, and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
@@ -87,11 +87,11 @@ class DelayFigure(IntEnum):
     P50_UP = 0
     P99_UP = 1
     P999_UP = 2
-    MOST_UP = 3
+    MAX_UP = 3
     P50_DOWN = 4
     P99_DOWN = 5
     P999_DOWN = 6
-    MOST_DOWN = 7
+    MAX_DOWN = 7
     SLOW = 8
     """How often it was longer than `SET_POINT_DEADLINE_NS`: times, not ns."""
 
@@ -359,7 +359,7 @@ class RingWriter(_Ring):
             kind is RingRecordKind.CLIENT_CLOSED and self._remove_unseen_client(client)
         ):
             return
-        if kind is RingRecordKind.NOTICE and len(self._required) >= MOST_WAITING_NOTICES:
+        if kind is RingRecordKind.NOTICE and len(self._required) >= MAX_WAITING_NOTICES:
             self.counts[RelayCounter.UNWATCHED] += 1
             return
         self._required.append((kind, up, client, received_at, sent_at, data, b""))

@@ -17,7 +17,7 @@ from bcapscope.faults.wire_message import WireMessage
 from bcapscope.proxy.addons import AddonClient, AddonRunner, load_addons
 from bcapscope.proxy.script_protocol import (
     LONGEST_SENTENCE,
-    MOST_SENTENCES,
+    MAX_SENTENCES,
     ClientConnected,
     ClientGone,
     ExpireCalls,
@@ -93,7 +93,7 @@ class ScriptHost:
         return self._answer(data=changed, dropped=bool(passing.dropped), results=results)
 
     def _answer(self, **verdict: Any) -> ScriptAnswer:
-        said = tuple(text[:LONGEST_SENTENCE] for text in self._notices[:MOST_SENTENCES])
+        said = tuple(text[:LONGEST_SENTENCE] for text in self._notices[:MAX_SENTENCES])
         self._notices.clear()
         return ScriptAnswer(said, self._addons.errors, self._addons.has_open_calls, **verdict)
 

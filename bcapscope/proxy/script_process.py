@@ -32,7 +32,7 @@ DEFAULT_MEMORY_MB = 512
 and more on others, as its stacks count.
 """
 
-LEAST_MEMORY, MOST_MEMORY = 64, 65536
+LEAST_MEMORY, MAX_MEMORY = 64, 65536
 
 LOADS_WITHIN = 30.0
 """Seconds that the scripts may take to load."""

@@ -17,7 +17,7 @@ T = TypeVar("T")
 LARGEST_FRAME_SIZE = 32 << 20
 """Bytes of one frame: the largest b-CAP frame that can be read, twice."""
 
-MOST_SENTENCES, LONGEST_SENTENCE = 32, 2000
+MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
 """How much one answer may say to the user: sentences, and characters of each."""
 
 _HEAD = 4
@@ -118,7 +118,7 @@ class ScriptAnswer(_WireFrame, frozen=True):
         results: what the client gets in place of the controller's answer.
     """
 
-    notices: Annotated[tuple[_Sentence, ...], msgspec.Meta(max_length=MOST_SENTENCES)] = ()
+    notices: Annotated[tuple[_Sentence, ...], msgspec.Meta(max_length=MAX_SENTENCES)] = ()
     errors: int = 0
     has_open_calls: bool = False
     data: bytes | None = None

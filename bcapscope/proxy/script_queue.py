@@ -57,7 +57,7 @@ _LOOKS_BACK = 50_000_000
 _EXPIRE_INTERVAL_NS = 50_000_000
 """ns between looks for calls that have settled, as the tracker itself has it."""
 
-_MOST_NOTICES = 200
+_MAX_NOTICES = 200
 """Sentences of the scripts that the proxy reports."""
 
 _OFF_CONSEQUENCE = (
@@ -350,7 +350,7 @@ class ScriptQueue(Generic[T]):
         self.errors = max(self.errors, answer.errors)
         for text in answer.notices:
             self._notice_count += 1
-            if self._notice_count <= _MOST_NOTICES:
+            if self._notice_count <= _MAX_NOTICES:
                 self.notify(text)
         yield from _decided(waiting, answer)
 

@@ -18,7 +18,7 @@ from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
-MOST_TEMPLATES = 4096
+MAX_TEMPLATES = 4096
 """Forms of plain answered calls that are kept ready made; when there are more, all are made again."""
 
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
@@ -62,7 +62,7 @@ class CallRecordRenderer:
 
     def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
         """Make the form of plain answered calls of one kind, with places for what is their own."""
-        if len(self._templates) >= MOST_TEMPLATES:
+        if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         head, thing, result = _head(call), _object(kind[2]), _result(call)
         self._templates[kind] = form = _OBJECT % (

@@ -19,10 +19,10 @@ from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
-MOST_TEMPLATES = 4096
+MAX_TEMPLATES = 4096
 """Phrases and flow texts kept; when there are more, all are forgotten and made again."""
 
-MOST_RAW_BYTES = 48
+MAX_RAW_BYTES = 48
 """Bytes of a malformed item that its line shows."""
 
 
@@ -98,7 +98,7 @@ class FrameLineRenderer:
         return printable(self._tongue(problem.reason))
 
     def _make_template(self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame) -> LineTemplate:
-        if len(self._templates) >= MOST_TEMPLATES:
+        if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = phrase = self._template_builder(key[0], frame, key[2]).build()
         return phrase
@@ -145,8 +145,8 @@ class FrameLineRenderer:
 
     def _malformed_line(self, observation: Observation, item: Malformed) -> str:
         reasons = "; ".join(map(self._reason, item.problems))
-        shown = item.raw[:MOST_RAW_BYTES].hex(" ")
-        left = len(item.raw) - MOST_RAW_BYTES
+        shown = item.raw[:MAX_RAW_BYTES].hex(" ")
+        left = len(item.raw) - MAX_RAW_BYTES
         more = f" … {self._tongue(f'{left} more bytes')}" if left > 0 else ""
         ends = self._endpoints_text(observation.flow).replace("%%", "%")
         head = f"{observation.number:>6} {self._write_time(observation.time)} {ends} {'-':>5} {'-':>5}"

@@ -32,7 +32,7 @@ from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
-MOST_TEMPLATES = 4096
+MAX_TEMPLATES = 4096
 """Forms and flow texts kept; when there are more, all are forgotten and made again."""
 
 
@@ -213,7 +213,7 @@ class FrameRecordRenderer:
     def _make_template(
         self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame
     ) -> _RecordTemplate:
-        if len(self._templates) >= MOST_TEMPLATES:
+        if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         self._templates[key] = form = _make_record_template(key[0], frame, key[2], ())
         return form

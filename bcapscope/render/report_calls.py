@@ -28,7 +28,7 @@ from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.traffic.call import Call, CallFrame, FrameRole
 from bcapscope.traffic.observation import Conversation
 
-MOST_TIMELINE_ROWS = 16
+MAX_TIMELINE_ROWS = 16
 """Clients in the timeline, those that called most."""
 
 MAX_KINDS = 20
@@ -63,7 +63,7 @@ _FRAME_NAMES = {FrameRole.NOTICE: "S_EXECUTING", FrameRole.LATE: "late reply, di
 
 def timeline_picture(report_data: ReportData) -> Picture:
     """Draw a lane for each client: calls, stays in slave mode, and what happened."""
-    lanes = report_data.timelines[:MOST_TIMELINE_ROWS]
+    lanes = report_data.timelines[:MAX_TIMELINE_ROWS]
     rows = {lane.conversation: -index for index, lane in enumerate(lanes)}
     drawn = [stay for stay in report_data.slave_sessions if stay.conversation in rows]
     traces = [

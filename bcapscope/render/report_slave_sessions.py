@@ -30,7 +30,7 @@ from bcapscope.render.report_figure import (
     rounded_numbers,
 )
 
-_MOST_DOTS = 400  # so many points can be told apart as dots on a line
+_MAX_DOTS = 400  # so many points can be told apart as dots on a line
 _LEAST_MOTION = 1e-9
 _COLUMNS = 2
 _COLUMN_GAP = 0.12
@@ -206,7 +206,7 @@ def _lag_note(slave_session: SlaveSession) -> str:
 
 
 def _line_trace(name: str, x: list[float], y: list[float | None], color: str, **more: Any) -> Any:
-    few = len(x) <= _MOST_DOTS
+    few = len(x) <= _MAX_DOTS
     return go.Scatter(
         name=name,
         x=x,

@@ -11,7 +11,7 @@ from bcapscope.render.captioned import captioned_line, continued_line, frames_te
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.tongue import Tongue, english
 
-_MOST_UNDERFLOWS_SHOWN = 8
+_MAX_UNDERFLOWS_SHOWN = 8
 
 
 def buffer_lines(buffer: BufferFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
@@ -53,14 +53,14 @@ def _underflow_lines(buffer: BufferFacts, palette: Palette, tongue: Tongue) -> I
     doubt = f"; perhaps {times_text(buffer.possible_underflows)} more" if buffer.possible_underflows else ""
     held = ", where the last point is held" if buffer.overwrites else ""
     yield captioned_line("empty", told + held + doubt, palette, tongue)
-    for each in buffer.underflow_list[:_MOST_UNDERFLOWS_SHOWN]:
+    for each in buffer.underflow_list[:_MAX_UNDERFLOWS_SHOWN]:
         moving = {True: "moving", False: "standing", None: "motion not known"}[each.moving]
         color = palette.problem if each.moving is not False and not buffer.overwrites else ""
         late = f"frame {each.late_frame} came {each.late_ms:.3f} ms too late"
         text = f"after frame {each.last_frame}: {late}, {moving}"
         yield continued_line(f"{color}{tongue(text)}{palette.reset if color else ''}")
-    if buffer.underflows > _MOST_UNDERFLOWS_SHOWN:
-        yield continued_line(f"and {buffer.underflows - _MOST_UNDERFLOWS_SHOWN} more", tongue)
+    if buffer.underflows > _MAX_UNDERFLOWS_SHOWN:
+        yield continued_line(f"and {buffer.underflows - _MAX_UNDERFLOWS_SHOWN} more", tongue)
 
 
 def clock_lines(clock: ClockFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:

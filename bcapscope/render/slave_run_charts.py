@@ -16,7 +16,7 @@ from bcapscope.render.tongue import Tongue, english
 if TYPE_CHECKING:  # what the player's messages are made of reaches sockets
     from bcapscope.player.player_messages import PlayProgress
 
-_MOST_CHART_ROWS = 16
+_MAX_CHART_ROWS = 16
 """Rows of one chart at most: a taller one tells no more."""
 
 _LARGEST_POSITION = 1e9
@@ -46,7 +46,7 @@ def axis_charts(
         palette: `number` is for what was commanded, `good` for what came back.
         tongue: of the titles.
     """
-    each = min(_MOST_CHART_ROWS, max(4, height // max(1, len(axes))))
+    each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:
         commanded = [(time, point[axis]) for time, point, _ in history if axis < len(point)]
         actual = [(time, pose[axis]) for time, _, pose in history if axis < len(pose)]

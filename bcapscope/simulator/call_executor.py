@@ -24,7 +24,7 @@ from bcapscope.simulator.profile import NoArgument
 MAX_WAITING = 16
 """Requests of one client that are held while a call runs; our bound."""
 
-MOST_KEPT_REPLIES = 8
+MAX_KEPT_REPLIES = 8
 """Answers kept for retries: more than the seven tries of any client, and each costs time in every call."""
 
 _ROBOT_EXECUTE = 64
@@ -74,7 +74,7 @@ class CallExecutor:
         self._responder = Responder(
             expects_retries=udp,
             reply_reserved=machine.profile.replies,
-            remembered=MOST_KEPT_REPLIES,
+            remembered=MAX_KEPT_REPLIES,
             largest_answer=LARGEST_UDP_FRAME if udp else LARGEST_FRAME,
             defects=machine.profile.defects,
         )

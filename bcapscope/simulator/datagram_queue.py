@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Hashable, Iterator
 from typing import Generic, TypeVar
 
-MOST_PER_SENDER = 32
+MAX_PER_SENDER = 32
 """Datagrams of one sender: more than the tries of any call, and some calls."""
 
 MAX_BYTES = 2 << 20
@@ -39,7 +39,7 @@ class DatagramQueue(Generic[Sender]):
         """Let a datagram wait that came at a given time; one too many is thrown away."""
         queue = self.waiting.get(sender)
         size = len(data) + _COST
-        if self._bytes + size > MAX_BYTES or (queue is not None and len(queue) >= MOST_PER_SENDER):
+        if self._bytes + size > MAX_BYTES or (queue is not None and len(queue) >= MAX_PER_SENDER):
             self.dropped += 1
             return
         if queue is None:

@@ -41,7 +41,7 @@ LONGEST_WAIT = 0.5
 # Yielding meanwhile would cost a whole time slice wherever another program runs.
 _SPIN_NS = 60_000
 
-_MOST_DATAGRAMS = 1024  # datagrams that are taken from the system before any but the first is looked at
+_MAX_DATAGRAMS = 1024  # datagrams that are taken from the system before any but the first is looked at
 _READ_SIZE = 256  # bytes that are taken of a connection before the others have their turn
 _READ_SIZE_PACED = 16384  # the same where each set point has its own time
 _BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # or what looks like it, which does no harm
@@ -244,7 +244,7 @@ class SimulatorServer:
         """Take datagrams from the system before it runs out of room: the first is answered at once."""
         receive, turns = self._receive, self.datagram_queue
         asked = ANCILLARY_SIZE if self._may_be_more else 0  # what has come between two looks came then
-        for number in range(_MOST_DATAGRAMS if self._may_be_more else 1):
+        for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
                 data, control, _, address = receive(LARGEST_DATAGRAM, asked)
             except OSError:  # nothing left; on Windows also an earlier client's closed port

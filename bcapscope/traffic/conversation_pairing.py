@@ -42,10 +42,10 @@ EXECUTION_NS = 180_000_000_000
 """How long a call may stay silent with nothing after it: the server's InvokeTimeout, after which it never
 answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
-MOST_REUSED = 16
+MAX_REUSED = 16
 """Unanswered requests of one serial on TCP that are remembered for their replies."""
 
-MOST_EXTRA_FRAMES = 65536
+MAX_EXTRA_FRAMES = 65536
 """Retries, notices and further replies of open calls that a conversation keeps, about 30 MB. The older C
 client tries without end (start-jsk/denso b-Cap.c): every 20 ms, it is there in 20 minutes. The call that goes
 beyond is let go with those before it, and what else comes of it begins another."""
@@ -53,7 +53,7 @@ beyond is let go with those before it, and what else comes of it begins another.
 _FRAME_COST = 512  # bytes that each of these costs beside its content
 _LARGE_CALL = 64 * 1024  # bytes; a settled call with more is not kept for the sake of the next one
 
-MOST_SETTLED_SERIALS = 1024
+MAX_SETTLED_SERIALS = 1024
 """Serials of settled calls: at least as many are known, at most twice."""
 
 _OPENERS = frozenset(
@@ -305,8 +305,8 @@ class ConversationPairing:
             return
         queue = self._reused_serials.setdefault(serial, [])
         queue.append(prior)
-        del queue[:-MOST_REUSED]
-        if len(self._reused_serials) > MOST_REUSED:
+        del queue[:-MAX_REUSED]
+        if len(self._reused_serials) > MAX_REUSED:
             del self._reused_serials[next(iter(self._reused_serials))]
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
@@ -322,7 +322,7 @@ class ConversationPairing:
     def _add_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
         self._keep_frame(call, role, observation)
         call.last_activity = observation.time
-        if self._extra_frames > MOST_EXTRA_FRAMES:
+        if self._extra_frames > MAX_EXTRA_FRAMES:
             self._latest_overfull = self._latest_evicted = max(
                 self._latest_overfull, self._latest_evicted, call.number
             )
@@ -446,7 +446,7 @@ class ConversationPairing:
             del self._by_serial[serial]
         past = self._settled_serials
         past[serial] = call.number
-        if len(past) >= MOST_SETTLED_SERIALS:
+        if len(past) >= MAX_SETTLED_SERIALS:
             self._older_settled_serials, self._settled_serials = past, {}
         if serial in self._reused_serials:
             queue = self._reused_serials[serial]

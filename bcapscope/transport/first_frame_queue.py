@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
-MOST_PENDING = 256
+MAX_PENDING = 256
 """Connections without a complete frame; one more drops another. On a busy machine an honest client may need
 some milliseconds between its connection and its first byte, in which a flood brings a hundred others."""
 
@@ -48,7 +48,7 @@ class _PendingConnection:
 class FirstFrameQueue(Generic[Key]):
     """Connections that have not sent a complete frame yet."""
 
-    def __init__(self, limit: int = MOST_PENDING) -> None:
+    def __init__(self, limit: int = MAX_PENDING) -> None:
         self._limit = limit
         self._waiting: dict[Key, _PendingConnection] = {}
 

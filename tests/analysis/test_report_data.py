@@ -5,8 +5,8 @@ from __future__ import annotations
 from bcapscope.analysis import report_data as module
 from bcapscope.analysis.report_data import (
     MAX_DAMAGED,
-    MOST_RETRY_CHAINS,
-    MOST_TIMELINES,
+    MAX_RETRY_CHAINS,
+    MAX_TIMELINES,
     ReportData,
     ReportDataBuilder,
 )
@@ -106,8 +106,8 @@ def test_the_worst_chains_are_kept_in_order_of_time() -> None:
         client.reply(100 * number + 60, serial)
     told = tell(script)
     assert told.retried_calls == sum(count > 1 for count in tries)
-    assert len(told.retry_chains) == MOST_RETRY_CHAINS
-    worst = sorted(count - 1 for count in tries)[-MOST_RETRY_CHAINS:]
+    assert len(told.retry_chains) == MAX_RETRY_CHAINS
+    worst = sorted(count - 1 for count in tries)[-MAX_RETRY_CHAINS:]
     assert sorted(call.retries for call in told.retry_chains) == worst
     assert [call.number for call in told.retry_chains] == sorted(call.number for call in told.retry_chains)
 
@@ -123,14 +123,14 @@ def test_frames_with_problems_are_damaged_whatever_they_are() -> None:
     assert told.damaged_count == 30
     assert [each.frame for each in told.damaged_frames] == list(range(2, 2 + MAX_DAMAGED))
     assert told.damaged_frames[0].problems
-    assert len(told.damaged_frames[0].raw) == module.MOST_DAMAGED_BYTES
+    assert len(told.damaged_frames[0].raw) == module.MAX_DAMAGED_BYTES
 
 
 def test_many_clients() -> None:
     script = Script()
-    for port in range(MOST_TIMELINES + 9):
+    for port in range(MAX_TIMELINES + 9):
         client = script.client(1000 + port)
         client.ask(port, 1, 1, START_SERVICE)
         client.reply(port + 0.5, 1)
     told = tell(script)
-    assert (len(told.timelines), told.timelines_left_off) == (MOST_TIMELINES, 9)
+    assert (len(told.timelines), told.timelines_left_off) == (MAX_TIMELINES, 9)

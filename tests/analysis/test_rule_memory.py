@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.analysis.client_state import MOST_CLOSED_CLIENTS, ClientRegistry
+from bcapscope.analysis.client_state import MAX_CLOSED_CLIENTS, ClientRegistry
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules import object_rules
 from bcapscope.analysis.rules.object_rules import ObjectChecker
@@ -71,13 +71,13 @@ def test_of_clients_that_are_gone_the_latest_few_are_remembered() -> None:
     gone: list[str] = []
     clients = ClientRegistry(lambda client: gone.append(str(client.conversation.client)))
     plan = Plan()
-    for port in range(1, MOST_CLOSED_CLIENTS + 4):
+    for port in range(1, MAX_CLOSED_CLIENTS + 4):
         plan.driver(port).execute(port * 10.0, "CurJnt")
     for call in plan.track():
         assert isinstance(call, Call)
         clients.client_of(call)
         clients.on_conversation_closed(call.conversation)
-    assert len(list(clients)) == MOST_CLOSED_CLIENTS
+    assert len(list(clients)) == MAX_CLOSED_CLIENTS
     assert gone == ["10.0.0.2:1", "10.0.0.2:2", "10.0.0.2:3"]
 
 

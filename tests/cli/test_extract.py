@@ -20,7 +20,7 @@ SESSION = CAPTURES / "slave-session.pcapng"
 LOST = CAPTURES / "slave-mode-lost.pcapng"
 ROBOTS = CAPTURES / "two-robots.pcapng"
 NO_SLAVE_MODE = CAPTURES / "tcp-gap.pcap"
-MOST_OPEN = 40
+MAX_OPEN = 40
 
 _LIMITED = """\
 import os, resource, sys
@@ -72,16 +72,16 @@ def test_more_stays_than_files_may_be_open(tmp_path: Path) -> None:
     client = story.client()
     client.open()
     client.ready()
-    for number in range(MOST_OPEN):
+    for number in range(MAX_OPEN):
         client.enter(40 + 100 * number)
         client.move(50 + 100 * number, 2)
     capture = tmp_path / "many.pcap"
     capture.write_bytes(story.capture())
     command = ["extract", str(capture), "-o", str(tmp_path / "way.csv")]
-    argv = [sys.executable, "-c", _LIMITED, str(MOST_OPEN), *command]
+    argv = [sys.executable, "-c", _LIMITED, str(MAX_OPEN), *command]
     done = subprocess.run(argv, capture_output=True, check=False)
     assert done.returncode == ExitCode.OK, done.stderr.decode()
-    assert len(list(tmp_path.glob("way-*.csv"))) == MOST_OPEN
+    assert len(list(tmp_path.glob("way-*.csv"))) == MAX_OPEN
 
 
 def test_several_stays_are_several_files(tmp_path: Path) -> None:

@@ -12,18 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bcapscope
-from bcapscope.faults.yaml_events import MOST_LEVELS, YamlError, yaml_events
+from bcapscope.faults.yaml_events import MAX_LEVELS, YamlError, yaml_events
 
 
 @pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "? "])
 def test_no_depth_breaks_it(opening: str) -> None:
-    with pytest.raises(YamlError, match=f"^more than {MOST_LEVELS} levels$") as caught:
+    with pytest.raises(YamlError, match=f"^more than {MAX_LEVELS} levels$") as caught:
         list(yaml_events(opening * 200_000))
     assert caught.value.line == 1
 
 
 def test_what_is_deep_enough_is_read() -> None:
-    assert len(list(yaml_events("[" * MOST_LEVELS + "]" * MOST_LEVELS))) == 2 * MOST_LEVELS + 4
+    assert len(list(yaml_events("[" * MAX_LEVELS + "]" * MAX_LEVELS))) == 2 * MAX_LEVELS + 4
     assert len(list(yaml_events("[]\n---\n" * 100))) > 400
 
 

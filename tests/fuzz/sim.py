@@ -20,7 +20,7 @@ from tests.fuzz.commanding import Commander
 from tests.fuzz.proxy import nonsense, state
 from tests.proxy.test_tcp_session import cut
 
-MOST_OPEN = 12
+MAX_OPEN = 12
 """Connections that are left open with half a frame in them; the honest client needs a place."""
 
 SHOWN_EACH = 30.0
@@ -68,7 +68,7 @@ class Hostility:
             if end == 2:
                 with suppress(OSError):
                     client.shutdown(socket.SHUT_WR)
-        while len(self._open) > MOST_OPEN:
+        while len(self._open) > MAX_OPEN:
             self._open.popleft().close()
 
 

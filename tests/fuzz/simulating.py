@@ -14,7 +14,7 @@ from typing import NamedTuple
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SMALLEST_FRAME, Frame, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import LARGEST_GARBAGE, LARGEST_UNCONFIRMED
 from bcapscope.simulator.alarms import MAX_ACTIVE
-from bcapscope.simulator.call_executor import MAX_WAITING, MOST_KEPT_REPLIES, CallExecutor
+from bcapscope.simulator.call_executor import MAX_KEPT_REPLIES, MAX_WAITING, CallExecutor
 from bcapscope.simulator.control_log_ring import MAX_RECORDS
 from bcapscope.simulator.function_handlers import MAX_FILES
 from bcapscope.simulator.object_table import MAX_OBJECTS
@@ -173,5 +173,5 @@ class Stage:
         """Neither does what one client leaves."""
         assert len(conversation.session.objects) <= MAX_OBJECTS
         assert len(conversation._waiting) <= MAX_WAITING
-        assert len(conversation._responder._calls) <= MOST_KEPT_REPLIES
+        assert len(conversation._responder._calls) <= MAX_KEPT_REPLIES
         assert (conversation.running is not None) == conversation._responder.is_call_running

@@ -25,7 +25,7 @@ PERIOD = 0.008
 SAMPLES = 60
 """Looks at the memory, evenly spread."""
 
-MOST_GROWTH = 4.0
+MAX_GROWTH = 4.0
 """MB by which the memory of a process may differ from its second quarter to its last."""
 
 
@@ -147,9 +147,7 @@ def soak(seconds: float) -> list[str]:
             print(relay.end(signal.SIGINT)[-1000:])
         files = list(Path(folder).glob("*.pcapng"))
         wrong = [
-            f"{each.name} has grown by {each.grown():.1f} MB"
-            for each in watched
-            if each.grown() > MOST_GROWTH
+            f"{each.name} has grown by {each.grown():.1f} MB" for each in watched if each.grown() > MAX_GROWTH
         ]
         wrong += [
             f"{each.name} has {each.more_files()} more files open"

@@ -15,7 +15,7 @@ import pytest
 from bcapscope.live import cpu_wakefulness
 from bcapscope.live.cpu_wakefulness import (
     BUSY_WITHIN,
-    MOST_STOLEN_SHARE,
+    MAX_STOLEN_SHARE,
     PAUSED_FOR,
     CpuLatencyLimit,
     CpuWakefulness,
@@ -99,9 +99,9 @@ def test_they_may_sleep_two_seconds_after_that() -> None:
 
 def test_a_host_that_takes_much_of_the_time_is_left_in_peace_for_a_minute() -> None:
     scene = Scene()
-    scene.go_on(10, 250, robbed=0.8 * MOST_STOLEN_SHARE)
+    scene.go_on(10, 250, robbed=0.8 * MAX_STOLEN_SHARE)
     assert scene.states == ["awake"]
-    scene.go_on(30, 250, robbed=4 * MOST_STOLEN_SHARE)
+    scene.go_on(30, 250, robbed=4 * MAX_STOLEN_SHARE)
     assert scene.states == ["awake", "asleep"]
     assert scene.asked[1][0] == pytest.approx(111, abs=BUSY_WITHIN)
     scene.go_on(30, 250, robbed=1)

@@ -36,12 +36,12 @@ TEXT = Variant(VT.BSTR, "")
 
 FEW = 80
 LATEST = (
-    (report_data, "MOST_TIMELINES"),
-    (report_data, "MOST_SESSIONS"),
+    (report_data, "MAX_TIMELINES"),
+    (report_data, "MAX_SESSIONS"),
     (finding_collector, "MAX_CALLS"),
     (controller_state, "MAX_CALLS"),
-    (session_detector, "MOST_SESSIONS"),
-    (frame_line, "MOST_TEMPLATES"),
+    (session_detector, "MAX_SESSIONS"),
+    (frame_line, "MAX_TEMPLATES"),
 )
 """Where much is kept of the latest clients: less of it is filled by few of them."""
 

@@ -11,7 +11,7 @@ import pytest
 from bcapscope.live.watcher_priority import (
     IDLE_AGAIN_AFTER,
     LATE_AFTER,
-    MOST_RING_SHARE,
+    MAX_RING_SHARE,
     OVERDUE_AFTER,
     WatcherPriority,
     WatcherUrgency,
@@ -92,7 +92,7 @@ def test_others_have_their_turn_but_not_when_all_haste_is_needed(monkeypatch: py
 
 def test_what_is_recorded_may_be_decoded_later_until_half_the_ring_waits() -> None:
     scene = Scene()
-    while scene.writer.fill_ratio < MOST_RING_SHARE - 0.01:
+    while scene.writer.fill_ratio < MAX_RING_SHARE - 0.01:
         scene.pass_for(0.05, decoded=False)
     assert scene.now > 3 * LATE_AFTER
     assert scene.asked == [True]

@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.faults.yaml_events import MOST_LEVELS
+from bcapscope.faults.yaml_events import MAX_LEVELS
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.player.yaml_text import read_yaml
 
@@ -37,7 +37,7 @@ def test_what_refers_to_itself() -> None:
 
 @pytest.mark.parametrize("opening", ["[", "{a: ", "- "])
 def test_no_depth_breaks_it(opening: str) -> None:
-    with pytest.raises(TrajectoryError, match=f"more than {MOST_LEVELS} levels"):
+    with pytest.raises(TrajectoryError, match=f"more than {MAX_LEVELS} levels"):
         list(read_yaml((opening * 100_000).encode()))
 
 

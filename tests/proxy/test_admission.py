@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from bcapscope.proxy.admission import (
     MAX_CLIENTS,
-    MOST_PER_SOURCE,
+    MAX_PER_SOURCE,
     REPLACE_BURST,
     REPLACE_INTERVAL_NS,
     RESERVED_SLOTS,
@@ -65,14 +65,14 @@ class World:
 
     def fill(self, *, fresh: bool = False) -> None:
         """Take all usual places."""
-        for host, count in ((ONE, MOST_PER_SOURCE), (OTHER, MAX_CLIENTS - MOST_PER_SOURCE)):
+        for host, count in ((ONE, MAX_PER_SOURCE), (OTHER, MAX_CLIENTS - MAX_PER_SOURCE)):
             for _ in range(count):
                 assert self.come(host, fresh=fresh) is ClientSlot.REGULAR
 
 
 def test_one_address_leaves_places_for_others() -> None:
     world = World()
-    for _ in range(MOST_PER_SOURCE):
+    for _ in range(MAX_PER_SOURCE):
         assert world.come(ONE) is ClientSlot.REGULAR
     assert world.come(ONE) is ClientSlot.NONE
     assert world.come(OTHER) is ClientSlot.REGULAR
@@ -102,7 +102,7 @@ def test_who_was_quiet_for_longest_gives_its_place_up() -> None:
 def test_an_address_with_too_many_gives_up_its_own() -> None:
     world = World()
     assert world.come(OTHER) is ClientSlot.REGULAR
-    for _ in range(MOST_PER_SOURCE):
+    for _ in range(MAX_PER_SOURCE):
         world.come(ONE)
     world.clients[1].silence, world.clients[2].silence = 50, 20
     assert world.come(ONE) is ClientSlot.REGULAR
@@ -190,7 +190,7 @@ def test_limits_hold_whatever_comes(data: st.DataObject) -> None:
 @pytest.mark.parametrize("hosts", [("2001:db8::1", "2001:db8::2")])
 def test_a_network_of_ipv6_counts_as_one_address(hosts: tuple[str, str]) -> None:
     world = World()
-    for _ in range(MOST_PER_SOURCE):
+    for _ in range(MAX_PER_SOURCE):
         assert world.places.find_slot(hosts[0], world.now, False) is ClientSlot.REGULAR
         number = len(world.clients) + 1
         client = world.clients[number] = Client(world, number, "2001:db8::/64")

@@ -10,12 +10,12 @@ import pytest
 
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.proxy.admission import MAX_CLIENTS, MOST_PER_SOURCE
+from bcapscope.proxy.admission import MAX_CLIENTS, MAX_PER_SOURCE
 from bcapscope.proxy.pending_connections import PendingConnections
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.traffic.observation import Endpoint
-from bcapscope.transport.first_frame_queue import FIRST_FRAME_TIMEOUT, MOST_PENDING
+from bcapscope.transport.first_frame_queue import FIRST_FRAME_TIMEOUT, MAX_PENDING
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
 
 START = encode_frame(1, 0, 1, (Variant(VT.BSTR, ""),))
@@ -85,7 +85,7 @@ def test_clients_that_say_nothing_leave_nothing() -> None:
 
 def test_the_oldest_silent_client_makes_room_and_who_speaks_is_served() -> None:
     with entering() as (door, proxy, stack):
-        silent = [connect(proxy, stack) for _ in range(MOST_PENDING)]
+        silent = [connect(proxy, stack) for _ in range(MAX_PENDING)]
         client = admit(door, proxy, stack)
         assert is_cut_off(silent[0])
         told = "was silent, and others want to connect; its connection is closed"
@@ -166,7 +166,7 @@ def test_a_silent_client_can_be_dropped_for_its_file_descriptor() -> None:
 def test_a_stop_gets_through_when_all_places_are_taken() -> None:
     with entering() as (door, proxy, stack):
         for number in range(MAX_CLIENTS):
-            admit(door, proxy, stack, "127.0.0.1" if number < MOST_PER_SOURCE else "127.0.0.2")
+            admit(door, proxy, stack, "127.0.0.1" if number < MAX_PER_SOURCE else "127.0.0.2")
         late = connect(proxy, stack, "127.0.0.3")
         late.sendall(START)
         assert is_cut_off(late)

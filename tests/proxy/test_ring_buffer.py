@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from bcapscope.proxy.ring_buffer import (
     BATCH_SIZE,
     HEADER_SIZE,
-    MOST_WAITING_NOTICES,
+    MAX_WAITING_NOTICES,
     DelayFigure,
     RelayCounter,
     RingReader,
@@ -234,5 +234,5 @@ def test_what_must_be_known_is_bounded_where_the_reader_stands_still() -> None:
         found += everything(reader)
         writer.write_record(True, 1, 2, 3, b"")
     kinds = [record.kind for record in found if record.kind is not RingRecordKind.DATA]
-    assert kinds.count(RingRecordKind.NOTICE) == MOST_WAITING_NOTICES
+    assert kinds.count(RingRecordKind.NOTICE) == MAX_WAITING_NOTICES
     assert kinds.count(RingRecordKind.CLIENT_OPENED) == kinds.count(RingRecordKind.CLIENT_CLOSED) == 1

@@ -14,7 +14,7 @@ from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy import udp_listener
-from bcapscope.proxy.admission import MAX_CLIENTS, MOST_PER_SOURCE
+from bcapscope.proxy.admission import MAX_CLIENTS, MAX_PER_SOURCE
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import listen_on, local_address_for
@@ -152,7 +152,7 @@ def crowded(server: socket.socket, proxy: Running) -> Iterator[list[socket.socke
         clients = []
         for number in range(MAX_CLIENTS):
             client = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            client.bind(("127.0.0.1" if number < MOST_PER_SOURCE else "127.0.0.2", 0))
+            client.bind(("127.0.0.1" if number < MAX_PER_SOURCE else "127.0.0.2", 0))
             client.connect(proxy.address)
             for _ in range(2):
                 client.send(b"me")
@@ -221,7 +221,7 @@ def test_a_flood_from_ever_new_ports_leaves_established_clients_alone() -> None:
                     with suppress(TimeoutError):
                         heard, came = server.recvfrom(100)
                 assert came == way
-        assert len(proxy.relay.sessions) <= MOST_PER_SOURCE
+        assert len(proxy.relay.sessions) <= MAX_PER_SOURCE
         assert proxy.relay.counts[RelayCounter.DENIED]
 
 

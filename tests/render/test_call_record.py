@@ -130,7 +130,7 @@ def test_percent_signs_and_quotes_are_kept() -> None:
 
 
 def test_forms_are_forgotten_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(call_record, "MOST_TEMPLATES", 3)
+    monkeypatch.setattr(call_record, "MAX_TEMPLATES", 3)
     play = Script()
     client = play.client()
     for serial in range(1, 11):

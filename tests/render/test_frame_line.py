@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.render.color_palette import ANSI
-from bcapscope.render.frame_line import MOST_TEMPLATES, FrameLineRenderer
+from bcapscope.render.frame_line import MAX_TEMPLATES, FrameLineRenderer
 from bcapscope.render.line_template import LONGEST_STRING, MAX_ELEMENTS
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.observation import Direction
@@ -139,10 +139,10 @@ def test_frames_of_one_layout_keep_their_own_numbers() -> None:
 
 def test_phrases_are_forgotten_in_time() -> None:
     renderer = FrameLineRenderer()
-    for number in range(MOST_TEMPLATES + 10):
+    for number in range(MAX_TEMPLATES + 10):
         frame = Frame(encode_frame(5, 0, 64, (ROBOT, Variant(VT.BSTR, f"c{number}"), JOINTS)))
         renderer.line(observe(frame), call_kind_of(frame))
-        assert len(renderer._templates) <= MOST_TEMPLATES
+        assert len(renderer._templates) <= MAX_TEMPLATES
 
 
 @given(st.lists(variants(), max_size=4), st.sampled_from(Direction), st.integers(0, 2**32 - 1))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant, vt_name
-from bcapscope.render.frame_record import MOST_TEMPLATES, FrameRecordRenderer
+from bcapscope.render.frame_record import MAX_TEMPLATES, FrameRecordRenderer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.filter.field_table import RecordKind, fields_of
 from bcapscope.traffic.observation import Direction
@@ -166,10 +166,10 @@ def test_strings_are_exact_and_never_raw(text: str) -> None:
 
 def test_forms_are_forgotten_in_time() -> None:
     renderer = FrameRecordRenderer()
-    for number in range(MOST_TEMPLATES + 10):
+    for number in range(MAX_TEMPLATES + 10):
         frame = Frame(encode_frame(5, 0, 64, (ROBOT, Variant(VT.BSTR, f"c{number}"), JOINTS)))
         renderer.record(observe(frame), call_kind_of(frame))
-        assert len(renderer._templates) <= MOST_TEMPLATES
+        assert len(renderer._templates) <= MAX_TEMPLATES
 
 
 @given(st.lists(variants(), max_size=4), st.sampled_from(Direction), st.integers(0, 2**32 - 1))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from bcapscope.analysis.timeline_events import TimelineEventKind
 from bcapscope.render.report_calls import (
-    MOST_TIMELINE_ROWS,
+    MAX_TIMELINE_ROWS,
     latency_picture,
     retry_chain_picture,
     timeline_picture,
@@ -41,7 +41,7 @@ def test_two_clients_have_two_lanes() -> None:
 
 def test_clients_without_a_lane_are_counted() -> None:
     account = account_of(CAPTURES / "retry-story.pcapng")
-    many = replace(account, timelines=account.timelines * (MOST_TIMELINE_ROWS + 3), timelines_left_off=4)
+    many = replace(account, timelines=account.timelines * (MAX_TIMELINE_ROWS + 3), timelines_left_off=4)
     assert "7 more clients made fewer calls." in timeline_picture(many).caption
 
 

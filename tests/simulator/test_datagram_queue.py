@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.simulator.datagram_queue import MAX_BYTES, MOST_PER_SENDER, DatagramQueue
+from bcapscope.simulator.datagram_queue import MAX_BYTES, MAX_PER_SENDER, DatagramQueue
 
 
 def test_the_oldest_of_each_sender_comes_first() -> None:
@@ -32,7 +32,7 @@ def test_what_one_sends_stays_in_order_and_nothing_is_lost_silently(sent: list[t
         heard += [(sender, data) for sender, _, data in turns.pop_one_per_sender()]
     for sender in range(4):
         of_sender = [data for each, data in sent if each == sender]
-        assert [data for each, data in heard if each == sender] == of_sender[:MOST_PER_SENDER]
+        assert [data for each, data in heard if each == sender] == of_sender[:MAX_PER_SENDER]
     assert turns.dropped == len(sent) - len(heard)
 
 

@@ -23,7 +23,7 @@ START = encode_frame(1, 0, 1, [bstr("")])
 TRIES, PATIENCE = 5, 1.0
 """Of a call that is no set point (DENSO Wave 2009, How to use the Slave mode): once, and four times again."""
 
-MOST_GROWTH = 80 << 20
+MAX_GROWTH = 80 << 20
 """Bytes: twenty connections may leave a megabyte unread each, and 16 MiB of packets wait for the disk."""
 
 
@@ -162,5 +162,5 @@ def test_a_good_client_is_answered_beside_a_flood(
             process.join(30)
         wait_until_read(port)
         assert good.call() == 0
-        assert memory(pid) - before < MOST_GROWTH
+        assert memory(pid) - before < MAX_GROWTH
     assert calls > 0

@@ -14,7 +14,7 @@ import pytest
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.simulator.argument_values import bstr, i4
-from bcapscope.simulator.datagram_queue import MOST_PER_SENDER
+from bcapscope.simulator.datagram_queue import MAX_PER_SENDER
 from bcapscope.simulator.listening_sockets import SimulatorListenError
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import read_scenario
@@ -22,7 +22,7 @@ from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import MAX_CLIENTS, STOP_CLIENTS, Peer, Simulator, SimulatorOutput
 from bcapscope.simulator.simulator_clock import SimulatorClock
 from bcapscope.simulator.simulator_server import Address, SimulatorServer
-from bcapscope.transport.first_frame_queue import MOST_PENDING
+from bcapscope.transport.first_frame_queue import MAX_PENDING
 from bcapscope.transport.receive_timestamps import AncillaryData
 
 START = encode_frame(1, 0, 1, [bstr("")])
@@ -131,7 +131,7 @@ def test_connections_that_say_nothing_take_no_place(server: SimulatorServer) -> 
         good = stack.enter_context(client(server, socket.SOCK_STREAM))
         assert Frame(exchange(server, good, START)).code == 0
         silent = []
-        for number in range(2 * MOST_PENDING):
+        for number in range(2 * MAX_PENDING):
             sock = stack.enter_context(client(server, socket.SOCK_STREAM))
             if number % 2:
                 sock.sendall(START[:9])
@@ -278,7 +278,7 @@ def test_each_sender_of_datagrams_has_its_turn(server: SimulatorServer) -> None:
 
 def test_what_one_sender_sends_too_fast_is_thrown_away_and_counted(server: SimulatorServer) -> None:
     with client(server, socket.SOCK_DGRAM) as greedy, client(server, socket.SOCK_DGRAM) as good:
-        for serial in range(1, MOST_PER_SENDER + 12):
+        for serial in range(1, MAX_PER_SENDER + 12):
             greedy.send(encode_frame(serial, 0, 1, [bstr("")]))
         assert Frame(exchange(server, good, START)).code == 0
         assert server.datagram_queue.dropped == 10

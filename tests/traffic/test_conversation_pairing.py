@@ -6,7 +6,7 @@ import pytest
 
 from bcapscope.traffic import conversation_pairing
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.conversation_pairing import MOST_REUSED
+from bcapscope.traffic.conversation_pairing import MAX_REUSED
 from bcapscope.traffic.observation import Transport
 from tests.traffic.playbook import (
     BUSY,
@@ -286,9 +286,9 @@ def test_a_serial_used_again_on_tcp_while_the_server_is_at_the_first() -> None:
 def test_unanswered_requests_of_one_serial_are_bounded() -> None:
     script = Script()
     client = script.client(transport=Transport.TCP)
-    for step in range(MOST_REUSED + 5):
+    for step in range(MAX_REUSED + 5):
         client.ask(3000 * step, 7, 0, MOVE)
-    for serial in range(100, 100 + 3 * MOST_REUSED):
+    for serial in range(100, 100 + 3 * MAX_REUSED):
         client.ask(90_000, serial, 0, MOVE)
         client.ask(90_000, serial, 0, MOVE)
     calls = calls_of(script.track())
@@ -325,7 +325,7 @@ FLOODS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
 
 @pytest.mark.parametrize("name", FLOODS)
 def test_frames_of_open_calls_are_bounded(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversation_pairing, "MOST_EXTRA_FRAMES", 4)
+    monkeypatch.setattr(conversation_pairing, "MAX_EXTRA_FRAMES", 4)
     expected, lines = FLOODS[name]
     script = Script()
     play(script, lines)
@@ -335,7 +335,7 @@ def test_frames_of_open_calls_are_bounded(name: str, monkeypatch: pytest.MonkeyP
 
 
 def test_calls_that_have_settled_do_not_count_as_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversation_pairing, "MOST_EXTRA_FRAMES", 4)
+    monkeypatch.setattr(conversation_pairing, "MAX_EXTRA_FRAMES", 4)
     script = Script()
     client = script.client()
     for start in range(0, 60_000, 6000):

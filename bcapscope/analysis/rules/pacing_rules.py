@@ -84,9 +84,9 @@ REPLIES_DO_NOT_PACE = DiagnosisRule(
 _EMPTY_CODES = (E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684)
 _FEWEST_CYCLES = 50
 _TOLERANCE = 0.1
-_MOST_SKIPPED_SHARE = 0.05
+_MAX_SKIPPED_SHARE = 0.05
 _RECENT = 8
-_MOST_REPORTED = 64
+_MAX_REPORTED = 64
 
 
 class PacingChecker(RuleChecker):
@@ -96,7 +96,7 @@ class PacingChecker(RuleChecker):
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
-        self._reported_gaps: deque[int] = deque(maxlen=_MOST_REPORTED)
+        self._reported_gaps: deque[int] = deque(maxlen=_MAX_REPORTED)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is CallHealth.REFUSED
@@ -134,7 +134,7 @@ class PacingChecker(RuleChecker):
             self._report_off_grid(REPLIES_DO_NOT_PACE, session, cycle.mean, "")
         elif abs(off) > _TOLERANCE:
             self._report_off_grid(OFF_GRID, session, cycle.mean, "")
-        elif session.timing.skipped > cycle.count * _MOST_SKIPPED_SHARE:
+        elif session.timing.skipped > cycle.count * _MAX_SKIPPED_SHARE:
             share = (
                 f", and {session.timing.skipped} of {cycle.count} cycles took one and a half periods or more"
             )

@@ -133,7 +133,7 @@ REPLY_TO_NOTHING = DiagnosisRule(
 
 _QUIET_NS = 20 * MS
 _TURN_NS = PERIOD_MS * MS + 2 * MS
-_MOST_REQUESTING = 65536
+_MAX_REQUESTING = 65536
 
 
 class ReplyChecker(RuleChecker):
@@ -158,7 +158,7 @@ class ReplyChecker(RuleChecker):
 
     def on_new_flow(self, observation: Observation) -> None:
         if observation.flow.direction is Direction.REQUEST:
-            if len(self._requesting) >= _MOST_REQUESTING:
+            if len(self._requesting) >= _MAX_REQUESTING:
                 self._requesting.clear()
             self._requesting.add(observation.flow.conversation)
 

@@ -77,7 +77,7 @@ _NAME_CODES = (0x80010005, 0x80000904, E_NOTIMPL)
 _USUAL_COUNTS = (7, 8, 10)
 _DRIVER_COUNTS = (8, 9, 11)
 _R4S, _R8S = ARRAY | VT.R4, ARRAY | VT.R8
-_MOST_CHECKED = 4096
+_MAX_CHECKED = 4096
 
 
 class RequestChecker(RuleChecker):
@@ -96,7 +96,7 @@ class RequestChecker(RuleChecker):
         conversation = call.conversation
         if folded_command(call.kind) == "slvmove":
             if conversation not in self._checked:
-                if len(self._checked) >= _MOST_CHECKED:
+                if len(self._checked) >= _MAX_CHECKED:
                     self._checked.clear()
                 self._checked.add(conversation)
                 self._report_odd(call, _odd_point(argument(call, 2), client.generation))

@@ -25,7 +25,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
-MOST_NOT_SELECTED = 64 * 2048
+MAX_NOT_SELECTED = 64 * 2048
 """Set points not asked for that are remembered until they are looked at: as many as can wait at a time."""
 
 
@@ -154,7 +154,7 @@ class TrajectoryExtractor:
             self._left_out[LeftOutReason.REFUSED] += 1
         elif self._is_selected is not None and not self._is_selected(call):
             self._not_selected[call.number] = None
-            if len(self._not_selected) > MOST_NOT_SELECTED:
+            if len(self._not_selected) > MAX_NOT_SELECTED:
                 del self._not_selected[next(iter(self._not_selected))]
 
     def _forget_sessions(self, sessions: Sequence[SlaveSession]) -> None:

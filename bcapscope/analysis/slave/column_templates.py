@@ -23,7 +23,7 @@ from bcapscope.protocol.codec.frame_content import FrameContent, Framing
 from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
-MOST_TEMPLATES = 16
+MAX_TEMPLATES = 16
 """Forms kept for one direction of a stay; frames of more than that are read one by one."""
 
 MAX_NUMBERS = 256
@@ -157,7 +157,7 @@ class ColumnReader:
 
     def _add_template(self, raw: bytes, templates: list[_ColumnTemplate]) -> bool:
         """Add the form of a frame; False for a frame with problems, and when there are forms enough."""
-        if self._template_count >= MOST_TEMPLATES:
+        if self._template_count >= MAX_TEMPLATES:
             return False
         content = FrameContent(raw)
         if content.problems or content.framing is not Framing.PLAIN:

@@ -25,7 +25,7 @@ MAX_CALLS = 1024
 MAX_BYTES = 1 << 20
 """Bytes of their frames."""
 
-MOST_PENDING = 16
+MAX_PENDING = 16
 """Stays without set points, of each controller."""
 
 _POSITIONS = {"curjnt": PoseType.J, "curpos": PoseType.P, "curtrn": PoseType.T}
@@ -76,7 +76,7 @@ class ControllerState:
         """Keep a stay until its first set point; return one that there is no more room for."""
         dropped = (
             self.pending_sessions.pop(next(iter(self.pending_sessions)))
-            if len(self.pending_sessions) >= MOST_PENDING
+            if len(self.pending_sessions) >= MAX_PENDING
             else None
         )
         self.pending_sessions[key] = builder

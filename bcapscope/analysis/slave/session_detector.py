@@ -51,10 +51,10 @@ says; 25 cycles leave room for one that stops on its path first."""
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
 """How long before and after a stay other calls are told with it."""
 
-MOST_SESSIONS = 64
+MAX_SESSIONS = 64
 """Stays that go on at a time; of more, the one that was silent longest ends."""
 
-MOST_HELD_BACK = 256
+MAX_HELD_BACK = 256
 """Stays held back; of more, the oldest is given out at once."""
 
 MAX_CONTROLLERS = 64
@@ -219,7 +219,7 @@ class SlaveSessionDetector:
             )
         self._active[key] = course
         self._recently_ended.pop(key, None)
-        if len(self._active) > MOST_SESSIONS:
+        if len(self._active) > MAX_SESSIONS:
             silent = min(self._active.values(), key=lambda each: each.last_activity)
             self._end_session(silent, SessionExit(ExitReason.SILENT, silent.last_activity, (), None, None))
         return course
@@ -337,7 +337,7 @@ class SlaveSessionDetector:
         self._active.pop(builder.key, None)
         controller.pending_sessions.pop(builder.key, None)
         self._recently_ended[builder.key] = builder
-        if len(self._recently_ended) > MOST_SESSIONS:
+        if len(self._recently_ended) > MAX_SESSIONS:
             del self._recently_ended[next(iter(self._recently_ended))]
         if self._expected_session is builder:
             self._expected_session, self._expected = None, _NOTHING_EXPECTED
@@ -349,7 +349,7 @@ class SlaveSessionDetector:
         """Give out the stays that ended before a moment; all where it is None."""
         stays = []
         ended = self._held_back
-        while ended and (before is None or ended[0].exit.time <= before or len(ended) > MOST_HELD_BACK):
+        while ended and (before is None or ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
             stays.append(self._finish_session(ended.popleft()))
         return stays
 

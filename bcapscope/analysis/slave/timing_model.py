@@ -20,7 +20,7 @@ FAST_GRID_MS = 1
 FAST_BELOW_MS = 3.0
 """A median cycle below this is nearer, as factors go, to 1 ms than to 8 ms."""
 
-MOST_SLOWEST = 16
+MAX_SLOWEST = 16
 _ON_GRID = 0.1
 _SKIPPED = 1.5
 _GUIDE = "DENSO Wave 2009, How to use the Slave mode"
@@ -217,13 +217,13 @@ class TimingModel:
         for misses, budget in zip(self._misses, RECOMMENDED_TIMEOUTS, strict=True):
             misses.add(budget, judged)
         known = np.where(rows.open, -1.0, latencies)
-        least = self._slowest[-1][0] if len(self._slowest) == MOST_SLOWEST else -1.0
+        least = self._slowest[-1][0] if len(self._slowest) == MAX_SLOWEST else -1.0
         slow = np.flatnonzero(known > least)
         if len(slow):
-            slow = slow[np.argsort(-known[slow], kind="stable")][:MOST_SLOWEST]
+            slow = slow[np.argsort(-known[slow], kind="stable")][:MAX_SLOWEST]
             found = [(float(known[row]), set_point_fact(rows, row, cycles)) for row in slow.tolist()]
             merged = sorted((*self._slowest, *found), key=lambda each: -each[0])
-            self._slowest = merged[:MOST_SLOWEST]
+            self._slowest = merged[:MAX_SLOWEST]
 
     def _add_gaps(self, rows: SetPointTable, cycles: Floats) -> None:
         gaps = np.flatnonzero(cycles > self._slack_ms)

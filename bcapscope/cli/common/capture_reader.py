@@ -32,7 +32,7 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 
 STDIN = "-"
-_MOST_SERVERS_LISTED = 8
+_MAX_SERVERS_LISTED = 8
 
 
 class CaptureReader:
@@ -121,11 +121,11 @@ class CaptureReader:
         for trouble in self._problems:
             print_stderr(trouble)
         told = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
-        for conversation in told[:_MOST_SERVERS_LISTED]:
+        for conversation in told[:_MAX_SERVERS_LISTED]:
             server, reason = conversation.server, conversation.server_known_by
             print_stderr(f"server {server} ({conversation.transport}), told by {reason}")
-        if len(told) > _MOST_SERVERS_LISTED:
-            print_stderr(f"… and {len(told) - _MOST_SERVERS_LISTED} more servers told by what was said")
+        if len(told) > _MAX_SERVERS_LISTED:
+            print_stderr(f"… and {len(told) - _MAX_SERVERS_LISTED} more servers told by what was said")
         if self._lost_packets:
             print_stderr(f"{counted(self._lost_packets, 'packet')} lost: there was no room for more")
         counts = self._observer.counts

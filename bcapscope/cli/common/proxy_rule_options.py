@@ -276,11 +276,11 @@ def _script_limit(text: str) -> int:
 
 
 def _script_memory(text: str) -> int:
-    from bcapscope.proxy.script_process import LEAST_MEMORY, MOST_MEMORY
+    from bcapscope.proxy.script_process import LEAST_MEMORY, MAX_MEMORY
 
-    megabytes = int(text) if text.isdecimal() and len(text) <= len(str(MOST_MEMORY)) else 0
-    if not LEAST_MEMORY <= megabytes <= MOST_MEMORY:
-        raise ValueError(f"{text!r} is not a number of megabytes between {LEAST_MEMORY} and {MOST_MEMORY}")
+    megabytes = int(text) if text.isdecimal() and len(text) <= len(str(MAX_MEMORY)) else 0
+    if not LEAST_MEMORY <= megabytes <= MAX_MEMORY:
+        raise ValueError(f"{text!r} is not a number of megabytes between {LEAST_MEMORY} and {MAX_MEMORY}")
     return megabytes
 
 

@@ -25,10 +25,10 @@ _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Var
 LARGEST_TEMPLATE_FRAME = 1024
 """Longer frames are decoded one by one: they are rare, and keeping their bytes would cost more."""
 
-MOST_TEMPLATES = 1024
+MAX_TEMPLATES = 1024
 """Layouts kept in all; when more forms than that are met, all are forgotten and learnt again."""
 
-MOST_SHAPES_PER_LENGTH = 8
+MAX_SHAPES_PER_LENGTH = 8
 """Shapes tried for one frame length."""
 
 
@@ -130,7 +130,7 @@ class _TemplateStore:
         self.template_count = 0
 
     def add(self, raw: bytes, spans: tuple[NumberSpan, ...], prototype: tuple[Argument, ...]) -> None:
-        if self.template_count >= MOST_TEMPLATES:
+        if self.template_count >= MAX_TEMPLATES:
             self.shapes.clear()
             self.finders.clear()
             self.template_count = 0
@@ -138,7 +138,7 @@ class _TemplateStore:
         shape = next((shape for shape in shapes if shape.spans == spans), None)
         if shape is None:
             shape = _Shape(len(raw), spans)
-            shapes = (shape, *shapes)[:MOST_SHAPES_PER_LENGTH]
+            shapes = (shape, *shapes)[:MAX_SHAPES_PER_LENGTH]
             self.shapes[len(raw)] = shapes
             self.finders[len(raw)] = tuple(shape.finder for shape in shapes)
         shape.templates[shape.key(raw)] = FrameTemplate(prototype)

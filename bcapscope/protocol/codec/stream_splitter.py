@@ -35,7 +35,7 @@ STREAM_ENDED = "the stream ends here"
 BUDGET_EXCEEDED = "incomplete: the unfinished frames of all connections exceed"
 """Why a frame in the middle of a stream is not whole."""
 
-MOST_RESYNC_ARGUMENTS = 64
+MAX_RESYNC_ARGUMENTS = 64
 """Arguments of a frame at which a stream may get back into step. No function takes more than four and no
 reply has more than one; the bound keeps crafted garbage from being walked over and over."""
 
@@ -244,7 +244,7 @@ class StreamSplitter:
         if not SMALLEST_FRAME <= length <= largest:
             return _Trust.NONE, 0
         packed = has_compressed_header(buffer, pos)
-        if argc > MOST_RESYNC_ARGUMENTS and not synchronized and not packed:
+        if argc > MAX_RESYNC_ARGUMENTS and not synchronized and not packed:
             return _Trust.NONE, 0
         stop = pos + length
         last = stop - 1 if packed else self._walk_arguments(pos, stop, argc)

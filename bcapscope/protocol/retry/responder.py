@@ -27,7 +27,7 @@ _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
 """Serials count 1..65535 and begin again at 1."""
 
-_MOST_ATTEMPTS = 16
+_MAX_ATTEMPTS = 16
 """Twice of what any client sends for one call, the one that tries without end left out."""
 
 
@@ -317,7 +317,7 @@ class Responder:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)
         for call in equal:
-            overtook = (call.newest - serial) % _SERIAL_COUNT < _MOST_ATTEMPTS
+            overtook = (call.newest - serial) % _SERIAL_COUNT < _MAX_ATTEMPTS
             if overtook or (is_retry and _is_chain_unbroken(serial, call, calls)):
                 return call
         return None

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bcapscope.analysis.slave.column_templates import (
     MAX_NUMBERS,
-    MOST_TEMPLATES,
+    MAX_TEMPLATES,
     ColumnReader,
     NumberPicker,
     PickedNumbers,
@@ -124,7 +124,7 @@ def test_more_forms_than_are_kept() -> None:
     pose = Variant.array(VT.R8, tuple(map(float, range(8))))
     raws = [
         encode_frame(n, 0, EXECUTE, (i4(n), Variant(VT.BSTR, "slvMove"), pose))
-        for n in range(MOST_TEMPLATES * 3)
+        for n in range(MAX_TEMPLATES * 3)
     ]
     columns = read(NumberPicker(2, pick_command), raws)
     assert columns.has_pose.all()

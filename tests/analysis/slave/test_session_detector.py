@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bcapscope.analysis.slave.session_builder import BATCH_SIZE
-from bcapscope.analysis.slave.session_detector import MOST_SESSIONS, SlaveSessionDetector
+from bcapscope.analysis.slave.session_detector import MAX_SESSIONS, SlaveSessionDetector
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, ModeKind, PoseType
@@ -457,11 +457,11 @@ def test_stays_are_given_out_while_traffic_goes_on() -> None:
 
 def test_stays_without_end_are_bounded() -> None:
     plan = Plan()
-    for n in range(MOST_SESSIONS + 9):
+    for n in range(MAX_SESSIONS + 9):
         plan.driver(1000 + n, handle=n).moves([8.0 + n / 100, 16.0 + n / 100])
     stays = plan.stays()
-    assert len(stays) >= MOST_SESSIONS + 9, "one that was given up and goes on is another stay"
-    assert sum(stay.counts.sent for stay in stays) == 2 * (MOST_SESSIONS + 9)
+    assert len(stays) >= MAX_SESSIONS + 9, "one that was given up and goes on is another stay"
+    assert sum(stay.counts.sent for stay in stays) == 2 * (MAX_SESSIONS + 9)
 
 
 def test_the_first_point_is_compared_with_where_the_robot_stands() -> None:

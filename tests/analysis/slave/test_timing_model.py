@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.analysis.slave.timing_model import MOST_SLOWEST, choose_grid
+from bcapscope.analysis.slave.timing_model import MAX_SLOWEST, choose_grid
 from bcapscope.traffic.observation import Transport
 from tests.analysis.driving import Plan, watched
 from tests.traffic.playbook import Script, slv_move
@@ -96,7 +96,7 @@ def test_which_recommendation_is_meant(mode: int, transport: Transport, applying
 def test_the_slowest_are_listed_worst_first() -> None:
     stay = driven([8.0 * n for n in range(1, 101)], [0.5 + n / 100 for n in range(100)])
     slowest = [fact.latency_ms or 0.0 for fact in stay.timing.slowest]
-    assert len(slowest) == MOST_SLOWEST
+    assert len(slowest) == MAX_SLOWEST
     assert slowest == sorted(slowest, reverse=True)
     assert slowest[0] == pytest.approx(1.49)
 

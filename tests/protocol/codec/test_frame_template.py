@@ -119,7 +119,7 @@ def test_a_learnt_frame_cut_or_lengthened_is_judged_afresh() -> None:
 
 
 def test_one_length_keeps_several_shapes_and_forgets_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layouts, "MOST_SHAPES_PER_LENGTH", 2)
+    monkeypatch.setattr(layouts, "MAX_SHAPES_PER_LENGTH", 2)
     same_length = [
         encode_frame(1, 0, 1, [Variant(VT.I8, 1)]),
         encode_frame(1, 0, 1, [Variant.array(VT.I4, (1, 2))]),
@@ -134,7 +134,7 @@ def test_one_length_keeps_several_shapes_and_forgets_the_oldest(monkeypatch: pyt
 
 
 def test_all_are_forgotten_when_there_are_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(layouts, "MOST_TEMPLATES", 3)
+    monkeypatch.setattr(layouts, "MAX_TEMPLATES", 3)
     made = [encode_frame(1, 0, code, [Variant(VT.I4, code)]) for code in range(10)]
     for raw in made:
         assert Frame(raw).template_match is not None

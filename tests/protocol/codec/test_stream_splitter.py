@@ -12,7 +12,7 @@ from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_fra
 from bcapscope.protocol.codec.stream_splitter import (
     LARGEST_GARBAGE,
     LARGEST_UNCONFIRMED,
-    MOST_RESYNC_ARGUMENTS,
+    MAX_RESYNC_ARGUMENTS,
     StreamPiece,
     StreamSplitter,
 )
@@ -302,8 +302,8 @@ def test_the_limit_holds_however_the_stream_is_cut() -> None:
 
 
 def test_many_arguments_are_taken_in_step_only() -> None:
-    few = encode_frame(1, 0, 64, [Variant(VT.I4, 1)] * MOST_RESYNC_ARGUMENTS)
-    many = encode_frame(1, 0, 64, [Variant(VT.I4, 1)] * (MOST_RESYNC_ARGUMENTS + 1))
+    few = encode_frame(1, 0, 64, [Variant(VT.I4, 1)] * MAX_RESYNC_ARGUMENTS)
+    many = encode_frame(1, 0, 64, [Variant(VT.I4, 1)] * (MAX_RESYNC_ARGUMENTS + 1))
     assert raws(feed([many + few])) == [many, few]
     assert raws(feed([b"?" + few + many])) == [b"?", few, many]
     assert raws(feed([b"?" + many + few])) == [b"?" + many, few]
