@@ -84,7 +84,7 @@ class LogFiles:
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob(f"{self._name}-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self._max_file_size
-            for stat, path in sorted(found, key=lambda each: each[0].st_mtime_ns):
+            for stat, path in sorted(found, key=lambda each: (each[0].st_mtime_ns, _number_of(each[1]))):
                 if left <= self._max_total_size:
                     return
                 path.unlink()

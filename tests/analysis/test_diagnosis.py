@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,8 +19,9 @@ from tests.analysis.plays import SCENES
 from tests.analysis.scenes import HOME, ROBOT, Diagnosed, Story, diagnose, diagnose_bytes, good, stage
 from tests.samples import trouble
 from tests.samples.calls import i4, r8s, reply, request, text
+from tests.shared_folder import SHARED
 
-RECORDINGS = Path(__file__).parents[3] / "shared" / "captures"
+RECORDINGS = SHARED / "captures"
 
 
 def chain(found: Diagnosed) -> list[tuple[str, int | None]]:

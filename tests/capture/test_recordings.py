@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.observation import Direction
+from tests.shared_folder import SHARED
 
 pytestmark = pytest.mark.interop
 
-FOLDER = Path(__file__).parents[3] / "shared" / "captures"
+FOLDER = SHARED / "captures"
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,11 @@ import pytest
 
 from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run_here
+from tests.shared_folder import SHARED
 
 SESSION, LOST = CAPTURES / "slave-session.pcapng", CAPTURES / "slave-mode-lost.pcapng"
 ALL = sorted([*CAPTURES.glob("*.pcap"), *CAPTURES.glob("*.pcapng")])
-RECORDINGS = Path(__file__).parents[3] / "shared" / "captures"
+RECORDINGS = SHARED / "captures"
 
 
 @pytest.mark.parametrize("path", [SESSION, LOST], ids=lambda path: path.stem)

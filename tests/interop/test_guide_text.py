@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -14,10 +13,10 @@ from bcapscope.protocol.dissection.repair_text import damage_problem
 from bcapscope.traffic.observation import Direction
 from tests.dumps import packets_in
 from tests.samples.guide import DUMPS
+from tests.shared_folder import SHARED
 
 pytestmark = pytest.mark.interop
 
-SHARED = Path(__file__).parents[3] / "shared"
 GUIDE, VECTORS = SHARED / "SEED.txt", SHARED / "vectors.json"
 
 if not (GUIDE.exists() and VECTORS.exists()):

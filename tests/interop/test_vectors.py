@@ -7,7 +7,6 @@ may have no value at all.
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,10 +14,11 @@ import pytest
 from bcapscope.protocol.codec.frame import Frame, Framing, encode_frame, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant, vt_name
+from tests.shared_folder import SHARED
 
 pytestmark = pytest.mark.interop
 
-VECTORS = Path(__file__).parents[3] / "shared" / "vectors.json"
+VECTORS = SHARED / "vectors.json"
 
 if not VECTORS.exists():
     pytest.skip(f"{VECTORS} is missing: frames of DENSO's libraries", allow_module_level=True)

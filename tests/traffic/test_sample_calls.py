@@ -16,10 +16,11 @@ from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.tracker import Tracker
+from tests.shared_folder import SHARED
 from tests.traffic.playbook import calls_of, strays_of, summaries
 
 SAMPLES = Path(__file__).parents[2] / "captures"
-RECORDINGS = Path(__file__).parents[3] / "shared" / "captures"
+RECORDINGS = SHARED / "captures"
 NAMES = sorted(path.name for path in SAMPLES.glob("*.pcap*"))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -15,8 +14,9 @@ from bcapscope.protocol.tables.command_table import (
     ROBOT_EXECUTE,
     TASK_EXECUTE,
 )
+from tests.shared_folder import SHARED
 
-FACTS = Path(__file__).parents[3] / "shared" / "PROTOCOL.md"
+FACTS = SHARED / "PROTOCOL.md"
 
 CALLED_BY_CLIENTS = {
     CONTROLLER_EXECUTE: (

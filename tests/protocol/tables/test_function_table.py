@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,8 +18,9 @@ from bcapscope.protocol.tables.function_table import (
     function_by_name,
     function_name,
 )
+from tests.shared_folder import SHARED
 
-VECTORS = Path(__file__).parents[3] / "shared" / "vectors.json"
+VECTORS = SHARED / "vectors.json"
 
 # First and last function of each class, and how many there are (orin_bcap C/include/bcap_funcid.h).
 CLASS_RANGES = [
