@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class BcapError(Exception):
-    """Base of every exception that bcapscope raises on purpose."""
+    """Base class of every exception that bcapscope raises on purpose."""
 
 
 class LocalProtocolError(BcapError):
@@ -63,7 +63,7 @@ class ControllerError(BcapError):
 
 
 class AttemptEvent(NamedTuple):
-    """An event of an attempt other than its accepted reply, or that reply itself as the last event.
+    """A reply to an attempt, in time or late, or a send error.
 
     Attributes:
         time: Time of the event, ns, on the clock of `Attempt.sent`.

@@ -22,7 +22,7 @@ class LinkReceiver(Protocol):
 
 
 class BaseLink(Protocol):
-    """A link to one peer, without a way to receive data.
+    """A link to one peer; implementations decide how the caller gets received data.
 
     Attributes:
         datagrams: True if each message arrives whole, zero, one or several times; False for a stream.

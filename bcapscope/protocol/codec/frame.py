@@ -1,8 +1,16 @@
 """The b-CAP frame: the header is decoded first, everything else on demand.
 
 Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the Slave
-mode"): 0 SOH 0x01; 1 u32 length of the whole frame; 5 u16 serial; 7 u16 reserved; 9 u32 function id of a
-request, HRESULT of a reply; 13 u16 argument count; 15 arguments; last byte EOT 0x04.
+mode"):
+
+* 0: SOH, 0x01
+* 1: u32 length of the whole frame
+* 5: u16 serial
+* 7: u16 reserved
+* 9: u32 function id of a request, HRESULT of a reply
+* 13: u16 argument count
+* 15: arguments
+* last byte: EOT, 0x04
 """
 
 from __future__ import annotations

@@ -168,6 +168,8 @@ def find_template(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | None:
 def learn_template(raw: bytes, spans: Sequence[NumberSpan], arguments: tuple[Argument, ...]) -> None:
     """Store a template of a frame that was decoded in full and found sound.
 
+    Frames longer than `LARGEST_TEMPLATE_FRAME` are ignored.
+
     Args:
         raw: The bytes of the frame.
         spans: Positions of its numbers, in the order of its bytes.

@@ -35,8 +35,8 @@ class SimilarCommand(NamedTuple):
         name: Name in the frame.
         catalogue_name: Name as the catalogue spells it.
         misread_bytes: Bytes to change to get `catalogue_name`. Empty if all characters of `name` are ordinary
-            ones,
-        which are not misread that way: then it is misspelt, or a command that the catalogue lacks.
+            ones.
+        Such a name was not misread: it is misspelt, or the catalogue lacks it.
     """
 
     name: str

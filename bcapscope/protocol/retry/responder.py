@@ -135,10 +135,10 @@ class Responder:
       one of its predecessor, at the same serial or shortly before it. It then looks like a delayed attempt of
       that call.
 
-    The responder treats both as retries, so no call ever runs twice. If it knows neither the serial nor the
-    named serial, it does so only while the convention is `CHAIN` or unknown. The price is that such a call is
-    not executed: its client gets the earlier reply. That may be an old value, or the success of a motion that
-    ran once and not twice.
+    The responder treats both as retries, so no call ever runs twice. If neither the serial nor the named
+    serial belongs to the equal call, it does so only while the convention is `CHAIN` or unknown. The price is
+    that such a new call is not executed: its client gets the earlier reply. That may be an old value, or the
+    success of a motion that ran once and not twice.
 
     The responder forgets the calls of the predecessor when the new program reuses one of their serials for a
     different call. At the latest it has forgotten them after `remembered` further calls.

@@ -131,7 +131,7 @@ class ReceiveFormat:
 
     @property
     def bare_pose_type(self) -> PoseType | None:
-        """Pose type if the format asks for one pose alone, which arrives as a bare array; else None."""
+        """Pose type if the format requests one pose alone, which arrives as a bare array; else None."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 

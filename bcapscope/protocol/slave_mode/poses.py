@@ -90,7 +90,7 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
     if not isinstance(value, tuple):
         return None
     if variant.vt in FLOAT_ARRAYS:
-        return value  # type: ignore[return-value]  # the type says floats
+        return value  # type: ignore[return-value]  # these types hold floats
     plain = [item.value if isinstance(item, Variant) else item for item in value]
     if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in plain):
         return None
@@ -106,7 +106,7 @@ def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
 
 
 def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[str, ...]]:
-    """Return a pose of the numbers, and what is wrong with it.
+    """Return a pose of the numbers, and its problems.
 
     Args:
         values: The numbers.

@@ -103,7 +103,7 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter; an unexpected form gives what fits, and a list of problems.
+    """Decode slvMove's parameter. An unexpected form gives the parts that fit, and a list of problems.
 
     Args:
         parameter: vntParam of the request.
@@ -134,7 +134,7 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result; an unexpected form gives what fits, and a list of problems.
+    """Decode slvMove's result. An unexpected form gives the parts that fit, and a list of problems.
 
     Args:
         result: Argument of the reply; EMPTY gives an empty result without a problem.
@@ -171,7 +171,7 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
     row = variant.value
     if not isinstance(row, tuple) or len(row) != _SIZES[pose_type]:
         return None
-    return Pose(pose_type, row)  # type: ignore[arg-type]  # the type says floats
+    return Pose(pose_type, row)  # type: ignore[arg-type]  # these types hold floats
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
