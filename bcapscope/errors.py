@@ -1,7 +1,7 @@
 """The exceptions of bcapscope.
 
-Reading never raises: bytes that make no sense become items that say so. What is raised tells whose
-fault it was, so that a caller need not read the message to know what to do next.
+Decoding never raises: undecodable bytes become items that describe their problems. The class of an exception
+says who is at fault, so a caller can react without parsing the message.
 """
 
 from __future__ import annotations
@@ -11,26 +11,26 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from pathlib import Path  # `bcapscope --help` loads this module, and pathlib takes a tenth of its time
+    from pathlib import Path  # `bcapscope --help` loads this module; pathlib takes a tenth of its run time
 
 
 class BcapError(Exception):
-    """Base of every exception that bcapscope raises on purpose."""
+    """Base class of every exception that bcapscope raises on purpose."""
 
 
 class LocalProtocolError(BcapError):
-    """We were asked to send something that b-CAP cannot express; nothing was sent."""
+    """The caller asked to send something that b-CAP cannot express; nothing was sent."""
 
 
 class TooLargeError(LocalProtocolError):
-    """A frame would be larger than b-CAP, or the transport, carries."""
+    """A frame would be larger than b-CAP, or its transport, can carry."""
 
 
 class RemoteProtocolError(BcapError):
-    """The peer sent what it may not send, such as an answer of another type than the function has.
+    """The peer violated the protocol, for example with a reply of the wrong type for the function.
 
     Attributes:
-        raw: the frame or bytes.
+        raw: The frame or bytes that the peer sent.
     """
 
     def __init__(self, message: str, raw: bytes) -> None:
@@ -42,13 +42,20 @@ class ControllerError(BcapError):
     """The controller refused a call.
 
     Attributes:
-        hresult: result code, unsigned.
-        name: the vendor's symbol such as `E_HANDLE`, else the code in hex.
-        meaning: in words.
+        hresult: Result code, unsigned.
+        name: The vendor's symbol such as `E_HANDLE`; the code in hex if it has none.
+        meaning: Meaning of the code as text.
     """
 
     def __init__(self, call: str, hresult: int, name: str, meaning: str) -> None:
-        """Tell that `call`, such as `Robot_Execute slvMove`, was answered with `hresult`."""
+        """Store the result and compose the message.
+
+        Args:
+            call: Name of the call, such as `Robot_Execute slvMove`.
+            hresult: Result code, unsigned.
+            name: The vendor's symbol, or the code in hex.
+            meaning: Meaning of the code as text.
+        """
         super().__init__(f"{call} was refused: {name}, {meaning}")
         self.hresult = hresult
         self.name = name
@@ -56,11 +63,11 @@ class ControllerError(BcapError):
 
 
 class AttemptEvent(NamedTuple):
-    """Something that came for a try and was no answer in time.
+    """A reply to an attempt, in time or late, or a send error.
 
     Attributes:
-        time: nanoseconds of the clock that the tries have.
-        description: name of the result code, or what the system said.
+        time: Time of the event, ns, on the clock of `Attempt.sent`.
+        description: Name of the result code, or the operating system's error text.
     """
 
     time: int
@@ -68,13 +75,13 @@ class AttemptEvent(NamedTuple):
 
 
 class Attempt(NamedTuple):
-    """One try of a call.
+    """One attempt of a call.
 
     Attributes:
-        serial: of its packet.
-        reserved: of its packet.
-        sent: nanoseconds of a clock that does not go back.
-        events: what came for it, in order.
+        serial: Serial of its frame.
+        reserved: Reserved field of its frame.
+        sent: Time of sending, ns, on a monotonic clock.
+        events: Replies and send errors for this attempt, in order of arrival.
     """
 
     serial: int
@@ -83,7 +90,11 @@ class Attempt(NamedTuple):
     events: tuple[AttemptEvent, ...] = ()
 
     def describe(self, start: int) -> str:
-        """Tell it in words, times counted from `start`; what came again and again is told once."""
+        """Return the attempt as one line of text; identical consecutive events are combined.
+
+        Args:
+            start: Time that counts as 0 ms, ns, on the clock of `sent`.
+        """
         came = ", ".join(
             _repeated_event_text(what, [(arrival.time - start) / 1e6 for arrival in same])
             for what, same in groupby(self.events, attrgetter("description"))
@@ -99,14 +110,19 @@ def _repeated_event_text(what: str, times: list[float]) -> str:
 
 
 class CallTimeout(BcapError, TimeoutError):
-    """No try of a call was answered in time.
+    """No attempt of a call was answered in time.
 
     Attributes:
-        attempts: all tries, in order.
+        attempts: All attempts, in order.
     """
 
     def __init__(self, call: str, attempts: tuple[Attempt, ...]) -> None:
-        """Tell that `call`, such as `Robot_Execute slvMove`, had no answer to any of its tries."""
+        """Compose the message from the call's name and its attempts.
+
+        Args:
+            call: Name of the call, such as `Robot_Execute slvMove`.
+            attempts: All attempts, in order; at least one.
+        """
         count = "1 try" if len(attempts) == 1 else f"{len(attempts)} tries"
         tries = "".join(f"\n  {attempt.describe(attempts[0].sent)}" for attempt in attempts)
         super().__init__(f"{call} was not answered in time, {count}:{tries}")
@@ -114,11 +130,12 @@ class CallTimeout(BcapError, TimeoutError):
 
 
 class CaptureError(BcapError):
-    """A capture cannot be read, or breaks off.
+    """A capture cannot be read, or ends early.
 
     Attributes:
-        offset: byte offset in the (uncompressed) capture at which reading stopped, or None where
-            there is no capture to have an offset in.
+        offset: Byte offset in the (uncompressed) capture at which reading stopped; None if there is no
+            capture
+        that an offset could refer to.
     """
 
     def __init__(self, message: str, offset: int | None = None) -> None:
@@ -127,11 +144,11 @@ class CaptureError(BcapError):
 
 
 class FileWriteError(BcapError):
-    """A file, or something like one, cannot be written.
+    """A file, or a file-like target, cannot be written.
 
     Attributes:
-        path: of the file, as it was given; escape it before you print it.
-        reason: why, in lower case.
+        path: Path as the caller gave it; escape it before you print it.
+        reason: Why writing failed, in lower case.
     """
 
     def __init__(self, path: Path, reason: str) -> None:

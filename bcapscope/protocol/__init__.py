@@ -1,6 +1,7 @@
-"""b-CAP itself: frames, VARIANTs, functions, commands and result codes.
+"""The b-CAP protocol: frames, VARIANTs, functions, commands and result codes.
 
-Standard library only, no I/O and no clock. What other programs need most can be imported from here:
+Standard library only, no I/O and no clock. The most useful names for other programs can be imported from
+here:
 
 * `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: a frame, or all of a datagram.
 * `StreamSplitter`, `StreamPiece`: the frames of a TCP stream.
@@ -8,8 +9,8 @@ Standard library only, no I/O and no clock. What other programs need most can be
 * `FUNCTIONS`, `Function`, `function_name`, `function_by_name`, `call_name`: what a frame calls.
 * `is_failure`, `is_success`, `hresult_name`, `describe_hresult`, `HresultInfo`: what a result code means.
 
-The submodules hold the rest. A name is loaded when it is first used, so that importing one submodule does
-not load the others.
+The submodules hold the rest. Each name is loaded on first use, so that importing one submodule does not load
+the others.
 """
 
 from __future__ import annotations
@@ -73,14 +74,14 @@ _NAMES_BY_MODULE = {
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
-if not TYPE_CHECKING:  # else a type checker would accept any name
+if not TYPE_CHECKING:  # otherwise a type checker would accept any name
 
     def __getattr__(name: str) -> object:
-        """Load a name of `__all__`; a submodule is no such name, and Python imports it itself."""
+        """Load a name of `__all__`. Submodules are not in `__all__`; Python imports them itself."""
         module = _MODULE_BY_NAME.get(name)
         if module is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from importlib import import_module  # noqa: PLC0415 - most who import a submodule need none of this
+        from importlib import import_module  # noqa: PLC0415 - most imports of a submodule do not need it
 
         value = getattr(import_module(f"{__name__}.{module}"), name)
         globals()[name] = value

@@ -1,4 +1,4 @@
-"""What a client begins with: whether its first frame is complete, and whether that frame is a stop."""
+"""The first frame of a client: whether it is complete, and whether it stops something."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.guard import always_passes
 
 LONGEST_FIRST_FRAME = 4096
-"""Bytes after which a first frame counts as complete: far more than any call that opens a session has."""
+"""Bytes after which a first frame counts as complete; far more than any call that opens a session needs."""
 
 _LONGEST_STOP = 1024
 _LENGTH_ENDS = 5
 
 
 def is_first_frame_incomplete(data: bytes | bytearray) -> bool:
-    """Return whether the first bytes of a stream are the beginning of a frame that is not complete yet."""
+    """Return whether the first bytes of a stream begin a frame that is not complete yet."""
     if not data:
         return True
     if data[0] != SOH:
@@ -26,7 +26,7 @@ def is_first_frame_incomplete(data: bytes | bytearray) -> bool:
 
 
 def first_frame_stops(data: bytes) -> bool:
-    """Return whether the first frame of a datagram or stream is one that no guard may hold up."""
+    """Return whether the first frame of a datagram or stream is a request that no guard may hold up."""
     if len(data) < SMALLEST_FRAME or data[0] != SOH:
         return False
     length = _length(data)

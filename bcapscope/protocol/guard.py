@@ -1,8 +1,7 @@
-"""What one request can do to the robot, by its function and its arguments, and what stops the robot.
+"""Effect of a request on the robot, from its function and arguments, and which requests stop the robot.
 
-All clients of bcapscope and the proxy's guard use these functions. They err on the side of caution: a command
-that is not in the catalogue, an argument that is missing or has another type, and an id that is no function
-count as moving.
+All clients of bcapscope and the proxy's guard use these functions. They err on the side of caution. Commands
+outside the catalogue, missing arguments, arguments of another type and unknown function ids count as moving.
 """
 
 from __future__ import annotations
@@ -25,19 +24,19 @@ _STOPPING_FUNCTIONS = frozenset(
 )
 _STOPPING_COMMANDS = frozenset(("handstop", "twofgstop"))
 _SWITCH_COMMANDS = frozenset(("motor", "slvchangemode"))
-"""Commands whose parameter 0 switches off."""
+"""Commands that switch something off if their parameter is 0."""
 
 _ARGUMENTS_WITH_PARAMETER = 3
-"""Arguments of an ..._Execute function: handle, command, parameter."""
+"""Number of arguments of an ..._Execute function: handle, command, parameter."""
 
 
 def request_effect(function_id: int, arguments: Sequence[Variant], variable: str = "") -> CallEffect:
-    """Return the most that a request can do.
+    """Return the strongest effect that a request can have.
 
     Args:
-        function_id: of the request.
-        arguments: of the request, the handle first.
-        variable: name of the variable that the handle stands for; "" where that is not known.
+        function_id: Function id of the request.
+        arguments: Arguments of the request, the handle first.
+        variable: Name of the variable behind the handle; "" if unknown.
     """
     if function_id == _PUT_VALUE:
         return write_effect(variable, arguments[1]) if len(arguments) == 2 else CallEffect.MOVES
@@ -55,7 +54,7 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
 
     These are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0, the
     releases, Controller_Disconnect and Service_Stop. A command counts only without further arguments: with
-    them it is ambiguous which one the controller takes.
+    them it is ambiguous which one the controller uses.
     """
     function = FUNCTIONS.get(function_id)
     if function is None:
@@ -71,10 +70,10 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
 
 
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
-    """Tell whether a proxy that lets only reading pass may pass a request on.
+    """Return whether a read-only proxy forwards a request.
 
-    Requests that open a session pass too, Controller_Connect included: nothing can be read without the
-    handles that they return, and the controller only gains a client.
+    It also forwards requests that open a session, Controller_Connect included. Nothing can be read without
+    the handles that they return, and the controller only gains a client.
     """
     return (
         always_passes(function_id, arguments) or request_effect(function_id, arguments) <= CallEffect.SESSION
@@ -82,14 +81,14 @@ def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
 
 
 def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str = "") -> bool:
-    """Return whether a client of bcapscope sends a request to a real controller only when it is armed.
+    """Return whether a client of bcapscope must be armed to send a request to a real controller.
 
-    True for everything that may energise or move the robot, never for what stops or switches off.
+    True for everything that may energise or move the robot, never for requests that stop or switch off.
 
     Args:
-        function_id: of the request.
-        arguments: of the request, the handle first.
-        variable: as for `request_effect`.
+        function_id: Function id of the request.
+        arguments: Arguments of the request, the handle first.
+        variable: Name of the variable behind the handle; "" if unknown.
     """
     if always_passes(function_id, arguments):
         return False
@@ -105,7 +104,10 @@ def _command_effect(function_id: int, arguments: Sequence[Variant]) -> CallEffec
 
 
 def _switches_off(arguments: Sequence[Variant]) -> bool:
-    """Return whether a switch's parameter is certainly 0; Motor also takes an array that begins with 0."""
+    """Return whether the parameter of a switch command is certainly 0.
+
+    Motor also accepts an array whose first element is 0.
+    """
     if len(arguments) != _ARGUMENTS_WITH_PARAMETER:
         return False
     parameter = arguments[2]

@@ -1,4 +1,4 @@
-"""How numbers and texts are put for people, the same everywhere."""
+"""Formatting of numbers and text for people, shared by the whole program."""
 
 from __future__ import annotations
 
@@ -8,22 +8,25 @@ _FORMULA_STARTS = tuple("=+-@\t\r＝＋－＠")
 
 
 def is_spreadsheet_formula(text: str) -> bool:
-    """Tell whether spreadsheets take a text for a formula; those in Japan take the wide signs as well."""
+    """Return whether a spreadsheet would treat a text as a formula.
+
+    Japanese spreadsheets also accept the full-width signs.
+    """
     return text.lstrip(" \u3000").startswith(_FORMULA_STARTS)
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:
-    """Write a number with its noun, whose plural takes an s unless told."""
+    """Return a number with its noun; without `plural`, the plural is the noun with an s."""
     return f"{count} {noun}" if count == 1 else f"{count} {plural or noun + 's'}"
 
 
 def shortened(text: str, most: int) -> str:
-    """Return a text in at most `most` characters, and an ellipsis where it is cut."""
+    """Return the first `most` characters of a text, with an ellipsis if it was cut."""
     return text if len(text) <= most else f"{text[:most]}…"
 
 
 def display_width(text: str) -> int:
-    """Count the columns that a terminal gives to `text`: two for wide characters, none for combining ones."""
+    """Return the terminal columns of a text: two for wide characters, none for combining ones."""
     if text.isascii():
         return len(text)
     return sum(

@@ -1,4 +1,4 @@
-"""The former home of `VT` and `Variant`, for programs that were copied from the screen before they moved."""
+"""Deprecated location of `VT` and `Variant`, kept for programs copied from the screen before the move."""
 
 import warnings
 from typing import Any

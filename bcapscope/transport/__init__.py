@@ -1,1 +1,1 @@
-"""Transports: UDP, TCP and memory links for asyncio. They know nothing of the bytes they carry."""
+"""Transports for asyncio: UDP, TCP and memory links. They do not interpret the bytes they carry."""

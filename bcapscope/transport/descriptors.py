@@ -1,4 +1,4 @@
-"""File descriptors held back, so that a stop still finds some when there are none left."""
+"""Spare file descriptors, reserved so that a stop request can still connect when all others are in use."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from contextlib import suppress
 from typing import Any
 
 OUT_OF_DESCRIPTORS_TEXT = os.strerror(errno.EMFILE).lower()
-"""What the system says when a process has no file descriptors left."""
+"""The system's error text for a process without free file descriptors."""
 
 _OUT_OF_DESCRIPTORS = frozenset({errno.EMFILE, errno.ENFILE})
 
 
 def is_out_of_descriptors(error: OSError) -> bool:
-    """Return whether an error means that the process, or the system, has no file descriptors left."""
+    """Return whether an error means that the process or the system has no free file descriptor."""
     return error.errno in _OUT_OF_DESCRIPTORS
 
 
 def wait_readable(descriptor: int, seconds: float) -> bool:
-    """Wait at most so many seconds for a file descriptor to be readable; return whether it is.
+    """Wait until a file descriptor is readable, at most `seconds`; return whether it is.
 
-    It takes no file descriptor, and the number of this one may be larger than `select` takes.
+    Opens no file descriptor. Where `poll` exists, the descriptor may exceed the limit of `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -38,14 +38,14 @@ def wait_readable(descriptor: int, seconds: float) -> bool:
 def accept_connection(
     listener: socket.socket, free_descriptor: Callable[[], bool]
 ) -> tuple[socket.socket, Any] | None:
-    """Accept a connection and return it with its address; None if none waits.
+    """Accept a connection and return its socket and address; None if no connection is pending.
 
     Args:
-        listener: does not block.
-        free_descriptor: frees a file descriptor and returns whether it could; called when none is left.
+        listener: Listening socket in non-blocking mode.
+        free_descriptor: Closes a file descriptor and returns whether it could; called when none is free.
 
     Raises:
-        OSError: no connection can be accepted now.
+        OSError: No connection can be accepted now.
     """
     while True:
         try:
@@ -53,7 +53,7 @@ def accept_connection(
         except (BlockingIOError, ConnectionError):
             return None
         except OSError as error:
-            # Linux looks for a file descriptor first, and for a connection after that.
+            # Linux looks for a free file descriptor before it looks for a connection.
             if is_out_of_descriptors(error) and not wait_readable(listener.fileno(), 0):
                 return None
             if not is_out_of_descriptors(error) or not free_descriptor():
@@ -61,7 +61,7 @@ def accept_connection(
 
 
 def raise_descriptor_limit(count: int) -> None:
-    """Raise the limit of this process to `count`, as far as its user may; macOS gives 256."""
+    """Raise the descriptor limit of this process to `count`, as far as permitted; macOS starts with 256."""
     if sys.platform == "win32":
         return
     try:
@@ -76,29 +76,29 @@ def raise_descriptor_limit(count: int) -> None:
 
 
 class SpareDescriptors:
-    """Some file descriptors that can be given up for something that matters more."""
+    """Spare file descriptors that can be released for a more important connection."""
 
     def __init__(self, count: int) -> None:
-        """Prepare to hold back `count`; `refill` takes them."""
+        """Plan to reserve `count` descriptors; `refill` opens them."""
         self._count = count
         self._held: list[int] = []
 
     def refill(self) -> bool:
-        """Take back what is missing; return whether all are held now."""
+        """Open the missing descriptors; return whether all are reserved now."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
     def release_one(self, *, keep: int = 0) -> bool:
-        """Give one up; return whether there were more than `keep`."""
+        """Close one descriptor if more than `keep` are reserved; return whether it did."""
         if len(self._held) <= keep:
             return False
         os.close(self._held.pop())
         return True
 
     def close(self) -> None:
-        """Give all up, for good."""
+        """Close all descriptors for good; `refill` opens none afterwards."""
         self._count = 0
         while self.release_one():
             pass

@@ -1,7 +1,8 @@
-"""Where TCP clients wait until they have sent a complete frame; it does no I/O and reads no clock.
+"""TCP connections that have not sent a complete frame yet; no I/O and no clock.
 
-A connection costs an attacker nothing, but a place among the clients is lost to everybody else. So a
-connection gets a place only when its first frame is complete, and silent connections are dropped first.
+A connection costs an attacker nothing, but each place it takes is lost to honest clients. So a connection
+counts as a client only once its first frame is complete. Connections without a complete frame are dropped
+first.
 """
 
 from __future__ import annotations
@@ -14,27 +15,28 @@ from typing import Generic, TypeVar
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
-"""Connections without a complete frame; one more drops another. On a busy machine an honest client may need
-some milliseconds between its connection and its first byte, in which a flood brings a hundred others."""
+"""Connections without a complete frame; at this limit, a new one displaces another. On a busy machine an
+honest client may need some ms between connecting and its first byte. A flood opens a hundred connections in
+that time."""
 
 FIRST_FRAME_TIMEOUT = 10_000_000_000
-"""ns between the first byte of a first frame and its last."""
+"""Longest time between the first and the last byte of a first frame, ns."""
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return what limits are counted by: an IPv4 address, or the /64 network of an IPv6 address."""
+    """Return the key that limits count by: an IPv4 address, or the /64 network of an IPv6 address."""
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
 
 class _PendingConnection:
-    """A connection that waits.
+    """A connection without a complete frame.
 
     Attributes:
-        source: where it comes from.
-        data: what it has sent.
-        first_byte_at: when it sent the first byte, ns; 0 if it has sent nothing.
+        source: Network of the client, as `source_network` returns it.
+        data: Bytes received so far.
+        first_byte_at: Time of the first byte, ns; 0 before it.
     """
 
     __slots__ = ("data", "first_byte_at", "source")
@@ -59,10 +61,10 @@ class FirstFrameQueue(Generic[Key]):
         return key in self._waiting
 
     def add(self, key: Key, host: str) -> Key | None:
-        """Let a connection wait; return the connection to drop for it, None if there is room.
+        """Add a connection; return the connection that the caller must drop for it, None if there is room.
 
-        That is the oldest of the source with the most connections. It does not help to have sent a few bytes:
-        an honest client that has just connected has sent none.
+        The dropped connection is the oldest of the source with the most connections. A few bytes do not
+        protect a connection, because an honest client that has just connected has sent none.
         """
         dropped = self._next_to_drop() if len(self._waiting) >= self._limit else None
         if dropped is not None:
@@ -71,11 +73,17 @@ class FirstFrameQueue(Generic[Key]):
         return dropped
 
     def feed_bytes(self, key: Key, data: bytes, now: int) -> bytes | None:
-        """Take bytes of a connection.
+        """Add bytes that a connection sent.
+
+        Args:
+            key: The connection.
+            data: The bytes.
+            now: Current time, ns.
 
         Returns:
-            All that it has sent, once its first frame is complete or its bytes begin none; it waits no more.
-            None before.
+            All bytes of the connection once its first frame is complete, or once they cannot begin a frame.
+            The
+            connection then leaves the queue. None before that.
         """
         newcomer = self._waiting[key]
         newcomer.first_byte_at = newcomer.first_byte_at or now
@@ -86,18 +94,18 @@ class FirstFrameQueue(Generic[Key]):
         return bytes(newcomer.data)
 
     def remove(self, key: Key) -> None:
-        """Forget a connection that has ended."""
+        """Remove a connection that has ended; unknown connections are ignored."""
         self._waiting.pop(key, None)
 
     def drop_one(self) -> Key | None:
-        """Remove the connection with the lowest priority and return it; None if none waits."""
+        """Remove the connection that `add` would drop and return it; None if the queue is empty."""
         dropped = self._next_to_drop()
         if dropped is not None:
             del self._waiting[dropped]
         return dropped
 
     def drop_overdue(self, now: int) -> list[Key]:
-        """Forget the connections whose first frame takes too long, and return them."""
+        """Remove and return the connections whose first frame takes longer than `FIRST_FRAME_TIMEOUT`."""
         late = [
             key
             for key, each in self._waiting.items()

@@ -1,4 +1,4 @@
-"""The clock of an event loop in nanoseconds, and a loop whose time passes only when nothing else is to do."""
+"""The clock of an event loop in ns, and an event loop with virtual time."""
 
 from __future__ import annotations
 
@@ -12,44 +12,45 @@ R = TypeVar("R")
 
 
 class LoopClock:
-    """Tells the time of an event loop."""
+    """Reads the time of an event loop in ns."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Note how far 1970 is from the beginning of the loop's time."""
+        """Record the offset between the loop's time and 1970-01-01 UTC."""
         self._loop = loop
         self._epoch = time.time_ns() - self.now()
 
     def now(self) -> int:
-        """Return nanoseconds of a clock that does not go back."""
+        """Return the time on the loop's monotonic clock, ns."""
         return round(self._loop.time() * 1e9)
 
     def since_1970(self, now: int) -> int:
-        """Convert a time of `now` to nanoseconds since 1970-01-01 UTC."""
+        """Convert a time that `now` returned to ns since 1970-01-01 UTC."""
         return now + self._epoch
 
     def call_at(self, when: int, callback: Callable[[], None]) -> asyncio.TimerHandle:
-        """Call `callback` when `now` has reached `when`."""
+        """Call `callback` when `now` reaches `when`, ns."""
         return self._loop.call_at(when / 1e9, callback)
 
 
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """An event loop that never sleeps: when all wait, its time jumps to the next timer.
+    """An event loop that never sleeps: when nothing is ready, its time jumps to the next timer.
 
-    For what meets in memory; a socket would never be waited for.
+    Only for participants that communicate in memory: the loop does not wait for sockets. It raises
+    RuntimeError if nothing is ready and no timer is set.
     """
 
     def __init__(self) -> None:
-        """Begin at time 0."""
+        """Start at time 0."""
         self._virtual_selector = _VirtualTimeSelector()
         super().__init__(self._virtual_selector)
 
     def time(self) -> float:
-        """Return the virtual time in seconds."""
+        """Return the virtual time in s."""
         return self._virtual_selector.seconds
 
 
 class _VirtualTimeSelector(selectors.SelectSelector):
-    """Lets time pass instead of waiting for it."""
+    """Advances the virtual time instead of waiting."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -66,6 +67,6 @@ class _VirtualTimeSelector(selectors.SelectSelector):
 
 
 def run_in_virtual_time(coroutine: Coroutine[Any, Any, R]) -> R:
-    """Run a coroutine to its end under a `VirtualTimeLoop`."""
+    """Run a coroutine to completion in a `VirtualTimeLoop` and return its result."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         return runner.run(coroutine)

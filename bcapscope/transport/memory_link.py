@@ -1,4 +1,4 @@
-"""Two ends in one process, with a network between them that is as bad as one likes."""
+"""Two link ends in one process, joined by a simulated network that can delay, lose or repeat packets."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import TypeAlias
 from bcapscope.transport.peer_link import Address, LinkReceiver
 
 NetworkModel: TypeAlias = Callable[[bytes], Iterable[float]]
-"""What becomes of a packet: for each copy that arrives, after how many seconds; none for one that is lost."""
+"""Returns the delay of each copy of a packet that arrives, in s; no delay for a lost packet."""
 
 
 def perfect_network(_: bytes) -> Iterable[float]:
-    """Let each packet arrive once, at once."""
+    """Deliver each packet once, without delay."""
     return (0.0,)
 
 
 class MemoryLink:
-    """One end of a pair. Packets are delivered by the event loop's timers, never inside `send`."""
+    """One end of a pair. The event loop's timers deliver packets, never `send` itself."""
 
     def __init__(self, local: Address, peer: Address, network: NetworkModel, datagrams: bool) -> None:
         self.local = local
@@ -33,7 +33,7 @@ class MemoryLink:
         self._sent_count = 0
 
     def send(self, data: bytes) -> None:
-        """Send a packet, or the next bytes of a stream, which arrive in order whatever the weather."""
+        """Send a packet, or the next bytes of a stream. A stream keeps its order whatever the delays."""
         other = self._far_end
         if other is None:
             return
@@ -47,14 +47,14 @@ class MemoryLink:
             loop.call_at(when, self._deliver_first, other)
 
     def close(self) -> None:
-        """Close this end; the other end of a stream is told."""
+        """Close this end. On a stream, the receiver of the other end gets `on_link_lost`."""
         other, self._far_end = self._far_end, None
         self.receiver = None
         if other is not None and not self.datagrams:
             other._on_far_end_closed()
 
     def _deliver_first(self, other: MemoryLink) -> None:
-        """Hand over what is first: timers of one moment come in any order."""
+        """Deliver the earliest packet. The loop may run timers of the same moment in any order."""
         _, _, data = heapq.heappop(self._in_flight)
         if other.receiver is not None:
             other.receiver.on_data(data)
@@ -71,12 +71,12 @@ def memory_link_pair(
     to_client: NetworkModel = perfect_network,
     datagrams: bool = True,
 ) -> tuple[MemoryLink, MemoryLink]:
-    """Make the client's and the server's end of a link; set the `receiver` of each.
+    """Return the client's and the controller's end of a link; the caller sets the `receiver` of each.
 
     Args:
-        to_server: becomes of what the client sends.
-        to_client: becomes of what the server sends.
-        datagrams: as UDP, or a stream as TCP.
+        to_server: Network model for what the client sends.
+        to_client: Network model for what the controller sends.
+        datagrams: True for datagrams as over UDP, False for a stream as over TCP.
     """
     client_address, server_address = ("memory", 1), ("memory", 5007)
     client = MemoryLink(client_address, server_address, to_server, datagrams)

@@ -1,4 +1,4 @@
-"""What all transports have in common: a way to one peer, and who is told what comes over it."""
+"""Interfaces that all transports share: a link to one peer, and the receiver of its data."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ Address: TypeAlias = tuple[str, int]
 
 
 class LinkReceiver(Protocol):
-    """Is told what happens on a link; none of the methods may raise."""
+    """Receives the events of a link; none of the methods may raise."""
 
     def on_data(self, data: bytes) -> None:
-        """Take a datagram, or the next bytes of a stream."""
+        """Process a datagram, or the next bytes of a stream."""
 
     def on_send_error(self, text: str) -> None:
-        """Take what the system says of what was sent; the link is still there."""
+        """Process the system's error for data that was sent; the link remains open."""
 
     def on_link_lost(self, reason: str) -> None:
-        """Take notice that the link is gone and nothing will come any more."""
+        """Process the loss of the link; no data follows."""
 
 
 class BaseLink(Protocol):
-    """A way to one peer, however one learns what comes back.
+    """A link to one peer; implementations decide how the caller gets received data.
 
     Attributes:
-        datagrams: what is sent arrives whole, several times or not at all; else a stream.
-        local: our end.
-        peer: the other end.
+        datagrams: True if each message arrives whole, zero, one or several times; False for a stream.
+        local: Address of this end.
+        peer: Address of the other end.
     """
 
     @property
@@ -43,12 +43,12 @@ class BaseLink(Protocol):
         """Send at once; never waits.
 
         Raises:
-            OSError: it cannot be sent, where nobody else could be told of that.
+            OSError: The data cannot be sent, and the link has no `LinkReceiver` for the error.
         """
 
     def close(self) -> None:
-        """Let go; may be called again."""
+        """Close the link; may be called again."""
 
 
 class Link(BaseLink, Protocol):
-    """A way to one peer; it hands what comes to a `LinkReceiver` until `close`."""
+    """A link to one peer that passes received data to a `LinkReceiver` until `close`."""

@@ -1,4 +1,4 @@
-"""When datagrams, or pieces of a stream, came, as the system says: however late one looks."""
+"""Receive times of datagrams and stream data from the kernel, unaffected by delays of this process."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from functools import partial
 from typing import Any, TypeAlias
 
 AncillaryData: TypeAlias = list[tuple[int, int, bytes]]
-"""What the system says of what is read: when it came, as far as we asked."""
+"""Ancillary data of a received message; holds the receive time if the kernel reports it."""
 
 ReceiveFunction: TypeAlias = Callable[[int, int], tuple[bytes, AncillaryData, int, Any]]
-"""Like `socket.recvmsg`."""
+"""A function with the signature of `socket.recvmsg`."""
 
 ANCILLARY_SIZE = 64
-"""Bytes for what the system says of what is read."""
+"""Size of the buffer for ancillary data, bytes."""
 
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h of Linux
 _TIMESPEC = struct.Struct("@ll")
 
 
 def enable_receive_timestamps(sock: socket.socket) -> None:
-    """Have the system say when something comes; what it does not give is done without."""
+    """Ask the kernel for receive times (Linux only); without support this does nothing."""
     if sys.platform == "linux":
         with suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
 
 def receive_function(sock: socket.socket) -> ReceiveFunction:
-    """Return `recvmsg`, or what does the same where there is none."""
+    """Return the socket's `recvmsg`, or a replacement without ancillary data if there is none."""
     return getattr(sock, "recvmsg", None) or partial(_receive_without_ancillary, sock)
 
 
@@ -44,7 +44,10 @@ def _receive_without_ancillary(
 
 
 def kernel_timestamp(ancillary: AncillaryData, now: int) -> int:
-    """Return when it came, ns since 1970; `now`, or what the clock says, where nobody else does."""
+    """Return the kernel's receive time, ns since 1970.
+
+    Without one, return `now`, or the current time if `now` is 0.
+    """
     if not ancillary or len(ancillary[0][2]) != _TIMESPEC.size:
         return now or time.time_ns()
     seconds, nanoseconds = _TIMESPEC.unpack(ancillary[0][2])

@@ -1,4 +1,4 @@
-"""What links over a socket of asyncio have in common."""
+"""Base class of links over an asyncio socket."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ T = TypeVar("T", bound=asyncio.BaseTransport)
 
 
 class SocketLink(asyncio.BaseProtocol, Generic[T]):
-    """Our end of a socket that is connected to its peer; who receives is told until it is closed.
+    """This end of a socket connected to its peer; passes events to the receiver until `close`.
 
     Attributes:
-        end_reason: what is said of an end without an error.
+        end_reason: Reason passed to `on_link_lost` if the link ended without an error.
     """
 
     end_reason = "the socket was closed"
@@ -25,16 +25,16 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
 
     @property
     def local(self) -> Address:
-        """Our end."""
+        """Address of this end."""
         return self._address("sockname")
 
     @property
     def peer(self) -> Address:
-        """The other end."""
+        """Address of the other end."""
         return self._address("peername")
 
     def close(self) -> None:
-        """Close the socket; what a stream was given still goes out."""
+        """Close the socket; a stream still sends what was written to it."""
         self._receiver = None
         if self._transport is not None:
             self._transport.close()
@@ -53,5 +53,5 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
 
 
 def os_error_text(error: Exception) -> str:
-    """Say what the system says of a socket."""
+    """Return the operating system's error text in lower case."""
     return str(error.strerror if isinstance(error, OSError) and error.strerror else error).lower()

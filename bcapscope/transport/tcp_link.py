@@ -1,4 +1,4 @@
-"""TCP to one peer."""
+"""A TCP link to one peer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bcapscope.transport.socket_link import SocketLink
 
 
 class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
-    """A connection. asyncio sends small pieces at once (TCP_NODELAY), which set points need."""
+    """A TCP connection. asyncio sends small writes at once (TCP_NODELAY), which set points need."""
 
     datagrams = False
     end_reason = "the peer closed the connection"
@@ -32,16 +32,17 @@ class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
 
 
 async def open_tcp(host: str, port: int, receiver: LinkReceiver, timeout: float = 5.0) -> TcpLink:
-    """Connect to `host`.
+    """Connect to `host` and return the link.
 
     Args:
-        host: name or address.
-        port: of the server.
-        receiver: is told what comes.
-        timeout: seconds.
+        host: Host name or IP address.
+        port: TCP port.
+        receiver: Receives the data and the end of the link.
+        timeout: Timeout of the connection attempt, s.
 
     Raises:
-        OSError: there is no such host, no way to it, or nobody listens; TimeoutError is one of these.
+        OSError: The host is unknown or unreachable, or nothing listens on the port; TimeoutError is a
+            subclass.
     """
     loop = asyncio.get_running_loop()
     async with asyncio.timeout(timeout):
@@ -50,7 +51,7 @@ async def open_tcp(host: str, port: int, receiver: LinkReceiver, timeout: float 
 
 
 def close_with_reset(sock: socket.socket) -> None:
-    """Close a stream by RST."""
+    """Close a TCP socket with RST."""
     with suppress(OSError):
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
     sock.close()

@@ -1,4 +1,4 @@
-"""UDP to one peer."""
+"""A UDP link to one peer."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from bcapscope.transport.peer_link import LinkReceiver
 from bcapscope.transport.socket_link import SocketLink, os_error_text
 
 AddressInfo: TypeAlias = tuple[int, int, int, str, Any]
-"""As `socket.getaddrinfo` tells an address."""
+"""One address in the form of `socket.getaddrinfo`."""
 
 
 def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
-    """Choose one of a host's addresses: that of IPv4, which controllers have, where there is one.
+    """Return the first IPv4 address, or the first address if there is none. Controllers use IPv4.
 
-    Over UDP a wrong choice looks like a controller that does not answer; names such as localhost often have
-    an address of IPv6 before it.
+    Over UDP a wrong choice looks like a controller that does not answer. Names such as localhost often list
+    an IPv6 address first.
     """
     return min(addresses, key=lambda each: each[0] != socket.AF_INET)
 
 
 class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
-    """A socket connected to its peer: the system drops what others send, and tells of closed ports."""
+    """A connected UDP socket: the system drops datagrams of other senders and reports closed ports."""
 
     datagrams = True
 
@@ -34,7 +34,7 @@ class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
             self._transport.sendto(data)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        # A cast, as asyncio's own class is no DatagramTransport before Python 3.12.
+        # A cast, because asyncio's own class is no DatagramTransport before Python 3.12.
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str | object, int]) -> None:
@@ -47,10 +47,10 @@ class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
 
 
 async def open_udp(host: str, port: int, receiver: LinkReceiver) -> UdpLink:
-    """Open a socket to `host`.
+    """Open a socket connected to `host` and return the link.
 
     Raises:
-        OSError: there is no such host, or no way to it.
+        OSError: The host is unknown or unreachable.
     """
     loop = asyncio.get_running_loop()
     family, *_ = preferred_address(await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))

@@ -1,1 +1,1 @@
-"""Frames, VARIANTs and byte streams: bytes to values and back."""
+"""Frames, VARIANTs and byte streams: decode bytes to values and encode values to bytes."""

@@ -1,4 +1,4 @@
-"""Reading the arguments of a frame, sound or not."""
+"""Decoding of a frame's arguments, sound or damaged."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
 
 MAX_NUMBERS = 65_536
-"""Elements of number arrays that are read of one frame; the bytes of a UI1 array do not count, as they are
-one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at 1,000,000 items of
-a packet (gui.max_tree_items)."""
+"""Maximum number of elements in number arrays to read from one frame. A UI1 array does not count, since its
+bytes are one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at 1,000,000
+items per packet (gui.max_tree_items)."""
 
 MAX_VALUES = 2_048
-"""Other values that are read of one frame: arguments, elements of VARIANT arrays and strings. Each takes some
-2 µs and 200 bytes, so that the most crafted frame holds up a proxy for some 5 ms. With 8,192, a flood of
-packed frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of known sessions are of
-names, a few hundred."""
+"""Maximum number of other values to read from one frame: arguments, elements of VARIANT arrays, and strings.
+Each takes about 2 µs and 200 bytes, so the worst crafted frame delays a proxy by about 5 ms. With 8,192, a
+flood of such frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of known sessions
+hold a few hundred names."""
 
 MAX_PROBLEMS = 100
-"""Problems of one frame that are listed; a frame can hold one in every seven bytes."""
+"""Maximum number of problems to list for one frame; a frame can hold one in every seven bytes."""
 
 _TYPE_COUNT = struct.Struct("<HI")
 _U32 = struct.Struct("<I")
 
 
 class Problem(NamedTuple):
-    """Something in the bytes that is not as b-CAP has it.
+    """A deviation of the bytes from b-CAP.
 
     Attributes:
-        offset: where in the frame's bytes.
-        code: a short stable word for programs.
-        reason: one clause for people.
+        offset: Offset in the frame's bytes.
+        code: Short stable identifier for programs.
+        reason: One clause for people.
     """
 
     offset: int
@@ -54,12 +54,12 @@ class Problem(NamedTuple):
 
 
 class Argument(NamedTuple):
-    """An argument of a frame and where it stands.
+    """An argument of a frame and its position.
 
     Attributes:
-        variant: the typed value, as far as its bytes go.
-        start: offset of its length field.
-        stop: offset behind its last byte.
+        variant: The typed value, as far as its bytes go.
+        start: Offset of its length field.
+        stop: Offset after its last byte.
     """
 
     variant: Variant
@@ -68,7 +68,7 @@ class Argument(NamedTuple):
 
 
 class NumberSpan(NamedTuple):
-    """Where plain numbers stand: `repeat` times the struct format character `code` from `start` on.
+    """Position of plain numbers: `repeat` times the struct format character `code`, from offset `start`.
 
     The data of a UI1 array is one "number" of code ``s``.
     """
@@ -79,19 +79,19 @@ class NumberSpan(NamedTuple):
 
 
 class ArgumentReader:
-    """Reads arguments from `pos` to `end`; never raises, never reads past `end`.
+    """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
-    The values decide where the next argument begins and the length field before each is only checked,
-    as in DENSO's present libraries (orin_bcap C, C#, Java and Python ignore it). Where a value cannot
-    be read to its end, the length field bounds it after all, as in the older C client, and bounds all
-    that follow: so no byte is taken for part of two values, and each is looked at twice at the most.
+    The values determine where the next argument begins; the length field before each one is only checked.
+    DENSO's present libraries (orin_bcap C, C#, Java and Python) ignore it. If a value cannot be read to its
+    end, the length field bounds it after all, as in the older C client. From then on it also bounds all
+    following arguments. So no byte belongs to two values, and no byte is read more than twice.
 
     Attributes:
-        arguments: what was read, the last one perhaps only in part.
-        problems: what is not as it should be, in the order of the bytes.
-        number_spans: where plain numbers stand.
-        pos: offset of the first byte that was not read.
-        is_complete: every argument was found, though perhaps not all of its value.
+        arguments: Arguments read so far; the last one may be partial.
+        problems: Deviations found, in the order of the bytes.
+        number_spans: Positions of plain numbers.
+        pos: Offset of the first unread byte.
+        is_complete: Whether every argument was found, though perhaps not its whole value.
     """
 
     def __init__(self, raw: bytes, pos: int, end: int) -> None:
@@ -132,7 +132,7 @@ class ArgumentReader:
         self._position_lost = True
 
     def _read_argument(self) -> bool:
-        """Read an argument; return whether it is known where the next one begins."""
+        """Read an argument; return whether the start of the next one is known."""
         start = self.pos
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
@@ -141,7 +141,7 @@ class ArgumentReader:
         variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
         if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
             self._trusts_lengths = True
-            variant = EMPTY  # lets go of what was read before it is read again
+            variant = EMPTY  # frees the first result before the second reading
             del self.problems[known:]
             self._numbers_left, self._values_left = left
             self._limit_reached = False

@@ -1,18 +1,18 @@
-"""A limit on bytes that several buffers share."""
+"""A limit on the bytes that several buffers hold together."""
 
 from __future__ import annotations
 
 DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
-"""Bytes of unfinished frames and of segments out of order that one program holds, unless it sets another
-bound: two frames of the largest size."""
+"""Bytes of unfinished frames and out-of-order segments that one program holds, unless it sets another limit:
+two frames of the largest size."""
 
 
 class ByteBudget:
-    """Counts bytes that several buffers hold.
+    """Counts the bytes that several buffers hold.
 
     Attributes:
-        limit: bytes that they may hold together.
-        held: bytes that they hold.
+        limit: Bytes that they may hold together.
+        held: Bytes that they hold now.
     """
 
     __slots__ = ("held", "limit")

@@ -17,12 +17,12 @@ _TABLE = _table()
 
 
 def crc16(data: bytes) -> int:
-    """Compute the CRC-16 of a serial-line frame.
+    """Return the CRC-16 of a serial-line frame.
 
-    Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final
-    inversion; ``b"123456789"`` gives 0x29B1 (orin_bcap C/src/bcap_common.c; Java agrees). In a frame it
-    covers the bytes from the length field to the one before the CRC, which stands low byte first,
-    directly before EOT.
+    Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final inversion;
+    ``b"123456789"`` gives 0x29B1 (orin_bcap C/src/bcap_common.c; Java agrees). In a frame it covers the bytes
+    from the length field to the last one before the CRC. The CRC is stored low byte first, directly before
+    EOT.
     """
     crc = 0xFFFF
     for byte in data:

@@ -1,8 +1,16 @@
-"""The b-CAP frame: header first, everything else when asked for.
+"""The b-CAP frame: the header is decoded first, everything else on demand.
 
-Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the
-Slave mode"): 0 SOH 0x01; 1 u32 length of the whole frame; 5 u16 serial; 7 u16 reserved; 9 u32 function
-id of a request, HRESULT of a reply; 13 u16 argument count; 15 arguments; last byte EOT 0x04.
+Offsets, all numbers little-endian (orin_bcap C/src/bcap_common.c; DENSO Wave 2009, "How to use the Slave
+mode"):
+
+* 0: SOH, 0x01
+* 1: u32 length of the whole frame
+* 5: u16 serial
+* 7: u16 reserved
+* 9: u32 function id of a request, HRESULT of a reply
+* 13: u16 argument count
+* 15: arguments
+* last byte: EOT, 0x04
 """
 
 from __future__ import annotations
@@ -49,7 +57,8 @@ __all__ = [
 ]
 
 LARGEST_UDP_FRAME = 503
-"""Whole frame, UDP and serial line (orin_bcap C/include/dn_udp.h); longer ones are refused unsent."""
+"""Largest whole frame over UDP and serial line, in bytes (orin_bcap C/include/dn_udp.h). Longer frames are
+rejected before sending."""
 
 _SERIAL_RESERVED_CODE = struct.Struct("<5xHHI").unpack_from
 _SERIAL_RESERVED = struct.Struct("<HH")
@@ -57,16 +66,16 @@ _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
 _PLAIN = Framing.PLAIN
-_LONGEST_PACKED_ROW = 64  # numbers; of longer ones there are too many lengths to keep a packer for each
+_LONGEST_PACKED_ROW = 64  # numbers; longer rows have too many different lengths to cache a packer for each
 
 
 class Malformed:
     """Bytes that are no frame, or a hole in a stream.
 
     Attributes:
-        raw: the bytes; empty for a hole.
-        problems: why they are no frame.
-        missing: how many bytes of the stream were never seen; 0 unless this is a hole.
+        raw: The bytes; empty for a hole.
+        problems: Reasons why they are no frame.
+        missing: Number of lost bytes of the stream; 0 unless this is a hole.
     """
 
     __slots__ = ("missing", "problems", "raw")
@@ -89,20 +98,21 @@ class Malformed:
 
 
 class Frame:
-    """A frame that has at least its header; what follows may be damaged.
+    """A frame that has at least its header; the rest may be damaged.
 
-    Nothing in a frame tells a request from a reply: `code` is the one or the other by who sent it.
+    A frame does not show whether it is a request or a reply. The sender decides whether `code` is a function
+    id or an HRESULT.
 
-    A frame holds its bytes only, whatever they unpack to, so that a store of frames needs no more memory than
-    their bytes. What was decoded last is kept by `FrameContent.cached` and the layouts.
+    A frame holds only its bytes, never the decoded values, so a store of frames needs no more memory than
+    their bytes. `FrameContent.cached` and the frame templates keep the most recent results of decoding.
 
     Attributes:
-        raw: the bytes as they came.
-        serial: chosen by the client, copied into the reply.
-        reserved: marks retries on UDP.
-        code: function id or HRESULT, unsigned.
-        external_problem: a problem that the frame's own bytes do not show, such as a capture that kept only
-            the beginning of the packet; None for nearly all.
+        raw: The bytes as received.
+        serial: Serial chosen by the client; the reply copies it.
+        reserved: Reserved field; marks retries on UDP.
+        code: Function id or HRESULT, unsigned.
+        external_problem: A problem that the frame's own bytes do not show, such as a packet truncated by the
+        capture; None for nearly all frames.
     """
 
     __slots__ = ("code", "external_problem", "raw", "reserved", "serial")
@@ -128,7 +138,7 @@ class Frame:
 
     @property
     def length(self) -> int:
-        """The length field, which may not agree with the bytes there are."""
+        """The length field, which may differ from the number of bytes present."""
         return int.from_bytes(self.raw[1:5], "little")
 
     @property
@@ -138,10 +148,10 @@ class Frame:
 
     @property
     def template_match(self) -> tuple[FrameTemplate, FrameNumbers] | None:
-        """What this frame shares with others of its form, and its own numbers.
+        """The template of this frame and the frame's own numbers.
 
-        The cheap way through millions of frames: `arguments` gives the same values one by one. None for
-        a frame with problems and for the few that are decoded on their own.
+        This is the cheap way through millions of frames; `arguments` returns the same values one by one. None
+        for a frame with problems, and for the few frames that are decoded without a template.
         """
         if self.external_problem is not None:
             return None
@@ -156,7 +166,7 @@ class Frame:
 
     @property
     def variants(self) -> tuple[Variant, ...]:
-        """The values of the arguments, for those who need not know where they stand."""
+        """The values of the arguments, without their positions."""
         inner = find_layout(self.raw) or _decode_in_full(self.raw)
         if isinstance(inner, tuple):
             return inner[0].fill_variants(inner[1])
@@ -164,26 +174,26 @@ class Frame:
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """What is not as b-CAP has it; empty for a sound frame."""
+        """Deviations from b-CAP; empty for a sound frame."""
         inner = find_layout(self.raw) or _decode_in_full(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.external_problem is None else (*own, self.external_problem)
 
     @property
     def framing(self) -> Framing:
-        """How the frame ends, as far as its bytes tell."""
+        """How the frame ends, as far as its bytes show."""
         inner = find_layout(self.raw) or _decode_in_full(self.raw)
         return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
     @property
     def body(self) -> bytes:
-        """`raw`; for a compressed frame the same bytes with what it unpacks to in place."""
+        """`raw`; for a compressed frame, the same bytes with the unpacked content in place."""
         inner = find_layout(self.raw) or _decode_in_full(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
 
 def _decode_in_full(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | FrameContent:
-    """Decode a frame whose layout is not known, and learn its layout if it may have one."""
+    """Decode a frame that matches no template, and learn a template from it if possible."""
     content = FrameContent.cached(raw)
     if content.framing is Framing.PLAIN and not content.problems:
         layouts.learn_template(raw, content.number_spans, content.arguments)
@@ -192,10 +202,10 @@ def _decode_in_full(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | FrameCon
 
 
 def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
-    """Take a datagram apart: one frame, several, or bytes that are none.
+    """Split a datagram into its frames, or into bytes that are no frame.
 
-    What begins with SOH and holds a header is a frame, with whatever problems; a frame that ends sound
-    before the datagram does is followed by what comes behind it.
+    Bytes that begin with SOH and hold a header become a frame, whatever its problems. A frame that ends with
+    EOT before the datagram ends is followed by further items.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
         return (Frame(raw),)
@@ -212,7 +222,7 @@ def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
 
 
 def parse_single_frame(raw: bytes) -> Frame | Malformed:
-    """Take all of `raw` for one frame if it begins as one; its problems tell the rest."""
+    """Return all of `raw` as one frame if it begins as one; the frame's problems describe the rest."""
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:
         return Frame(raw)
     if raw[:1] != b"\x01":
@@ -229,18 +239,18 @@ def encode_frame(
     arguments: Sequence[Variant] = (),
     framing: Framing = Framing.PLAIN,
 ) -> bytes:
-    """Make the bytes of a frame.
+    """Return the bytes of a frame.
 
     Args:
         serial: 0 to 65535.
         reserved: 0 to 65535; 1 in the two framings of version 1.
-        code: function id or HRESULT, signed or unsigned.
-        arguments: the values, in order.
-        framing: how the frame ends.
+        code: Function id or HRESULT, signed or unsigned.
+        arguments: Values of the arguments, in order.
+        framing: How the frame ends.
 
     Raises:
-        TooLargeError: the frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
-        LocalProtocolError: a number or a value does not fit.
+        TooLargeError: The frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
+        LocalProtocolError: A number or a value does not fit.
     """
     if len(arguments) == 1 and framing is _PLAIN:
         raw = _encode_number_row(serial, reserved, code, arguments[0])
@@ -264,10 +274,10 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Pack a frame at once whose one argument is a short row of numbers, as replies to slvMove are.
+    """Fast path for a frame whose only argument is a short row of numbers, as in replies to slvMove.
 
     Returns:
-        The frame; None for every other argument, and where something does not fit.
+        The frame. None for every other argument, and if something does not fit.
     """
     vt, values, count = row
     if (
@@ -285,18 +295,21 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return what packs a frame with a row of so many numbers, and the lengths of frame and argument."""
+    """Return a function that packs a frame with `count` numbers.
+
+    The second and third value are the lengths of the frame and of its argument, bytes.
+    """
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 
 
 def with_serial_and_reserved(raw: bytes, serial: int, reserved: int) -> bytes:
-    """Return a frame of `Framing.PLAIN` with other numbers in its header."""
+    """Return a copy of a frame of `Framing.PLAIN` with another serial and reserved field."""
     return raw[:5] + _SERIAL_RESERVED.pack(serial, reserved) + raw[9:]
 
 
 def _apply_framing(plain: bytes, framing: Framing, reserved: int) -> bytes:
-    """Turn a plain frame into one that ends otherwise."""
+    """Convert a plain frame to another framing."""
     numbers, inner = plain[5:9], plain[9:-1]
     if framing is Framing.SERIAL_LINE:
         checked = (len(plain) + 2).to_bytes(4, "little") + numbers + inner

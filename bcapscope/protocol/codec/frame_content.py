@@ -1,4 +1,4 @@
-"""Everything behind a frame's header, decoded in full: framing, arguments, problems."""
+"""Full decoding of everything after a frame's header: framing, arguments, problems."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ HEADER_SIZE = 15
 SMALLEST_FRAME = 16
 
 LARGEST_FRAME = 16 * 1024 * 1024
-"""What the older C client names as its limit on TCP (b-Cap.h); the present libraries name none."""
+"""Largest frame in bytes. The older C client names this limit for TCP (b-Cap.h); the present libraries name
+none."""
 
 LARGEST_UNPACKED = 256 * 1024
-"""Bytes that a compressed body may unpack to. Frames of real sessions are below 10 KiB; a body of 16 MiB
-would fit into 16 KiB of zlib, which any sender of datagrams can repeat thousands of times a second."""
+"""Largest size, in bytes, that a compressed body may unpack to. Frames of real sessions are below 10 KiB. A
+body of 16 MiB would fit into 16 KiB of zlib, and any sender of datagrams can repeat that thousands of times a
+second."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -29,7 +31,7 @@ _SMALLEST_UNPACKED = 6
 
 
 class Framing(Enum):
-    """What stands between the last argument and EOT."""
+    """What lies between the last argument and EOT."""
 
     PLAIN = "plain"
     """Nothing."""
@@ -38,22 +40,23 @@ class Framing(Enum):
     VERSION_1 = "version 1"
     """A mode byte 0; `reserved` is 1 (keioku/bcap-python)."""
     VERSION_1_ZLIB = "version 1, zlib"
-    """A mode byte 1; from offset 9 on stand the u32 unpacked size and a zlib stream of function id,
-    argument count and arguments (keioku/bcap-python)."""
+    """A mode byte 1. From offset 9 on, the frame holds the u32 unpacked size and a zlib stream of function
+    id, argument count and arguments (keioku/bcap-python)."""
 
 
 class FrameContent:
-    """A frame of at least a header, taken apart; never raises.
+    """The decoded content of a frame that has at least a header; decoding never raises.
 
     Attributes:
-        raw: the frame.
-        framing: how it ends, as far as its bytes tell.
-        body: the frame's bytes; for a compressed one, what it unpacks to stands in place of the
-            compressed bytes, between the same first nine and EOT.
-        code: function id or HRESULT.
-        arguments: as far as they could be read; spans are offsets in `body`.
-        problems: what is not as b-CAP has it, in the order of the bytes; offsets in `body`.
-        number_spans: where plain numbers stand in `body`.
+        raw: The bytes of the frame.
+        framing: How the frame ends, as far as its bytes show.
+        body: The frame's bytes. For a compressed frame, the unpacked content replaces the compressed bytes,
+            between
+        the same first nine bytes and EOT.
+        code: Function id or HRESULT.
+        arguments: Arguments as far as they could be read; spans are offsets in `body`.
+        problems: Deviations from b-CAP, in the order of the bytes; offsets in `body`.
+        number_spans: Positions of plain numbers in `body`.
     """
 
     __slots__ = ("arguments", "body", "code", "framing", "number_spans", "problems", "raw")
@@ -62,9 +65,9 @@ class FrameContent:
 
     @classmethod
     def cached(cls, raw: bytes) -> FrameContent:
-        """Return the content of a frame, if possible that which was made for the same object before.
+        """Return the content of a frame, from the cache if `raw` is the same object as before.
 
-        At most the two latest contents are kept: those of a request and of its reply.
+        The cache keeps at most the two latest contents: those of a request and of its reply.
         """
         latest = cls._recent
         for content in latest:
@@ -113,7 +116,7 @@ class FrameContent:
         return reader
 
     def _read_tail(self, reader: ArgumentReader) -> None:
-        """Tell the framing by what stands between the last argument and EOT."""
+        """Determine the framing from the bytes between the last argument and EOT."""
         body, end = self.body, reader.end
         tail = body[reader.pos : end]
         plain = self.framing is Framing.PLAIN
@@ -133,16 +136,16 @@ def _offset(problem: Problem) -> int:
 
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Tell whether the header at `pos` has the marks of a compressed version 1 frame.
+    """Return whether the header at `pos` has the marks of a compressed version 1 frame.
 
-    `reserved` 1 and a zlib header where the compressed body begins: a plain frame with both has 376
-    arguments or more.
+    The marks are `reserved` 1 and a zlib header where the compressed body begins. A plain frame with both has
+    376 arguments or more.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
 
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
-    """Return whether a zlib header stands where the compressed body of a frame at `pos` would begin.
+    """Return whether a zlib header is where the compressed body of a frame at `pos` would begin.
 
     The TCP client of keioku/bcap-python unpacks such a frame whatever its `reserved` is.
     """
@@ -153,7 +156,7 @@ def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
 
 
 def is_compressed(raw: bytes) -> bool:
-    """Tell whether `raw`, at least a header, is framed as version 1 frames are that are compressed."""
+    """Return whether `raw`, at least a header, has the framing of a compressed version 1 frame."""
     return len(raw) > HEADER_SIZE + 2 and has_compressed_header(raw) and raw[-2:] == b"\x01\x04"
 
 
@@ -165,7 +168,7 @@ def compressed_code(raw: bytes) -> int:
 
 
 def _decompress(raw: bytes) -> tuple[bytes, list[Problem]] | None:
-    """Unpack a compressed body; None where there is nothing to unpack after all."""
+    """Unpack a compressed body and return it with its problems; None if it is not compressed after all."""
     claimed = int.from_bytes(raw[9:_ZLIB_BODY], "little")
     machine = zlib.decompressobj()
     try:

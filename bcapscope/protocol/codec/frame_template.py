@@ -1,10 +1,12 @@
-"""What frames of one form share, so that a million of them are decoded once.
+"""Templates: what frames of one form share, so that a million of them need only one full decoding.
 
-Robot traffic repeats itself: two set points of a slave-mode session differ in serial, reserved and the
-numbers inside their arguments, nothing else. The first of several arguments is a handle, of which there
-are few: it belongs to the form. A `FrameTemplate` is what stays, kept from the first frame that
-was decoded in full and found sound; a later frame that agrees with it byte for byte outside those
-places needs only its numbers unpacked.
+Robot traffic is repetitive. Two set points of a slave-mode session differ only in serial, reserved and the
+numbers inside their arguments. If a frame has several arguments, the first is a handle. Handles take few
+values, so the handle is part of the template.
+
+A `FrameTemplate` holds what stays the same. It comes from the first frame that was decoded in full and found
+sound. A later frame that matches it byte for byte outside the varying positions needs only its numbers
+unpacked.
 """
 
 from __future__ import annotations
@@ -20,23 +22,25 @@ FrameNumbers: TypeAlias = "tuple[int | float | bytes, ...]"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""What stands before the only argument with numbers, what fills it, itself, and what stands behind it."""
+"""For the only argument with numbers: the values before it, its filler, its prototype, and the values after
+it."""
 
 LARGEST_TEMPLATE_FRAME = 1024
-"""Longer frames are decoded one by one: they are rare, and keeping their bytes would cost more."""
+"""Largest frame that gets a template, in bytes. Longer frames are decoded one by one: they are rare, and
+keeping their bytes would cost more."""
 
 MAX_TEMPLATES = 1024
-"""Layouts kept in all; when more forms than that are met, all are forgotten and learnt again."""
+"""Maximum number of templates. When it is reached, all are dropped and learnt again."""
 
 MAX_SHAPES_PER_LENGTH = 8
-"""Shapes tried for one frame length."""
+"""Maximum number of shapes tried for one frame length."""
 
 
 class FrameTemplate:
-    """The form of a frame.
+    """The constant part of frames of one form.
 
     Attributes:
-        prototype: arguments of the frame it was learnt from; its numbers mean nothing.
+        prototype: Arguments of the frame that it was learnt from; their numbers are placeholders.
     """
 
     __slots__ = ("_fill_plan", "_single_fill", "_variants", "prototype")
@@ -61,7 +65,7 @@ class FrameTemplate:
             )
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Put a frame's own `numbers`, in the order of its bytes, into the arguments."""
+        """Return the arguments with a frame's own `numbers`, which are in the order of its bytes."""
         if not numbers:
             return self.prototype
         arguments = list(self.prototype)
@@ -71,7 +75,7 @@ class FrameTemplate:
         return tuple(arguments)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the values of `fill_arguments` without their places."""
+        """Return the values of `fill_arguments` without their positions."""
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -84,7 +88,7 @@ class FrameTemplate:
 
 
 class _Shape:
-    """Where frames of one length keep their numbers; everything else is the key of their layout."""
+    """Positions of the numbers in frames of one length; all other bytes are the key of a template."""
 
     __slots__ = ("finder", "key", "spans", "templates", "unpack_numbers")
 
@@ -118,11 +122,11 @@ _Finder: TypeAlias = tuple[
     Callable[[tuple[bytes, ...]], FrameTemplate | None],
     Callable[[bytes], FrameNumbers],
 ]
-"""A shape's key, the look-up of that key, and the numbers: bound once, called for every frame."""
+"""A shape's key function, template look-up and number unpacker: bound once, called for every frame."""
 
 
 class _TemplateStore:
-    """All layouts known, by frame length."""
+    """All known templates, by frame length."""
 
     def __init__(self) -> None:
         self.shapes: dict[int, tuple[_Shape, ...]] = {}
@@ -150,9 +154,9 @@ _FINDERS = _STORE.finders
 
 
 def find_template(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | None:
-    """Return the layout of `raw` and its numbers in the order of its bytes, or None if it is not known.
+    """Return the template of `raw` and its numbers in the order of its bytes; None if there is no template.
 
-    A frame whose layout is known is sound: length, EOT and every argument are as b-CAP has them.
+    A frame that matches a template is sound: length, EOT and every argument conform to b-CAP.
     """
     for key, get, numbers in _FINDERS.get(len(raw), ()):
         layout = get(key(raw))
@@ -162,12 +166,14 @@ def find_template(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | None:
 
 
 def learn_template(raw: bytes, spans: Sequence[NumberSpan], arguments: tuple[Argument, ...]) -> None:
-    """Keep the form of a frame that was decoded in full and found sound.
+    """Store a template of a frame that was decoded in full and found sound.
+
+    Frames longer than `LARGEST_TEMPLATE_FRAME` are ignored.
 
     Args:
-        raw: the frame.
-        spans: where its numbers stand, in the order of its bytes.
-        arguments: what it holds.
+        raw: The bytes of the frame.
+        spans: Positions of its numbers, in the order of its bytes.
+        arguments: Its decoded arguments.
     """
     if len(raw) <= LARGEST_TEMPLATE_FRAME:
         first = arguments[0].stop if len(arguments) > 1 else 0
@@ -175,13 +181,13 @@ def learn_template(raw: bytes, spans: Sequence[NumberSpan], arguments: tuple[Arg
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
-    """Count the numbers that each of a frame's arguments takes; a handle before others takes none."""
+    """Return how many numbers each argument of a frame holds; a handle before other arguments counts as 0."""
     counts = [number_count(argument.variant) for argument in arguments]
     return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 
 
 def number_count(variant: Variant) -> int:
-    """Count the numbers that a value takes from those of its frame."""
+    """Return how many numbers of its frame a value holds; the bytes of a UI1 array count as one."""
     base = variant.vt & ~ARRAY
     value = variant.value
     if base == VT.VARIANT and isinstance(value, tuple):
@@ -196,7 +202,7 @@ def number_count(variant: Variant) -> int:
 
 
 def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
-    """Take the numbers out of arguments: what `FrameTemplate.fill_arguments` puts in."""
+    """Return the numbers of arguments, as `FrameTemplate.fill_arguments` expects them."""
     taken = zip(arguments, number_counts(arguments), strict=True)
     return tuple(number for argument, count in taken if count for number in iter_numbers(argument.variant))
 
@@ -207,7 +213,7 @@ def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
     if number_count(variant) == 0:
         return
     if not isinstance(value, tuple):
-        yield value  # type: ignore[misc]  # numbers_taken counts numbers and bytes only
+        yield value  # type: ignore[misc]  # number_count counts numbers and bytes only
     elif variant.vt == ARRAY | VT.VARIANT:
         for item in (item for item in value if isinstance(item, Variant)):
             yield from iter_numbers(item)
@@ -216,7 +222,7 @@ def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
 
 
 def _filler(variant: Variant) -> Callable[[Variant, FrameNumbers], Variant]:
-    """Return what puts just its own numbers into such a value."""
+    """Return the function that puts numbers into a value of this form."""
     if not isinstance(variant.value, tuple):
         return _fill_scalar
     return _fill_nest if variant.vt == ARRAY | VT.VARIANT else _fill_row
@@ -228,7 +234,7 @@ def _fill_scalar(variant: Variant, numbers: FrameNumbers) -> Variant:
 
 def _fill_row(variant: Variant, numbers: FrameNumbers) -> Variant:
     vt, _, elements = variant
-    return tuple.__new__(Variant, (vt, numbers, elements))  # every set point is made here, so without a call
+    return tuple.__new__(Variant, (vt, numbers, elements))  # hot path of set points: avoids Variant.__new__
 
 
 def _fill_nest(variant: Variant, numbers: FrameNumbers) -> Variant:

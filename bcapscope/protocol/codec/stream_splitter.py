@@ -1,4 +1,4 @@
-"""Cutting a byte stream into frames: any cut, any glue, and back into step after garbage."""
+"""Split a byte stream into frames, however it is segmented, and resynchronise after garbage."""
 
 from __future__ import annotations
 
@@ -19,37 +19,38 @@ from bcapscope.protocol.codec.frame import (
 from bcapscope.protocol.codec.frame_content import has_compressed_header
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""A frame whose length field its arguments do not bear out is waited for up to this size. Frames of real
-sessions are below 10 KiB, so a corrupted length costs a bounded wait and not the rest of the stream."""
+"""Largest frame, in bytes, to wait for if its arguments do not confirm the length field. Frames of real
+sessions are below 10 KiB. A corrupted length thus costs a bounded wait instead of the rest of the stream."""
 
 LARGEST_GARBAGE = 64 * 1024
-"""Bytes outside of any frame come out in pieces of this size, so that they are never piled up."""
+"""Largest piece of bytes outside any frame. Longer garbage is returned in several pieces, so that it does not
+accumulate."""
 
 GUARANTEED_BUFFER = 16 * 1024
-"""Bytes of an unfinished frame that are held even where the budget is exceeded: frames of real sessions are
-below 10 KiB, so that a flood of long ones does not damage theirs."""
+"""Bytes of an unfinished frame that are kept even if the budget is exceeded. Frames of real sessions are
+below 10 KiB, so a flood of long frames does not damage them."""
 
 STREAM_ENDED = "the stream ends here"
-"""Why the last frame of a stream is not whole."""
+"""Reason why the last frame of a stream is incomplete."""
 
 BUDGET_EXCEEDED = "incomplete: the unfinished frames of all connections exceed"
-"""Why a frame in the middle of a stream is not whole."""
+"""Reason why a frame in the middle of a stream is incomplete."""
 
 MAX_RESYNC_ARGUMENTS = 64
-"""Arguments of a frame at which a stream may get back into step. No function takes more than four and no
-reply has more than one; the bound keeps crafted garbage from being walked over and over."""
+"""Largest argument count of a frame at which the splitter resynchronises. No function has more than four
+arguments, and no reply more than one. The bound prevents repeated walks over crafted garbage."""
 
 _TAILS = (1, 2, 3)
-"""Bytes from the last argument to the end: EOT, with a mode byte (version 1), or with a CRC."""
+"""Bytes from the last argument to the end: EOT alone, with a mode byte (version 1), or with a CRC."""
 
 
 class StreamPiece(NamedTuple):
     """A part of a stream.
 
     Attributes:
-        start: offset in the stream of its first byte; a hole counts with the bytes it is missing.
-        stop: offset behind its last byte.
-        item: the frame, or bytes that are none.
+        start: Stream offset of its first byte. A hole counts with the number of its missing bytes.
+        stop: Stream offset after its last byte.
+        item: The frame, or bytes that are no frame.
     """
 
     start: int
@@ -61,31 +62,32 @@ class _Trust(Enum):
     CONFIRMED = auto()
     """The arguments end where the length field says, or are compressed."""
     UNCONFIRMED = auto()
-    """The length field is possible, but the arguments do not bear it out."""
+    """The length field is possible, but the arguments do not confirm it."""
     NONE = auto()
     """No frame begins here."""
     INCOMPLETE = auto()
-    """More bytes are needed to tell."""
+    """More bytes are needed to decide."""
 
 
 class StreamSplitter:
-    """Cuts a stream into pieces; the result depends on the bytes alone, never on how they arrive.
+    """Splits a stream into pieces; the result depends on the bytes alone, never on their segmentation.
 
-    Every byte fed comes out in exactly one piece, in order. Held are at most `limit` bytes, or
-    `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` where that is more. Splitters that share a budget together
-    hold no more than that, not counting `GUARANTEED_BUFFER` of each. A longer frame that exceeds the budget
-    is returned unfinished.
+    Every byte fed is returned in exactly one piece, in order. The splitter holds at most `limit` bytes, or
+    `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` if these are larger. Splitters that share a budget together
+    hold no more than the budget, plus `GUARANTEED_BUFFER` each. A longer frame that exceeds the budget is
+    returned unfinished.
     """
 
     def __init__(
         self, synchronized: bool = True, limit: int = LARGEST_FRAME, budget: ByteBudget | None = None
     ) -> None:
-        """Begin a stream.
+        """Start a stream.
 
         Args:
-            synchronized: the first byte fed is the first of a frame; False where the beginning was not seen.
-            limit: the longest frame that is waited for, in bytes.
-            budget: counts what this and other splitters hold; `close` gives it back.
+            synchronized: True if the first byte fed begins a frame; False if the start of the stream was
+                missed.
+            limit: Longest frame to wait for, bytes.
+            budget: Counts the bytes that this and other splitters hold; `close` returns them to it.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -98,11 +100,11 @@ class StreamSplitter:
 
     @property
     def pending_bytes(self) -> int:
-        """Bytes fed that have not come out yet."""
+        """Number of bytes fed that were not returned yet."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[StreamPiece]:
-        """Take the next bytes of the stream and return the pieces that they complete."""
+        """Add the next bytes of the stream and return the pieces that they complete."""
         start, frame = self._stream_offset, self.feed_whole_frame(data)
         if frame is not None:
             return [StreamPiece(start, self._stream_offset, frame)]
@@ -115,10 +117,10 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """Take the next bytes of the stream if they are one whole frame, as they nearly always are.
+        """Fast path of `feed` for the most frequent case: `data` is exactly one frame.
 
         Returns:
-            None for anything else, of which nothing is taken: it is for `feed`.
+            The frame. None in every other case, in which nothing is consumed; pass the bytes to `feed` then.
         """
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
@@ -126,7 +128,7 @@ class StreamSplitter:
         return Frame(data)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """End what was begun, then account for `missing` bytes that will never come."""
+        """Return the unfinished bytes and a piece for `missing` bytes of the stream that were lost."""
         pieces = self._flush("what follows was not seen")
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         reason = f"{missing} bytes of the stream were not seen"
@@ -135,7 +137,7 @@ class StreamSplitter:
         return [*pieces, StreamPiece(start, self._stream_offset, hole)]
 
     def close(self) -> list[StreamPiece]:
-        """End the stream: what is left comes out as it is."""
+        """End the stream and return the remaining bytes as they are."""
         return self._flush(STREAM_ENDED)
 
     def _flush(self, why: str) -> list[StreamPiece]:
@@ -178,7 +180,7 @@ class StreamSplitter:
         return Malformed(raw, (Problem(0, "soh", "bytes outside of any frame"),))
 
     def _next_piece_size(self, final: bool) -> int:
-        """Size of the piece that begins the buffer; 0 for "need more"."""
+        """Return the size of the piece at the start of the buffer; 0 if more bytes are needed."""
         if self._scan_position == 0 and self._synchronized and self._buffer[0] == SOH:
             trust, length = self._assess_header(0)
             if trust is _Trust.INCOMPLETE and not final:
@@ -192,10 +194,10 @@ class StreamSplitter:
         return self._resynchronize(final)
 
     def _frame_ends_at(self, length: int, trust: _Trust, final: bool) -> bool | None:
-        """Tell whether the frame that begins the buffer ends behind `length` bytes, None for "need more".
+        """Return whether the frame at the start of the buffer has `length` bytes; None for "need more".
 
-        A byte other than EOT may be a damaged EOT where the next frame, or nothing, follows; where it is
-        the SOH of the next frame, one byte too few was sent.
+        A byte other than EOT may be a damaged EOT if the next frame, or nothing, follows. If it is the SOH of
+        the next frame, the sender left one byte out.
         """
         buffer = self._buffer
         if len(buffer) < length:
@@ -209,7 +211,7 @@ class StreamSplitter:
         return buffer[length] == SOH
 
     def _resynchronize(self, final: bool) -> int:
-        """Look for the next byte at which a frame begins beyond doubt; return the size of what is before."""
+        """Find the next byte at which a frame certainly begins; return the size of what precedes it."""
         pos = self._scan_position
         self._synchronized = False
         while (pos := self._buffer.find(SOH, pos, LARGEST_GARBAGE)) >= 0:
@@ -225,7 +227,7 @@ class StreamSplitter:
         return self._scan_position if final or self._scan_position == LARGEST_GARBAGE else 0
 
     def _begins_frame(self, pos: int) -> bool | None:
-        """Tell whether a whole frame stands at `pos`, None for "need more"."""
+        """Return whether a whole frame begins at `pos`; None for "need more"."""
         trust, length = self._assess_header(pos, synchronized=False)
         if trust is _Trust.CONFIRMED and len(self._buffer) >= pos + length:
             return self._buffer[pos + length - 1] == EOT
@@ -234,7 +236,11 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Judge the frame that may begin at `pos` by its header and the lengths of its arguments."""
+        """Assess the frame that may begin at `pos`, from its header and argument lengths.
+
+        Returns:
+            The trust in it, and its length in bytes; 0 if that is not known.
+        """
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0
@@ -255,10 +261,10 @@ class StreamSplitter:
         return (_Trust.UNCONFIRMED if length <= LARGEST_UNCONFIRMED else _Trust.NONE), length
 
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
-        """Follow the length fields of the arguments to the offset behind the last one.
+        """Follow the length fields of the arguments and return the offset after the last one.
 
-        Goes on where it left off, so that a long frame in small cuts is walked once. Returns None for
-        "need more" and 0 where the arguments cannot be right.
+        Continues where the previous call stopped, so that a long frame in small segments is walked once.
+        Returns None for "need more", and 0 if the arguments cannot be right.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:
@@ -279,7 +285,7 @@ class StreamSplitter:
 
 
 def _is_one_frame(data: bytes) -> bool:
-    """Tell the common case: one segment holds one frame that the full walk would take as well."""
+    """Return whether `data` is exactly one frame that the full walk would accept as well."""
     return (
         len(data) >= SMALLEST_FRAME
         and data[0] == SOH

@@ -1,7 +1,7 @@
-"""VARIANT: the typed values of b-CAP, their names and their bytes.
+"""VARIANT: the typed values of b-CAP, their names and their encoding.
 
-Layout of a VARIANT, all numbers little-endian: u16 type, u32 element count, data. An argument of a
-frame puts a u32 byte length before it; the elements of a VARIANT array have none (orin_bcap
+Layout of a VARIANT, all numbers little-endian: u16 type, u32 element count, data. In an argument of a frame,
+a u32 byte length precedes it. The elements of a VARIANT array have no such length (orin_bcap
 C/src/bcap_common.c, CSharp bCAPPacketConverter.cs and Python bcapclient.py agree).
 """
 
@@ -18,7 +18,7 @@ from bcapscope.errors import LocalProtocolError
 
 
 class VT(IntEnum):
-    """Types that b-CAP carries; numbers are those of COM's VARENUM (orin_bcap C/include/bcap_common.h)."""
+    """Types that b-CAP carries, numbered as in COM's VARENUM (orin_bcap C/include/bcap_common.h)."""
 
     EMPTY = 0
     NULL = 1
@@ -40,7 +40,7 @@ class VT(IntEnum):
 
 
 ARRAY = 0x2000
-"""Flag or-ed with an element type."""
+"""Flag that is or-ed with an element type."""
 
 NUMBER_FORMATS: dict[int, str] = {
     VT.I2: "h",
@@ -60,20 +60,20 @@ NUMBER_FORMATS: dict[int, str] = {
 """struct format character of each type of fixed width."""
 
 NUMBER_WIDTHS: dict[int, int] = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
-"""Bytes of an element of these types."""
+"""Bytes per element of each type of fixed width."""
 
 _NUMBERS = frozenset(NUMBER_FORMATS) - {VT.BOOL}
 
 NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
-"""Types of arrays whose values are tuples of numbers."""
+"""Array types whose values are tuples of numbers."""
 
 MAX_NESTING = 32
-"""VARIANT arrays inside VARIANT arrays that are followed. Controllers nest two deep (an argument list
-that holds a pose); the bound keeps a hostile frame from exhausting the interpreter's stack."""
+"""Depth to which nested VARIANT arrays are read. Controllers nest two deep (an argument list that holds a
+pose). The bound keeps a hostile frame from exhausting the interpreter's stack."""
 
 CY_SCALE = 10_000
-"""A CY counts ten-thousandths in COM. None of DENSO's libraries applies that, so values stay raw here
-and a view shows the scaled one beside it."""
+"""Units of a CY value per 1.0: in COM it counts ten-thousandths. None of DENSO's libraries applies that, so
+values stay raw here and views show the scaled value beside them."""
 
 Value: TypeAlias = "bool | int | float | str | bytes | tuple[Value, ...] | tuple[Variant, ...] | None"
 
@@ -85,12 +85,15 @@ class Variant(NamedTuple):
     """A typed value.
 
     Attributes:
-        vt: type number, `ARRAY` or-ed in for arrays; unknown numbers are kept.
-        value: None for EMPTY and NULL; int, float, bool or str for scalars (CY and ERROR as raw
-            integers, DATE as days since 1899-12-30); a tuple for arrays, `bytes` for an array of UI1,
-            a tuple of Variant for an array of VARIANT; the raw `bytes` of an unknown type.
-        elements: element count as it stands in the frame. Scalars have 1; EMPTY and NULL are read with 0
-            as well. More than there are values where a frame promises more than it holds.
+        vt: Type number, or-ed with `ARRAY` for arrays; unknown numbers are kept.
+        value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
+            DATE as
+        days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of Variant for an
+            array
+        of VARIANT. The raw `bytes` of an unknown type.
+        elements: Element count as in the frame. Scalars have 1; EMPTY and NULL may also have 0. Larger than
+            the
+        number of values if a frame holds fewer elements than it announces.
     """
 
     vt: int
@@ -99,7 +102,7 @@ class Variant(NamedTuple):
 
     @classmethod
     def array(cls, element: int, values: bytes | tuple[Value, ...] | tuple[Variant, ...]) -> Variant:
-        """Make an array of `element` type."""
+        """Return an array of `element` type."""
         return cls(ARRAY | element, values, len(values))
 
 
@@ -107,7 +110,7 @@ EMPTY = Variant(VT.EMPTY, None)
 
 
 def vt_name(vt: int) -> str:
-    """Name a type number: ``VT_I4``, ``VT_R8|VT_ARRAY``, ``VT_0x0009`` where b-CAP has no such type."""
+    """Return the name of a type: ``VT_I4``, ``VT_R8|VT_ARRAY``; ``VT_0x0009`` if b-CAP has no such type."""
     base = _NAMES.get(vt & ~ARRAY) or f"VT_0x{vt & ~ARRAY:04X}"
     return f"{base}|VT_ARRAY" if vt & ARRAY else base
 
@@ -115,8 +118,9 @@ def vt_name(vt: int) -> str:
 def integer_value(variant: Variant) -> int | None:
     """Return the whole number that a value holds, such as slvChangeMode's parameter or slvGetMode's result.
 
-    Integers of any width are taken (VT_I2 in DENSO Wave 2009, VT_I4 in the samples), whole floating-point
-    numbers, and decimal text, which the ANSI-C client sends. None for everything else.
+    Accepts integers of any width (VT_I2 in DENSO Wave 2009, VT_I4 in the samples) and whole floating-point
+    numbers. Also accepts decimal text of up to 9 digits, which the ANSI-C client sends. None for everything
+    else.
     """
     value = variant.value
     if isinstance(value, bool):
@@ -132,20 +136,21 @@ def integer_value(variant: Variant) -> int | None:
 
 
 def encode_variant(variant: Variant) -> bytes:
-    """Pack type, count and data, as they stand inside a VARIANT array.
+    """Encode type, count and data, as inside a VARIANT array.
 
     Raises:
-        LocalProtocolError: the value does not fit its type, an array's element count is not that of its
-            values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
+        LocalProtocolError: The value does not fit its type, the element count of an array differs from the
+            number
+        of its values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
     """
     return _encode(variant, 0)
 
 
 def encode_argument(variant: Variant) -> bytes:
-    """Pack a VARIANT as an argument: its length in bytes (u32) before it.
+    """Encode a VARIANT as an argument: its byte length (u32), then type, count and data.
 
     Raises:
-        LocalProtocolError: as `encode_variant`.
+        LocalProtocolError: As for `encode_variant`.
     """
     body = _encode(variant, 0)
     return len(body).to_bytes(4, "little") + body
@@ -168,7 +173,7 @@ def _encode(variant: Variant, depth: int) -> bytes:
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> Callable[..., bytes]:
-    """Return what packs type, count and so many numbers at once, as every set point needs it."""
+    """Return a function that packs type, count and `count` numbers in one step; set points need the speed."""
     return struct.Struct(f"<HI{count}{NUMBER_FORMATS[vt]}").pack
 
 

@@ -1,4 +1,4 @@
-"""VARIANTs as people type them: `i2:2`, `r4[]:10,20,30`, or bare where the type is known or is guessed."""
+"""The text notation of VARIANTs: `i2:2`, `r4[]:10,20,30`, or bare text of a known or guessed type."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ _TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
 
 
 def parse_variant(text: str) -> Variant:
-    """Read a value: with its type before a colon, else an integer, a number, a list of them, or a string.
+    """Parse a value with its type before a colon, or guess the type of bare text.
 
-    Types are those of b-CAP in any case (`i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty
-    null`), with ``[]`` for arrays, whose elements stand between commas. ``variant[]:`` takes elements between
-    semicolons, each with a type of its own. Hexadecimal integers may be bits, as in ``i4:0x84201482``.
-    Nothing at all is EMPTY.
+    The types are those of b-CAP in any case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty
+    null`. ``[]`` marks an array, whose elements are separated by commas. ``variant[]:`` takes elements
+    separated by semicolons, each with its own type. A hexadecimal integer may give the bits of a negative
+    number, as in ``i4:0x84201482``. Bare text becomes an integer, a number, a list of them, or a string.
+    Empty text is EMPTY.
 
     Raises:
-        ValueError: the value does not go with the type.
+        ValueError: The value does not fit the type.
     """
     match = _TYPED.fullmatch(text)
     vt = VT.__members__.get(match[1].upper()) if match else None
@@ -33,14 +34,14 @@ def parse_variant(text: str) -> Variant:
 
 
 def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
-    """Read a value that is of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``; its text may choose.
+    """Parse a value of one of `types`, such as ``VT_I4`` or ``VT_R8|VT_ARRAY``.
 
-    Bare text becomes the first of the types that it goes with, a string only if it is nothing else. Text with
-    a type of its own keeps it, whether or not it is one of `types`, unless the only one is VT_BSTR: then all
-    text is taken as it stands.
+    Bare text becomes the first type that it fits, and VT_BSTR only if it fits no other. Text with its own
+    type keeps that type, whether or not it is one of `types`. If the only type is VT_BSTR, all text is taken
+    verbatim.
 
     Raises:
-        ValueError: it goes with none of them.
+        ValueError: The text fits none of the types.
     """
     if tuple(types) == ("VT_BSTR",):
         return Variant(VT.BSTR, text)
@@ -66,7 +67,7 @@ def _parse_type(vt: int, text: str) -> Variant:
 def _parse_untyped(text: str) -> Variant:
     if not text:
         return EMPTY
-    if not any(map(str.isdigit, text)):  # nan and inf are words until a type says otherwise
+    if not any(map(str.isdigit, text)):  # bare nan and inf are strings; only a type makes them numbers
         return Variant(VT.BSTR, text)
     for vt in (VT.I4, VT.I8, VT.R8):
         for read in (_parse_scalar, _parse_array) if "," in text else (_parse_scalar,):
@@ -116,10 +117,10 @@ def _parse_integer(vt: VT, text: str) -> int:
     try:
         value = int(text, 0)
     except ValueError:
-        value = int(text)  # zeros in front, which Python's notation forbids
+        value = int(text)  # leading zeros, which Python's notation forbids
     low, high = _RANGES[vt]
     if low < 0 and high < value <= high - low and text.strip().lower().startswith("0x"):
-        value -= high - low + 1  # bits, as result codes are written
+        value -= high - low + 1  # the bits of a negative number, as in result codes
     if not low <= value <= high:
         raise ValueError
     return value
@@ -134,7 +135,7 @@ def _parse_bool(_: VT, text: str) -> bool:
 
 def _parse_float(vt: VT, text: str) -> float:
     value = float(text)
-    if math.isinf(value) and "inf" not in text.lower():  # more than any float of eight bytes
+    if math.isinf(value) and "inf" not in text.lower():  # larger than any float of eight bytes
         raise ValueError
     if vt is VT.R4 and math.isfinite(value) and abs(value) > _LARGEST_R4:
         raise ValueError

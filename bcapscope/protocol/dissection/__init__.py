@@ -1,3 +1,1 @@
-"""Frames taken apart for people: fields with their bytes and meanings, plausibility, repair of damaged
-frames.
-"""
+"""Frames dissected for people: fields with bytes and meanings, plausibility, repair of damaged frames."""

@@ -1,6 +1,6 @@
-"""Where each field of a frame stands and what it is: for trees, hex views and everything that lights bytes.
+"""Position and meaning of each field of a frame, for trees, hex views and byte highlighting.
 
-The values were decoded by `bcapscope.protocol.codec.arguments`; here they are only put beside their bytes.
+`bcapscope.protocol.codec.arguments` decodes the values; this module relates them to their bytes.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
 from bcapscope.protocol.tables.hresult import hresult_name
 
 HRESULT = "HRESULT"
-"""Name of the field that tells how a call ended."""
+"""Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the bytes of an argument that its value does not account for."""
+"""Name of the bytes of an argument that its value does not cover."""
 
 _TYPE_AND_COUNT = 6
 _COMPRESSED_AT = 13  # compressed bytes of a version 1 frame begin here
@@ -38,19 +38,20 @@ _READING_ENDED = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class FrameField:
-    """A run of bytes with a meaning.
+    """A range of bytes with a meaning.
 
     Attributes:
-        name: of the header field, the argument or the element.
-        start: offset of its first byte.
-        stop: offset behind its last byte; equal to `start` where something is missing.
-        value: what it holds; None where there is nothing to say or it could not be read.
-        vt: type of `value` where that is typed by a VARIANT; None for the numbers of the frame itself.
-        text: what the value stands for, such as `Robot_Execute` or `VT_I4`; else empty.
+        name: Name of the header field, argument or element.
+        start: Offset of its first byte.
+        stop: Offset after its last byte; equal to `start` if something is missing.
+        value: Its value; None if it has none or could not be read.
+        vt: VARIANT type of `value`; None for the frame's own numbers.
+        text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; else empty.
         unit: `mm`, `deg`, or empty.
-        problems: what is wrong with it or inside of it, in the order of the bytes.
-        children: fields that it consists of, which cover it without a gap; made only when looked at, so that
-            an array of a million elements costs nothing before.
+        problems: Problems of this field or inside it, in the order of the bytes.
+        children: Fields that it consists of, which cover it without a gap. They are created on access, so
+            that an
+        array of a million elements costs nothing before.
     """
 
     name: str
@@ -67,18 +68,17 @@ class FrameField:
 def frame_fields(
     frame: Frame, is_request: bool, function_id: int | None = None, command: str | None = None
 ) -> tuple[FrameField, ...]:
-    """Take a frame apart, from SOH to EOT; the offsets are those of `Frame.body`.
+    """Return the fields of a frame, from SOH to EOT; the offsets are those of `Frame.body`.
 
-    Any frame, however damaged: the leaves cover every byte once. A missing EOT is a field without bytes, a
-    damaged one has the byte that stands in its place.
-    What a compressed frame looks like on the wire is in `envelope_fields`, with the problems that belong
-    there.
+    Any frame is accepted, however damaged: the leaves cover every byte once. A missing EOT is a field without
+    bytes; a damaged EOT holds the byte in its place. `envelope_fields` describes a compressed frame as it is
+    on the wire, and reports the problems there.
 
     Args:
-        frame: the frame.
-        is_request: who sent it; nothing in the frame tells.
-        function_id: for a reply, of the request that it answers, where that was seen.
-        command: for a reply, that request's bstrCommand, where it has one.
+        frame: The frame.
+        is_request: Whether the client sent it; the frame itself does not show this.
+        function_id: For a reply, the function id of its request; None if the request was not captured.
+        command: For a reply, the bstrCommand of its request; None if it has none.
     """
     if is_request:
         function_id, command = frame.code, _command_of(frame)
@@ -93,7 +93,7 @@ def frame_fields(
 def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
     """Return the fields of `Frame.raw` for a compressed frame; () for all others.
 
-    Version 1 as in keioku/bcap-python: header as ever up to `reserved`, then the unpacked size, a zlib
+    Version 1 as in keioku/bcap-python: the usual header up to `reserved`, then the unpacked size, a zlib
     stream, a mode byte and EOT.
     """
     if frame.framing is not Framing.VERSION_1_ZLIB:
@@ -112,7 +112,7 @@ def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
 
 
 def _envelope_problems(frame: Frame) -> list[Problem]:
-    """Return the problems of a compressed frame whose offsets mean `Frame.raw`."""
+    """Return the problems of a compressed frame whose offsets refer to `Frame.raw`."""
     if frame.reserved != 1 or frame.framing is not Framing.VERSION_1_ZLIB:
         return []
     return [
@@ -132,7 +132,7 @@ def _command_of(frame: Frame) -> str | None:
 
 
 class _FieldBuilder:
-    """Puts decoded values beside the bytes of one frame."""
+    """Builds the fields of one frame from its decoded values."""
 
     def __init__(self, frame: Frame, problems: list[Problem], body: bytes | None = None) -> None:
         self._frame = frame
@@ -167,13 +167,13 @@ class _FieldBuilder:
         yield from self._tail_fields(pos)
 
     def header_fields(self) -> Iterator[FrameField]:
-        """Yield what stands before the function id or HRESULT."""
+        """Yield the fields before the function id or HRESULT."""
         yield self.leaf_field("SOH", 0, 1)
         for name, start, stop in (("length", 1, 5), ("serial", 5, 7), ("reserved", 7, 9)):
             yield self.number_field(name, start, stop)
 
     def number_field(self, name: str, start: int, stop: int) -> FrameField:
-        """Make a field of an unsigned number."""
+        """Return a field with an unsigned number."""
         return self.leaf_field(name, start, stop, int.from_bytes(self.body[start:stop], "little"))
 
     def leaf_field(
@@ -186,17 +186,17 @@ class _FieldBuilder:
         text: str = "",
         problems: tuple[Problem, ...] = (),
     ) -> FrameField:
-        """Make a field without children; `problems` come on top of those that its bytes have."""
+        """Return a field without children; `problems` are added to those of its bytes."""
         return FrameField(
             name, start, stop, value, None, text, "", (*self.problems_within(start, stop), *problems)
         )
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems of some bytes, without that of a value that breaks off behind them."""
+        """Return the problems of a byte range, without that of a value that is cut off at its end."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems whose places, see `_doubled_place`, are in a range."""
+        """Return the problems whose doubled offsets (see `_doubled_place`) lie in a range."""
         placed = self._placed
         if not placed:
             return ()
@@ -206,7 +206,7 @@ class _FieldBuilder:
     def _tail_fields(self, start: int) -> Iterator[FrameField]:
         body = self.body
         size = len(body)
-        # A last byte that is none is taken for a damaged EOT where the length says that the frame ends there.
+        # A last byte other than EOT counts as a damaged EOT if the frame ends there by its length field.
         has_eot = body[-1] == EOT or int.from_bytes(body[1:5], "little") == size
         end = size - 1 if size > HEADER_SIZE and has_eot else size
         if start < end:
@@ -227,14 +227,14 @@ class _FieldBuilder:
 
 
 class _ArgumentFields:
-    """Puts the value of one argument beside its bytes."""
+    """Builds the fields of one argument from its decoded value."""
 
     def __init__(self, builder: _FieldBuilder, argument: Argument) -> None:
         self._builder = builder
         self._argument = argument
 
     def fields(self, label: ValueLabel) -> Iterator[FrameField]:
-        """Yield the fields that the argument consists of, in the order of its bytes."""
+        """Yield the fields of the argument, in the order of its bytes."""
         variant, start, stop = self._argument
         walk = self._builder
         yield walk.number_field("length", start, start + 4)
@@ -319,7 +319,7 @@ class _ArgumentFields:
         )
 
     def _value_end(self, variant: Variant, start: int) -> int:
-        """Return the offset behind the last byte of a VARIANT's value, where it was read to."""
+        """Return the offset after the last byte of a VARIANT's value that was read."""
         return self._data_end(variant, start + _TYPE_AND_COUNT)
 
     def _data_end(self, variant: Variant, start: int) -> int:
@@ -339,19 +339,19 @@ class _ArgumentFields:
         return start
 
     def _string_end(self, start: int) -> int:
-        """Return the offset behind a string, which its argument may cut short."""
+        """Return the offset after a string, which its argument may cut short."""
         size = int.from_bytes(self._builder.body[start : start + 4], "little")
         return min(start + 4 + size, self._argument.stop)
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return twice the offset of a problem, one less for a value that breaks off where its argument ends."""
+    """Return twice a problem's offset, minus one for a value that is cut off at the end of its argument."""
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off
 
 
 class _NumberFields(Sequence[FrameField]):
-    """The elements of an array of fixed width, each made when it is looked at."""
+    """The elements of an array of fixed width; each field is created on access."""
 
     def __init__(
         self,
@@ -392,7 +392,7 @@ class _NumberFields(Sequence[FrameField]):
 
 
 class _LazyFields(Sequence[FrameField]):
-    """Fields that are found one after the other, kept only where one of them is asked for by its place."""
+    """Fields that are created on iteration; they are stored only after access by index or length."""
 
     def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:
         self._make = make

@@ -1,8 +1,8 @@
-"""What probably happened to a damaged frame: lost or surplus zero bytes, an end cut off, a misread name.
+"""Probable causes of a damaged frame: lost or surplus zero bytes, a missing end, a misread name.
 
-Frames that went through a document, a mail or a screenshot come back with such damage. Most bytes of a frame
-are zeros, so zeros get lost or doubled, as in nearly every dump of DENSO Wave 2009, How to use the Slave
-mode. What is found here is a guess and is worded as one; the bytes as they came are never changed.
+Frames that were copied through a document, a mail or a screenshot have such damage. Most bytes of a frame are
+zeros, so zeros get lost or doubled, as in nearly every dump of DENSO Wave 2009, How to use the Slave mode.
+The result is a guess and is worded as one. The original bytes are never changed.
 """
 
 from __future__ import annotations
@@ -22,23 +22,24 @@ from bcapscope.protocol.dissection.plausibility import (
 from bcapscope.protocol.dissection.similar_commands import find_similar_command
 
 LONGEST_SEARCHED = 1024
-"""Longer frames are not searched for lost bytes; on UDP none has more than 503 (orin_bcap dn_udp.h)."""
+"""Largest frame, in bytes, that is searched for lost bytes; on UDP none has more than 503 (orin_bcap
+dn_udp.h)."""
 
 MAX_EDITS = 2
 _BEAM = 24
-"""Ways to mend the first place that are followed to a second one."""
+"""Number of first edits that the search continues with a second one."""
 
 _SMALLEST_LIKELY, _LARGEST_LIKELY = 1e-6, 1e9
-"""Sizes between which positions, speeds and times lie."""
+"""Range of magnitudes of positions, speeds and times."""
 
 
 class ByteEdit(NamedTuple):
-    """One place that is not as it was.
+    """One place where the bytes were changed.
 
     Attributes:
-        offset: in the bytes as they came.
-        found: what stands there; empty for what was lost.
-        expected: what stood there; empty for what is surplus.
+        offset: Offset in the original bytes.
+        found: Bytes found there; empty if bytes were lost.
+        expected: Bytes that should be there; empty if the found bytes are surplus.
     """
 
     offset: int
@@ -47,13 +48,13 @@ class ByteEdit(NamedTuple):
 
 
 class FrameRepair(NamedTuple):
-    """What a frame, or an argument on its own, probably was.
+    """What a frame, or a separate argument, probably was before the damage.
 
     Attributes:
-        raw: its bytes with the edits made; without those that are missing at the end.
-        edits: in the order of their offsets; none if only the end is missing.
-        missing_at_end: bytes that were cut off at the end.
-        is_argument: this is no frame but one argument of one.
+        raw: Its bytes after the edits, without those missing at the end.
+        edits: Edits in the order of their offsets; none if only the end is missing.
+        missing_at_end: Number of bytes missing at the end.
+        is_argument: Whether this is one argument instead of a frame.
     """
 
     raw: bytes
@@ -63,13 +64,15 @@ class FrameRepair(NamedTuple):
 
 
 class _State(NamedTuple):
-    """Bytes on the way to a sound frame.
+    """An intermediate result of the search for a sound frame.
 
     Attributes:
-        data: the bytes with the changes made so far.
-        changes: made so far: +1 for a zero put in, -1 for one taken out, and the offset in the bytes as
-            they were just before.
-        zeros: how long the runs of zeros are in which they were made; a byte gets lost most easily there.
+        data: The bytes after the changes so far.
+        changes: Changes so far: +1 for an inserted zero or -1 for a removed one, and its offset in the bytes
+            just
+        before that change.
+        zeros: Total length of the runs of zeros that were changed; a byte gets lost most easily in a long
+            run.
     """
 
     data: bytes
@@ -81,15 +84,15 @@ _Step = Callable[[_State], Iterator[_State]]
 
 
 def find_repair(raw: bytes, is_request: bool | None = None) -> FrameRepair | None:
-    """Look for the smallest damage that explains why `raw` is no sound frame.
+    """Find the smallest damage that explains why `raw` is no sound frame.
 
     Args:
-        raw: one frame, or an argument of one.
-        is_request: who sent it; None if that is not known.
+        raw: One frame, or one argument of a frame.
+        is_request: Whether the client sent it; None if unknown.
 
     Returns:
-        What was found; None for a sound frame, or if nothing small explains the damage. What it gives is
-        sound as far as it goes, with a function or result that exists.
+        The repair. None for a sound frame whose command was not misread, or if no small damage explains the
+        problems. The repaired bytes are sound as far as they go, with an existing function or result.
     """
     if raw[:1] != bytes((SOH,)) or len(raw) < HEADER_SIZE:
         return _without_soh(raw, is_request) or _argument(raw)
@@ -104,7 +107,7 @@ def find_repair(raw: bytes, is_request: bool | None = None) -> FrameRepair | Non
 
 
 def _misread_command(raw: bytes, is_request: bool | None) -> FrameRepair | None:
-    """Put right a command name of a sound request in which single characters were misread."""
+    """Repair a command name of a sound request in which single characters were misread."""
     name = None if is_request is False else find_similar_command(raw)
     if name is None or not name.misread_bytes:
         return None
@@ -126,7 +129,7 @@ def _without_soh(raw: bytes, is_request: bool | None) -> FrameRepair | None:
 
 
 def _wrong_ends(raw: bytes, length: int | None, is_request: bool | None) -> FrameRepair | None:
-    """Mend a frame of which only the length field or EOT is wrong, or behind which other bytes stand."""
+    """Repair a frame of which only the length field or EOT is wrong, or that has surplus bytes after it."""
     size = len(raw)
     if plausible_prefix_length(raw, size, is_request) == size:
         right = size.to_bytes(4, "little")
@@ -140,7 +143,7 @@ def _wrong_ends(raw: bytes, length: int | None, is_request: bool | None) -> Fram
 
 
 def _changed_zeros(raw: bytes, length: int | None, is_request: bool | None) -> FrameRepair | None:
-    """Find zero bytes that were lost, are surplus, or moved; as many as the length field tells."""
+    """Find lost, surplus or moved zero bytes; the length field determines how many."""
     plans: tuple[tuple[_Step, ...], ...]
     if len(raw) > LONGEST_SEARCHED:
         plans = ()
@@ -161,7 +164,7 @@ def _changed_zeros(raw: bytes, length: int | None, is_request: bool | None) -> F
 
 
 def _cut_end(raw: bytes, length: int | None, is_request: bool | None) -> FrameRepair | None:
-    """Find out whether the end is missing, and whether zero bytes were lost before that."""
+    """Find out whether the end is missing, and whether zero bytes were lost before it."""
     for lost in range(1 if len(raw) > LONGEST_SEARCHED else MAX_EDITS + 1):
         if length is None or length <= len(raw) + lost:
             return None
@@ -178,7 +181,7 @@ def _cut_end(raw: bytes, length: int | None, is_request: bool | None) -> FrameRe
 
 
 def _search(raw: bytes, plan: tuple[_Step, ...], is_request: bool | None) -> list[_State]:
-    """Take the steps of `plan` everywhere; between steps go on with those that mended most."""
+    """Apply each step of `plan` at every offset; keep the most promising states between steps."""
     states = [_State(raw, (), 0)]
     for step in plan:
         states = heapq.nlargest(
@@ -200,7 +203,7 @@ def _is_sound(data: bytes, is_request: bool | None) -> bool:
 
 
 def _lost(state: _State) -> Iterator[_State]:
-    """Put a zero in: once at the end of each run of zeros, and once between each two other bytes."""
+    """Yield states with one zero inserted: at the end of each run of zeros, or between other bytes."""
     data = state.data
     run = 0
     for at in range(1, len(data) + 1):
@@ -211,7 +214,7 @@ def _lost(state: _State) -> Iterator[_State]:
 
 
 def _surplus(state: _State) -> Iterator[_State]:
-    """Take a zero out, the last one of each run."""
+    """Yield states with one zero removed, the last one of each run."""
     data = state.data
     run = 0
     for at in range(1, len(data)):
@@ -222,7 +225,7 @@ def _surplus(state: _State) -> Iterator[_State]:
 
 
 def _edits(state: _State) -> tuple[ByteEdit, ...]:
-    """Tell the changes by where they are in the bytes as they came."""
+    """Convert the changes to edits with offsets in the original bytes."""
     lost: Counter[int] = Counter()
     edits = []
     for index, (change, place) in enumerate(state.changes):
@@ -238,16 +241,16 @@ def _edits(state: _State) -> tuple[ByteEdit, ...]:
 
 
 def _preference(state: _State) -> tuple[int, int, tuple[tuple[int, int], ...]]:
-    """Order ways to mend: likely values first, then zeros changed where most of them stand."""
+    """Return the sort key of a repair: likely values first, then changes in the longest runs of zeros."""
     strange = sum(_strange(argument.variant.value) for argument in FrameContent(state.data).arguments)
     return strange, -state.zeros, state.changes
 
 
 def _strange(value: Value | Variant) -> int:
-    """Tell how far a value is from those that are sent: small numbers and plain letters.
+    """Return how unusual a value is; small numbers and ASCII letters are usual.
 
-    A zero put in at the wrong end of a number multiplies it by 256; one put into a string turns its letters
-    into those of another alphabet.
+    A zero inserted at the wrong end of a number multiplies it by 256. A zero inserted into a string turns its
+    letters into those of another alphabet.
     """
     if isinstance(value, Variant):
         return _strange(value.value)
@@ -263,7 +266,7 @@ def _strange(value: Value | Variant) -> int:
 
 
 def _argument(raw: bytes) -> FrameRepair | None:
-    """Mend an argument that stands on its own, as in a table of fields."""
+    """Repair a separate argument, such as one from a table of fields."""
     if plausible_argument_end(raw) == len(raw):
         return FrameRepair(raw, (), is_argument=True)
     if not raw or len(raw) > LONGEST_SEARCHED:

@@ -1,8 +1,8 @@
-"""How far bytes look like a frame: stricter than reading one, so that a guess can be told from nonsense.
+"""Strict validation of frames, to distinguish a plausible guess from nonsense.
 
-A reader takes what it gets and lets the values decide where arguments begin (see
-`bcapscope.protocol.codec.arguments`). Here every length must bear out every other, as in all that DENSO's
-libraries send, and the function or result and its arguments must be ones that exist.
+The decoder accepts any bytes and lets the values determine where arguments begin (see
+`bcapscope.protocol.codec.arguments`). Here every length must agree with every other, as in everything that
+DENSO's libraries send. The function or result must exist, and its arguments must fit it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, Param
 from bcapscope.protocol.tables.hresult import describe_hresult
 
 LARGEST_LIKELY = 64 * 1024
-"""Length fields beyond this are taken for damage. Frames of real sessions are below 10 KiB."""
+"""Largest plausible length field, in bytes; larger ones count as damage. Frames of real sessions are below 10
+KiB."""
 
 _LENGTH_AT = 1
 _CODE_AT = 9
@@ -28,24 +29,24 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
     "VT_R4": (VT.R4, VT.R8),
     "VT_BSTR": (VT.BSTR,),
 }
-"""What clients send where a function takes such an argument; anything goes for VARIANT."""
+"""VARIANT types that clients send for each declared argument type; VARIANT accepts any type."""
 
 _RESULT = (Param("pVal", "VARIANT"),)
 
 
 class _Implausible(Exception):
-    """Something cannot be as it stands; carries its offset."""
+    """A value is implausible; carries the offset of its field."""
 
     def __init__(self, offset: int) -> None:
         self.offset = offset
 
 
 class _BytesEnded(Exception):
-    """The bytes end before there was anything wrong."""
+    """The bytes end before anything implausible occurred."""
 
 
 def plausible_length_field(data: bytes) -> int | None:
-    """Return the length field where it may be true, else None."""
+    """Return the length field if it is plausible, else None."""
     if len(data) < _LENGTH_AT + 4:
         return None
     (length,) = _U32.unpack_from(data, _LENGTH_AT)
@@ -53,16 +54,17 @@ def plausible_length_field(data: bytes) -> int | None:
 
 
 def plausible_prefix_length(data: bytes, length: int, is_request: bool | None) -> int:
-    """Return the offset up to which `data` is what a sound frame of `length` bytes begins with.
+    """Return how many bytes of `data` could begin a sound frame of `length` bytes.
 
     Args:
-        data: the bytes; those behind `length` are not looked at.
-        length: of the whole frame. The frame's own length field is not compared with it.
-        is_request: who sent it; None if that is not known.
+        data: The bytes; those after `length` are ignored.
+        length: Length of the whole frame, bytes. The frame's own length field is not compared with it.
+        is_request: Whether the client sent it; None if unknown.
 
     Returns:
-        `length` for a whole sound frame, `len(data)` for one that breaks off, otherwise the offset of the
-        first field that cannot be right.
+        `length` for a whole sound frame, `len(data)` for a sound frame that is cut off, otherwise the offset
+        of
+        the first implausible field.
     """
     found = 0
     if is_request is not False:
@@ -73,7 +75,7 @@ def plausible_prefix_length(data: bytes, length: int, is_request: bool | None) -
 
 
 def plausible_argument_end(data: bytes, start: int = 0) -> int | None:
-    """Return the offset behind the argument that stands at `start`; None where none does."""
+    """Return the offset after the argument that begins at `start`; None if no plausible one begins there."""
     try:
         return _check_argument(data, start, len(data), "VARIANT")
     except (_Implausible, _BytesEnded):
@@ -129,7 +131,7 @@ def _read(number: struct.Struct, data: bytes, pos: int) -> int:
 
 
 def _check_argument(data: bytes, pos: int, bound: int, declared: str) -> int:
-    """Walk over the argument at `pos`, which must end at `bound` at the latest."""
+    """Check the argument at `pos`, which must end at or before `bound`; return the offset after it."""
     stop = pos + 4 + _read(_U32, data, pos)
     if stop > bound:
         raise _Implausible(pos)
@@ -184,7 +186,7 @@ def _check_string(data: bytes, start: int, bound: int) -> int:
 
 
 def _check_data(at: int, stop: int, bound: int) -> int:
-    """Return `stop`; `at` is where it comes from."""
+    """Return `stop` if it is within `bound`; otherwise raise for the field at offset `at`."""
     if stop > bound:
         raise _Implausible(at)
     return stop

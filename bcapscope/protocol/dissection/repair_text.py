@@ -1,4 +1,4 @@
-"""What is wrong with a frame, in a sentence: where bytes were lost, and what it reads once they are back."""
+"""Description of a frame's damage in a sentence: where bytes were lost, and what the repaired frame says."""
 
 from __future__ import annotations
 
@@ -17,23 +17,22 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.text_format import counted
 
 LONGEST_WORD = 60
-"""Characters of a string that a sentence shows."""
+"""Longest part of a string, in characters, that a sentence shows."""
 
 _PARTS = {"bytes": "string length", "data": "value", UNREAD: "value", "left over": "next argument"}
 
 
 def damage_problem(raw: bytes, is_request: bool | None = None) -> Problem | None:
-    """Say what probably happened to a damaged frame, or to a command's name in a sound one.
+    """Describe the probable damage of a frame, or a misspelt command in a sound one.
 
     Args:
-        raw: one frame, or an argument of one that stands on its own.
-        is_request: who sent it; None if that is not known.
+        raw: One frame, or a separate argument of one.
+        is_request: Whether the client sent it; None if unknown.
 
     Returns:
-        The place of the first damage and a clause; its code is `guess`, or `cut` where only the end is
-        missing, `argument` for a sound argument, `name` for a command that is not known. None where there
-        is nothing to say: a sound frame, or damage that nothing small explains. Strings of the frame are
-        in it only with ordinary characters, others escaped.
+        The offset of the first damage, and a clause. The code is `guess`, `cut` if only the end is missing,
+        `argument` for a sound argument, `name` for an unknown command. None for a sound frame, or if no small
+        damage explains it. Strings of the frame appear only with ordinary characters; others are escaped.
     """
     found = find_repair(raw, is_request)
     if found is None:
@@ -61,7 +60,7 @@ def _unknown_name(raw: bytes) -> Problem | None:
 
 
 class _Sentence:
-    """Puts a repair into words."""
+    """Describes a repair as text."""
 
     def __init__(self, raw: bytes, found: FrameRepair, is_request: bool) -> None:
         self._raw = raw
@@ -89,7 +88,7 @@ class _Sentence:
         return Problem(edits[0].offset, "guess", reason)
 
     def _wrong(self, edits: tuple[ByteEdit, ...]) -> Problem:
-        """Tell bytes that have other values than they should."""
+        """Describe bytes that have wrong values."""
         first = edits[0].offset
         if first == 1:
             claimed = int.from_bytes(edits[0].found, "little")
@@ -183,7 +182,7 @@ def _about_argument(raw: bytes, found: FrameRepair) -> Problem:
 
 
 def _alone(argument: bytes) -> Variant:
-    """Read an argument outside of a frame."""
+    """Decode a separate argument."""
     size = HEADER_SIZE + len(argument) + 1
     head = b"\x01" + size.to_bytes(4, "little") + bytes(8) + b"\x01\0"
     return Frame(head + argument + b"\x04").arguments[0].variant
@@ -199,7 +198,7 @@ def _shown(variant: Variant) -> str:
 
 
 def _word(text: str) -> str:
-    """Show a string of the frame without anything that a terminal would act upon."""
+    """Return a string of the frame without control characters that a terminal would act upon."""
     short = text[:LONGEST_WORD]
     plain = short.isascii() and short.isprintable() and short and not short.isspace()
     return (short if plain else ascii(short)) + ("…" if len(text) > LONGEST_WORD else "")

@@ -1,4 +1,4 @@
-"""Command names that are nearly right: misread in a screenshot, or misspelt."""
+"""Command names that are nearly right: misread from a screenshot, or misspelt."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from bcapscope.protocol.codec.frame_content import FrameContent
 from bcapscope.protocol.tables.command_catalogue import commands_of, find_command
 
 _SMALLEST_SIMILARITY = 0.8
-"""Share of letters that agree, as difflib counts it; two letters swapped in slvChangeMode give 0.92."""
+"""Similarity ratio of difflib; two letters swapped in slvChangeMode give 0.92."""
 
 _CHARACTERS_PER_MISREAD = 3
-"""One character in so many may be misread."""
+"""At most one misread character per this many characters."""
 
 _CHARACTERS_AT = 14
-"""Where in a BSTR argument the characters begin: behind its length, type, count and byte length."""
+"""Offset of the characters in a BSTR argument: after its length, type, count and byte length."""
 
 
 class MisreadByte(NamedTuple):
-    """A byte that was misread: its offset in the frame, what stands there, what stood there."""
+    """A misread byte: its offset in the frame, the value found, and the value expected."""
 
     offset: int
     found: int
@@ -29,14 +29,14 @@ class MisreadByte(NamedTuple):
 
 
 class SimilarCommand(NamedTuple):
-    """A command name that is not in the catalogue, and the one that it is near to.
+    """A command name that is not in the catalogue, and the most similar catalogue name.
 
     Attributes:
-        name: as it stands in the frame.
-        catalogue_name: as the catalogue spells it.
-        misread_bytes: bytes to change in order to get `catalogue_name`; empty where all characters of `name`
-            are ordinary ones, which nobody misreads that way: it is misspelt, or a command that is not known
-            here.
+        name: Name in the frame.
+        catalogue_name: Name as the catalogue spells it.
+        misread_bytes: Bytes to change to get `catalogue_name`. Empty if all characters of `name` are ordinary
+            ones.
+        Such a name was not misread: it is misspelt, or the catalogue lacks it.
     """
 
     name: str
@@ -45,7 +45,10 @@ class SimilarCommand(NamedTuple):
 
 
 def find_similar_command(request: bytes) -> SimilarCommand | None:
-    """Look at the command of a request; None where it has none, or a known one, or one like no other."""
+    """Return the similar command of a request.
+
+    None if the request has no command, a known one, or one that resembles no other.
+    """
     content = FrameContent(request)
     known = commands_of(content.code)
     if not known or len(content.arguments) < 2:
@@ -65,7 +68,10 @@ def find_similar_command(request: bytes) -> SimilarCommand | None:
 
 
 def _is_misread(name: str, other: str) -> bool:
-    """Tell whether `name` is `other` but for a few characters that no name has, each of one UTF-16 unit."""
+    """Return whether `name` is `other` except for a few characters that occur in no name.
+
+    Each of these characters has one UTF-16 unit.
+    """
     if len(name) != len(other) or max(name) > "\uffff":
         return False
     wrong = [a for a, b in zip(name, other, strict=True) if a.casefold() != b.casefold()]

@@ -1,4 +1,4 @@
-"""Names for the parts of what slvMove carries: joints, coordinates, I/O words."""
+"""Labels for the parts of slvMove's parameter and result: joints, coordinates, I/O words."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from bcapscope.protocol.slave_mode.slvmove_values import Feedback, SetPoint, par
 
 
 class ValueLabel(NamedTuple):
-    """What a value is called.
+    """Name and meaning of a value.
 
     Attributes:
-        name: such as `J1` or `hand I/O`.
+        name: Name, such as `J1` or `hand I/O`.
         unit: `mm`, `deg`, or empty.
-        text: what else there is to say, one clause; else empty.
-        elements: names of its elements in order, as far as they are known.
+        text: Further explanation, one clause; else empty.
+        elements: Labels of its elements in order, as far as known.
     """
 
     name: str = ""
@@ -30,14 +30,14 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Name the parts of slvMove's parameter or result, as far as the value alone tells.
+    """Label the parts of slvMove's parameter or result, as far as the value alone shows.
 
-    The name of the whole is left empty. Formats and mode are settled by earlier calls, so nearly all of it
-    is guessed from the count and the types of the elements, and its `text` says so.
+    The name of the whole is empty. Earlier calls determine formats and mode, so nearly everything is guessed
+    from the count and types of the elements. The label's `text` says so.
 
     Args:
-        variant: vntParam of the request, or the reply's value.
-        is_request: which of the two.
+        variant: vntParam of the request, or the value of the reply.
+        is_request: True for the parameter, False for the result.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))

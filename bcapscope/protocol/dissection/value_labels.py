@@ -1,4 +1,4 @@
-"""What numbers and strings of arguments and results stand for, where the vendor gives them a name."""
+"""Meanings of numbers and strings in arguments and results, where the vendor names them."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
 def argument_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Say what an argument of a request stands for.
+    """Return the meaning of a request's argument.
 
     Args:
-        function_id: of the request.
-        command: its bstrCommand; None where it has none.
-        name: of the argument, such as `lComp`.
-        variant: the argument.
+        function_id: Function id of the request.
+        command: bstrCommand of the request; None if it has none.
+        name: Name of the argument, such as `lComp`.
+        variant: The argument.
     """
     value = variant.value
     if type(value) is int:
@@ -60,7 +60,14 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Say what a result stands for; the arguments are as those of `argument_label`, of the request."""
+    """Return the meaning of a result.
+
+    Args:
+        function_id: Function id of the request.
+        command: bstrCommand of the request; None if it has none.
+        name: Name of the result, such as `hRobot`.
+        variant: The result.
+    """
     if type(variant.value) is not int:
         return NO_LABEL
     stands = result_meanings(function_id or 0, command or "", variant.value)
@@ -77,7 +84,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str:
 
 
 def _first_elements(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array, the first ones; () for all else."""
+    """Return the first four elements of a VARIANT array; () for anything else."""
     value = variant.value
     if variant.vt != ARRAY | VT.VARIANT or not isinstance(value, tuple):
         return ()
@@ -85,7 +92,7 @@ def _first_elements(variant: Variant) -> tuple[Variant, ...]:
 
 
 def _pose_label(variant: Variant) -> ValueLabel:
-    """Name the parts of a pose that is a VARIANT array: numbers, type, pass and extra axes."""
+    """Label the parts of a pose that is a VARIANT array: numbers, type, pass and extra axes."""
     items = _first_elements(variant)
     if not items or not items[0].vt & ARRAY:
         return NO_LABEL

@@ -1,1 +1,1 @@
-"""Retries, for both ends of a call: the client's requester and the controller's responder."""
+"""Retries at both ends of a call: the client's requester and the controller's responder."""

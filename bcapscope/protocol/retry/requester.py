@@ -1,9 +1,9 @@
-"""The client's side of a call: serials, reserved, tries, and which reply counts.
+"""The client's side of a call: serials, reserved fields, attempts, and the choice of the accepted reply.
 
-No socket and no clock: each method is told what time it is, in nanoseconds of any clock that does not go
-back, and three questions are answered afterwards: what to send (`data_to_send`), when to call
-`handle_timeout` (`deadline`), and what happened (`drain_events`). The rules are those of DENSO Wave 2009,
-How to use the Slave mode (Retry sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
+No socket and no clock: each method gets the current time as an argument, in ns of any monotonic clock.
+Afterwards the caller reads what to send (`data_to_send`), when to call `handle_timeout` (`deadline`), and
+what happened (`drain_events`). The rules are those of DENSO Wave 2009, How to use the Slave mode (Retry
+sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
 _REMEMBERED_ATTEMPTS = 32
-"""Tries of earlier calls that are remembered, to tell late replies from strange ones."""
+"""Attempts of earlier calls that are remembered, to distinguish late replies from stray ones."""
 
 _LAST_SERIAL = 0xFFFF
 _UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
 
 
 class RetryPolicy(NamedTuple):
-    """How long to wait for a reply and how often to ask again.
+    """How long to wait for a reply, and how often to retry.
 
     Attributes:
-        timeout: of each try, nanoseconds.
-        retries: after the first try; on TCP there are none.
+        timeout: Timeout of each attempt, ns.
+        retries: Number of retries after the first attempt; ignored on TCP, where there are none.
     """
 
     timeout: int
@@ -48,7 +48,7 @@ class RetryPolicy(NamedTuple):
 
 
 def _is_complete(frame: Frame) -> bool:
-    """Tell whether no part of a datagram is missing; what is odd inside of a frame the caller may judge."""
+    """Return whether no part of the frame is missing. Other problems of a frame are left to the caller."""
     return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
@@ -58,52 +58,52 @@ def _elapsed(attempts: tuple[Attempt, ...]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class CallAnswered:
-    """The call succeeded: `reply` carries a code that is no failure, S_OK or another."""
+    """The call succeeded: `reply` carries S_OK or another code that is no failure."""
 
     reply: Frame
     attempts: tuple[Attempt, ...]
 
     @property
     def elapsed(self) -> int:
-        """Nanoseconds from the first try to the reply."""
+        """Time from the first attempt to the reply, ns."""
         return _elapsed(self.attempts)
 
 
 @dataclass(frozen=True, slots=True)
 class CallRefused:
-    """The call failed: the server answered with a failure code."""
+    """The call failed: the controller replied with a failure code."""
 
     reply: Frame
     attempts: tuple[Attempt, ...]
 
     @property
     def elapsed(self) -> int:
-        """Nanoseconds from the first try to the reply."""
+        """Time from the first attempt to the reply, ns."""
         return _elapsed(self.attempts)
 
 
 @dataclass(frozen=True, slots=True)
 class CallTimedOut:
-    """The call failed: no try was answered in time."""
+    """The call failed: no attempt was answered in time."""
 
     attempts: tuple[Attempt, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class CallExecuting:
-    """The server is still at work (S_EXECUTING); the wait began again."""
+    """The controller sent a notice (S_EXECUTING) that it is still working; the timeout started again."""
 
     notice: Frame
 
 
 @dataclass(frozen=True, slots=True)
 class LateReply:
-    """A reply that no longer counts: to an earlier try, or to a call that is over. It was discarded.
+    """A discarded reply, to an earlier attempt or to a call that has ended.
 
     Attributes:
-        reply: as it came.
-        time: when it came.
-        sent: when the try that it answers was sent.
+        reply: The frame as received.
+        time: Time of arrival, ns.
+        sent: Time at which the answered attempt was sent, ns.
     """
 
     reply: Frame
@@ -113,7 +113,7 @@ class LateReply:
 
 @dataclass(frozen=True, slots=True)
 class UnmatchedItem:
-    """A reply with a serial that was not asked for lately, or bytes that are no frame. It was discarded."""
+    """A discarded item: a reply to no remembered attempt, an incomplete frame, or bytes that are no frame."""
 
     item: Frame | Malformed
     time: int
@@ -124,7 +124,7 @@ RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply | Unmat
 
 
 class _OpenAttempt:
-    """One packet that was sent, and what came for it."""
+    """One attempt of the current or an earlier call, with the events for it so far."""
 
     __slots__ = ("events", "reserved", "sent", "serial")
 
@@ -135,25 +135,27 @@ class _OpenAttempt:
         self.events: list[AttemptEvent] = []
 
     def snapshot(self) -> Attempt:
-        """Return what there is to tell of it."""
+        """Return the attempt and its events as an immutable value."""
         return Attempt(self.serial, self.reserved, self.sent, tuple(self.events))
 
 
 class Requester:
-    """Makes calls, one at a time, as servers of b-CAP handle them strictly one after another.
+    """Makes calls, one at a time: controllers execute a client's calls strictly one after another.
 
-    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless it is given up
-    by
-    `abandon`.
+    Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless the caller
+    gives it up with `abandon`.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
-        """Begin a conversation.
+        """Start a conversation.
 
         Args:
-            convention: what goes into reserved; it also tells UDP, with retries and a limit of size, from
-                TCP.
-            first_serial: 1..65535. The C server takes 0 of a new client for a retry.
+            convention: Convention for the reserved field. It also selects UDP (with retries and a size limit)
+                or TCP.
+            first_serial: First serial, 1..65535. The C server takes 0 from a new client for a retry.
+
+        Raises:
+            ValueError: `convention` is `UNKNOWN`, or `first_serial` is out of range.
         """
         if convention is ReservedConvention.UNKNOWN or not 1 <= first_serial <= _LAST_SERIAL:
             raise ValueError(f"convention {convention}, first serial {first_serial}")
@@ -170,22 +172,28 @@ class Requester:
 
     @property
     def call_in_progress(self) -> bool:
-        """Whether a call is under way."""
+        """Whether a call is in progress."""
         return self._deadline is not None
 
     @property
     def deadline(self) -> int | None:
-        """When `handle_timeout` is to be called; None while nothing is awaited."""
+        """Time at which to call `handle_timeout`, ns; None while no reply is expected."""
         return self._deadline
 
     def start_call(
         self, function_id: int, arguments: Sequence[Variant], policy: RetryPolicy, now: int
     ) -> None:
-        """Begin a call.
+        """Start a call.
+
+        Args:
+            function_id: Function to call.
+            arguments: Arguments of the request.
+            policy: Timeout and number of retries.
+            now: Current time, ns.
 
         Raises:
-            TooLargeError: the packet is too large for UDP.
-            LocalProtocolError: a call is under way, or the arguments cannot be packed. Nothing is sent then.
+            TooLargeError: The frame is too large for UDP.
+            LocalProtocolError: A call is in progress, or the arguments cannot be encoded. Nothing is sent.
         """
         if self.call_in_progress:
             raise LocalProtocolError("a call is under way, and b-CAP takes one after the other")
@@ -202,7 +210,7 @@ class Requester:
         self._send_attempt(now)
 
     def receive_item(self, item: Frame | Malformed, now: int) -> None:
-        """Take what came from the server."""
+        """Process a frame, or bytes that are no frame, from the controller."""
         asked = (
             self._attempt_with_serial(item.serial) if isinstance(item, Frame) and _is_complete(item) else None
         )
@@ -222,12 +230,12 @@ class Requester:
             )
 
     def record_send_error(self, text: str, now: int) -> None:
-        """Note what the system told of the last packet, such as that the port is closed; tries go on."""
+        """Record the system's error for the newest attempt, such as a closed port; retries continue."""
         if self.call_in_progress:
             self._open_attempts[-1].events.append(AttemptEvent(now, text))
 
     def handle_timeout(self, now: int) -> None:
-        """Try again, or give up, if the time for the last try is over."""
+        """Send a retry, or end the call, if the deadline of the newest attempt has passed."""
         if self._deadline is None or now < self._deadline:
             return
         if len(self._open_attempts) <= self._policy.retries:
@@ -237,17 +245,17 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call under way; a reply that still comes is late. Return the tries that were made."""
+        """Give up the call in progress and return its attempts; a reply that still arrives is late."""
         self._deadline = None
         return self._attempt_snapshots()
 
     def data_to_send(self) -> list[bytes]:
-        """Return the packets that are to be sent now, each once."""
+        """Return the frames to send now; each frame is returned once."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def drain_events(self) -> list[RequesterEvent]:
-        """Return what happened since the last time, in order."""
+        """Return the events since the last call of this method, in order."""
         events, self._events = self._events, []
         return events
 

@@ -1,6 +1,6 @@
-"""What the two ends of a conversation put into the reserved field.
+"""Conventions for the reserved field, at both ends of a conversation.
 
-The papers and libraries disagree about it (DENSO Wave 2009, How to use the Slave mode; orin_bcap
+Papers and libraries disagree about the field (DENSO Wave 2009, How to use the Slave mode; orin_bcap
 C/src/bCAPClient/bcap_client.c and the C# and Java clients; the older C client in start-jsk/denso b-Cap.c).
 """
 
@@ -10,29 +10,30 @@ from enum import StrEnum
 
 
 class ReservedConvention(StrEnum):
-    """What a client puts into reserved."""
+    """What a client writes into the reserved field of its requests."""
 
     UNKNOWN = "unknown"
-    """Nothing has told yet: a client that starts with 0 and was not seen to try three times may be `SEED` or
-    `CHAIN`, since a second try carries the same number in both."""
+    """Not determined yet. A first attempt with 0 fits both `SEED` and `CHAIN`. The second attempt carries the
+    same number in both, so only a third attempt distinguishes them."""
     SEED = "seed"
-    """0 first, then the serial of the first try in every retry (DENSO Wave 2009)."""
+    """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
-    """The packet's own serial first, then that of the first try in every retry (orin_bcap C, C#, Java)."""
+    """The frame's own serial in the first attempt, then the first attempt's serial in every retry (orin_bcap
+    C, C#, Java)."""
     CHAIN = "chain"
-    """0 first, then the serial of the try before (the older C client)."""
+    """0 in the first attempt, then the serial of the previous attempt (the older C client)."""
     TCP0 = "tcp0"
-    """TCP, where nothing is sent twice: 0."""
+    """0 in every request, over TCP, where clients do not retry."""
     TCP1 = "tcp1"
-    """TCP: 1, a version mark (keioku/bcap-python)."""
+    """1 in every request, over TCP: a version mark (keioku/bcap-python)."""
 
 
 class ReplyReserved(StrEnum):
-    """What a server puts into reserved."""
+    """What a controller writes into the reserved field of its replies."""
 
     UNKNOWN = "unknown"
-    """Only requests with 0 were answered."""
+    """Not determined yet: all requests answered so far had 0."""
     ZERO = "zero"
-    """0 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+    """Always 0 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
     ECHOED = "echoed"
-    """What the request carried (DENSO Wave 2009)."""
+    """The value of the request (DENSO Wave 2009)."""

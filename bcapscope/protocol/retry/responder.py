@@ -1,8 +1,9 @@
-"""The server's side of retries: tell a new call from one that was asked before, so that none runs twice.
+"""The controller's side of retries: recognise a retry, so that no call is executed twice.
 
-A client that gets no reply in time sends its request again with a new serial; reserved says which packet is
-meant (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). Only the reply to the
-newest serial counts for the client, so an answer that was kept is sent again under the serial of the retry.
+A client that gets no reply in time sends its request again with a new serial. The reserved field of the retry
+names an earlier attempt (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). The
+client accepts only a reply to its newest serial. A stored reply is therefore sent again under the serial of
+the retry.
 """
 
 from __future__ import annotations
@@ -20,46 +21,45 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Answers kept for each client. One is enough for a network that keeps packets in order, as one call is asked
-at a time; the others are for packets that arrive late. A UDP answer has 503 bytes at most."""
+"""Replies stored for each client. One is enough if the network keeps packets in order, since a client makes
+one call at a time. The others cover packets that arrive late. A UDP reply has at most 503 bytes."""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
-"""Serials count 1..65535 and begin again at 1."""
+"""Serials count from 1 to 65535, then start again at 1."""
 
 _MAX_ATTEMPTS = 16
-"""Twice of what any client sends for one call, the one that tries without end left out."""
+"""Twice the attempts that any known client sends for one call, except the client that retries without end."""
 
 
 _CHAIN_CONVENTIONS = (ReservedConvention.UNKNOWN, ReservedConvention.CHAIN)
 
 
 class Defect(Flag):
-    """What DENSO's C server gets wrong (orin_bcap C/src/bCAPServer/bcap_server.c), imitated on demand."""
+    """Faults of DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c), for imitation."""
 
     NONE = 0
     FORGETS_FIRST = 1
-    """Only the last answer is kept, under the serial of the packet that got through, and contents are not
-    compared. Where the first packet is lost, the second retry names a serial that was never seen and is
-    executed again; a client that starts anew with the serial answered last gets the old answer."""
+    """The server stores only the last reply, under the serial of the attempt that arrived, and ignores the
+    contents. If the first attempt is lost, the second retry names a serial that the server never saw, and it
+    executes the call again. A client that restarts with the serial answered last gets the old reply."""
     SERIAL_ZERO = 2
-    """A new client whose first packet has serial 0 is answered S_OK, and nothing is executed."""
+    """The server answers S_OK to a new client whose first frame has serial 0, and executes nothing."""
 
 
 class RequestKind(Enum):
-    """What a request is."""
+    """How the responder classifies a request."""
 
     NEW = "new"
-    """To be executed; then `Responder.answer_call`."""
+    """A new call: execute it, then call `Responder.answer_call`."""
     REPEAT = "repeat"
-    """Executed before; the kept answer is to be sent again."""
+    """A retry of a call that was executed: send the stored reply again."""
     RUNNING = "running"
-    """The call that is being executed, asked again: its answer will carry the serial of this packet. Or one
-    that was abandoned, which has none."""
+    """A retry of the call that is being executed: the reply will carry the serial of this retry. Also a retry
+    of an abandoned call, which never gets a reply."""
     BUSY = "busy"
-    """Another call while one is being executed; `Responder.reply_unremembered` refuses it, if it is to be
-    refused.
-    """
+    """A different call while one is being executed. The caller may refuse it with
+    `Responder.reply_unremembered`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +67,8 @@ class RequestDecision:
     """What to do about a request.
 
     Attributes:
-        kind: what it is.
-        reply: the frame to send now; None unless the verdict is `REPEAT`.
+        kind: Class of the request.
+        reply: Frame to send now; None unless `kind` is `REPEAT`.
     """
 
     kind: RequestKind
@@ -79,7 +79,7 @@ _NEW = RequestDecision(RequestKind.NEW)
 
 
 class _Call:
-    """One call and all packets that are known to have asked for it."""
+    """One call and all attempts that are known to belong to it."""
 
     __slots__ = ("answer", "content", "first", "newest", "reserved", "serials")
 
@@ -92,7 +92,7 @@ class _Call:
         self.answer = b""
 
     def add_attempt(self, frame: Frame) -> None:
-        """Take `frame` for one more packet of this call."""
+        """Add `frame` as a further attempt of this call."""
         self.serials |= {frame.serial, frame.reserved or frame.serial}
         if _is_ahead(frame.serial, self.newest):
             self.newest = frame.serial
@@ -100,15 +100,15 @@ class _Call:
 
 
 def _is_ahead(serial: int, other: int) -> bool:
-    """Whether a serial was counted after another one, or is the same."""
+    """Return whether `serial` is the same as `other` or was counted after it."""
     return (serial - other) % _SERIAL_COUNT < _SERIAL_COUNT // 2
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Whether no call is known that was asked between a call and a later serial.
+    """Return whether no known call lies between `call` and a later serial.
 
-    Of `calls`, the newest first, only those count that were executed after the call: what was before it is
-    of an earlier program if its serials are ahead.
+    Only calls that were executed after `call` count; `calls` lists the newest first. Earlier calls whose
+    serials are ahead belong to an earlier program.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -117,26 +117,31 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 
 
 class Responder:
-    """Decides for one client (on UDP one address and port, on TCP one connection) what each request is.
+    """Decides for one client (UDP: one address and port; TCP: one connection) what each request is.
 
-    It never executes anything itself: `receive_request` says what a request is, and `answer_call` ends the
-    call that
-    `receive_request` called new. Requests of a client are executed strictly one after another.
+    The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends the call
+    that `receive_request` classified as new. Requests of one client are executed strictly one after another.
 
-    The first packet has reserved 0 or its own serial. Any other value names a packet of the same call, the
-    first or the one before. A packet that names one of a remembered call and has the same contents (function
-    and arguments) belongs to it, and what it names and its own serial are learnt as further names of the
-    call. A known serial with other contents is a client that has started anew.
+    A first attempt has reserved 0 or its own serial. Any other value names an attempt of the same call, the
+    first or the previous one. A request belongs to a remembered call if it names one of its attempts and has
+    the same contents (function and arguments). The responder then adds the serial and the named serial to
+    that call. A known serial with other contents means that the client restarted.
 
-    Two cases cannot be decided by the bytes. A client of the old C library (`ReservedConvention.CHAIN`) names
-    the try before, and where that try was lost its retry looks like the retry of a new, equal call. And a
-    program that starts anew on the port of another one counts from the same serial again, so that a call
-    which is equal to one of its predecessor's, at the same serial or shortly before it, looks like a packet
-    of that one which was on the way for long. Both are held to be asked before, unless the client is known to
-    have another convention: nothing ever runs twice. The price is that such a call is not executed and its
-    client gets the earlier answer, an old value or the success of a motion that was made once and not twice.
-    With the first call of the new program that differs from what was asked under its serial, all that its
-    predecessor asked is forgotten; at the latest when `remembered` further calls have been made.
+    The bytes leave two cases undecided:
+
+    * A client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If that attempt
+      was lost, the retry looks like a retry of a new, equal call.
+    * A program that restarts on the port of another one counts from the same serial again. Its call may equal
+      one of its predecessor, at the same serial or shortly before it. It then looks like a delayed attempt of
+      that call.
+
+    The responder treats both as retries, so no call ever runs twice. If neither the serial nor the named
+    serial belongs to the equal call, it does so only while the convention is `CHAIN` or unknown. The price is
+    that such a new call is not executed: its client gets the earlier reply. That may be an old value, or the
+    success of a motion that ran once and not twice.
+
+    The responder forgets the calls of the predecessor when the new program reuses one of their serials for a
+    different call. At the latest it has forgotten them after `remembered` further calls.
     """
 
     def __init__(
@@ -149,15 +154,15 @@ class Responder:
         largest_answer: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
     ) -> None:
-        """Begin with a client of which nothing is known.
+        """Start with a client about which nothing is known.
 
         Args:
-            expects_retries: whether requests may come again: True on UDP; on TCP every request is a new one.
-            reply_reserved: what replies carry in reserved; `UNKNOWN` is the same as `ZERO`.
-            convention: of the client, where that is known beforehand; else it is learnt.
-            remembered: answers that are kept.
-            largest_answer: bytes that an answer may have.
-            defects: of DENSO's C server that are to be imitated.
+            expects_retries: Whether the client may retry: True on UDP. On TCP every request is a new call.
+            reply_reserved: What replies carry in the reserved field; `UNKNOWN` acts as `ZERO`.
+            convention: Convention of the client if known beforehand; otherwise it is detected.
+            remembered: Number of replies to store.
+            largest_answer: Largest reply, bytes.
+            defects: Faults of DENSO's C server to imitate.
         """
         self.convention = self._given_convention = convention
         self._retries = expects_retries
@@ -179,7 +184,7 @@ class Responder:
         return self._running is not None
 
     def receive_request(self, frame: Frame) -> RequestDecision:
-        """Say what a request is. After `NEW` the call is running until `answer_call`."""
+        """Classify a request. After `NEW` the call is running until `answer_call` or `abandon_call`."""
         heard, self._has_received = self._has_received, True
         content = frame.raw[9:]
         call = self._find_call(frame, content) if self._retries else None
@@ -202,15 +207,17 @@ class Responder:
         return RequestDecision(RequestKind.REPEAT, again)
 
     def answer_call(self, code: int, arguments: Sequence[Variant] = ()) -> bytes:
-        """End the running call: keep its answer and make the frame to send, for the newest of its packets.
+        """End the running call, store its reply and return the frame to send.
+
+        The frame carries the serial of the newest attempt.
 
         Args:
-            code: HRESULT.
-            arguments: of the reply.
+            code: HRESULT of the reply.
+            arguments: Arguments of the reply.
 
         Raises:
-            TooLargeError: the answer is longer than `largest_answer`; the call is still running.
-            LocalProtocolError: the arguments cannot be packed; the call is still running.
+            TooLargeError: The reply is longer than `largest_answer`; the call is still running.
+            LocalProtocolError: The arguments cannot be encoded; the call is still running.
         """
         call = self._running
         assert call is not None, "no call is being executed"
@@ -224,7 +231,7 @@ class Responder:
         return raw
 
     def abandon_call(self) -> None:
-        """End the running call without an answer: who asks for it again hears nothing, either."""
+        """End the running call without a reply; its retries get no reply either."""
         call = self._running
         assert call is not None, "no call is being executed"
         self._running = None
@@ -232,24 +239,24 @@ class Responder:
             self._calls.appendleft(call)
 
     def executing_notice(self) -> bytes:
-        """Make the frame that tells the client of the running call to wait on: S_EXECUTING, no arguments."""
+        """Return a notice for the running call (S_EXECUTING, no arguments): the client keeps waiting."""
         call = self._running
         assert call is not None, "no call is being executed"
         return encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, S_EXECUTING)
 
     def reply_unremembered(self, frame: Frame, code: int, arguments: Sequence[Variant] = ()) -> bytes:
-        """Make a reply to `frame` that is not kept, such as the refusal of what came while busy."""
+        """Return a reply to `frame` that is not stored, such as a refusal while another call runs."""
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code, arguments)
 
     def reset(self) -> None:
-        """Forget the client: what comes next comes from a new one. The running call gets no answer."""
+        """Forget the client: the next request counts as a new client's. The running call gets no reply."""
         self._calls.clear()
         self._known_keys.clear()
         self._running = None
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Keep what a call has left; now and then, let go of what forgotten calls have."""
+        """Remember serials and contents of a call; if the set is too large, drop those of forgotten calls."""
         traces = self._known_keys
         if len(traces) > self._known_keys_limit:
             traces.clear()
@@ -266,24 +273,24 @@ class Responder:
         if frame.code == _SERVICE_START:
             self.convention = (
                 self._given_convention
-            )  # a program begins, and not always the one that was on this port
+            )  # a program starts, not necessarily the one that used this port before
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
-        # Every request of every client passes here: one look at what the calls left, and none at each.
+        # Every request of every client takes this path: one set look-up instead of a scan of all calls.
         if frame.serial not in self._known_keys and content not in self._known_keys:
             return None
         return self._find_among_known(frame, content)
 
     def _known_calls(self) -> Sequence[_Call]:
-        """Return the calls that are known, the newest first."""
+        """Return the known calls, newest first."""
         return [self._running, *self._calls] if self._running else self._calls
 
     def _find_among_known(self, frame: Frame, content: bytes) -> _Call | None:
-        """Find a call among those that have this serial or these contents."""
+        """Return the call of a request whose serial or contents are known; None for a new call."""
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # The old client's serials may pass through 0 while it retries, and the next try then names 0.
+        # The old client's serial may wrap through 0 during its retries; the next attempt then names 0.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:
@@ -295,24 +302,24 @@ class Responder:
             elif serial in serials:
                 is_known = True
         is_retry = frame.reserved not in (0, serial)
-        # A retry may bear a serial that a program before this one on the same port has used.
+        # A retry may carry a serial that an earlier program on the same port used.
         chained = self._find_in_chain(frame, calls, equal) if equal and (is_retry or not is_known) else None
         if chained is None and is_known:
             self._forget_earlier_program(serial)
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the program whose call had a serial that another one has now.
+        """Forget the calls of an earlier program, one of which had the serial that a different call has now.
 
-        Calls that were executed after that one and have smaller serials are of the program that asks now:
-        their packets may still come again.
+        Calls that were executed after that one and have smaller serials belong to the present program. They
+        stay, because their attempts may still arrive again.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Find the call of a chain of which the packets between were lost or come later."""
+        """Return the call of a `CHAIN` retry whose preceding attempts were lost or come later; else None."""
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)
@@ -323,7 +330,7 @@ class Responder:
         return None
 
     def _detect_convention(self, frame: Frame) -> None:
-        """Learn the convention from a packet: only in a chain does each retry name the try before it."""
+        """Derive the convention from a retry: only in `CHAIN` does each retry name the previous attempt."""
         if frame.reserved == frame.serial:
             self.convention = ReservedConvention.OWN
         elif (frame.serial - frame.reserved) % _SERIAL_COUNT > 1:

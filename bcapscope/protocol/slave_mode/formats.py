@@ -31,19 +31,19 @@ _POSES: dict[int, tuple[PoseType, ...]] = {
 _DIGIT_BY_POSES = {poses: digit for digit, poses in _POSES.items()}
 _SEND_BITS = HAND_IO_BIT | MINI_IO_BIT | USER_IO_BIT
 _UNDOCUMENTED_BIT = 0x400
-"""Bit of the send format 0x620 that public clients use; no public source says what it means."""
+"""Bit of the send format 0x620 that public clients use; no public source documents its meaning."""
 _RECEIVE_BITS = POSE_BITS | TIMESTAMP_BIT | HAND_IO_BIT | CURRENT_BIT | MINI_IO_BIT | USER_IO_BIT
 
 
 @dataclass(frozen=True, slots=True)
 class SendFormat:
-    """What slvMove carries besides the pose.
+    """What a set point carries besides the pose.
 
     Attributes:
-        hand_io: a word whose bit 0 is IO48; IO64..IO71 are written.
-        mini_io: a word whose bit 0 is IO0; IO24..IO31 are written, from IO16 on some controllers.
-        user_io: a chosen run of I/O bits.
-        other: bits without a known meaning, kept as they are.
+        hand_io: A word whose bit 0 is IO48; the controller writes IO64..IO71.
+        mini_io: A word whose bit 0 is IO0; the controller writes IO24..IO31, on some controllers from IO16.
+        user_io: A range of I/O bits that each slvMove selects.
+        other: Bits without a known meaning, kept unchanged.
     """
 
     hand_io: bool = False
@@ -53,7 +53,7 @@ class SendFormat:
 
     @classmethod
     def parse(cls, value: int) -> SendFormat:
-        """Read the parameter of slvSendFormat; any number gives a format."""
+        """Decode the parameter of slvSendFormat; every number is a valid format."""
         return cls(
             bool(value & HAND_IO_BIT),
             bool(value & MINI_IO_BIT),
@@ -68,30 +68,31 @@ class SendFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether clients use it: 0, 0x020, 0x100, 0x120, 0x200 or 0x220, each also with 0x400."""
+        """Whether clients use this format: 0, 0x020, 0x100, 0x120, 0x200 or 0x220, each also with 0x400."""
         return not self.other & ~_UNDOCUMENTED_BIT and not (self.mini_io and self.user_io)
 
 
 POSE_ONLY_FORMAT = SendFormat()
-"""Nothing but the pose."""
+"""The send format for a pose alone."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceiveFormat:
-    """What slvMove returns.
+    """What the reply to slvMove carries.
 
     Attributes:
-        poses: pose types in order; two of them come as one row of numbers.
-        timestamp: time since the controller's start.
-        hand_io: a word whose bit 0 is IO48.
-        current: motor current of each axis.
-        mini_io: a word whose bit 0 is IO0.
-        user_io: the run of I/O bits that slvMove asks for.
-        other: bits without a known meaning, kept as they are; so is a pose digit above 5.
-        microseconds: the time stamp counts us, not ms; given beside the format, not in it.
+        poses: Pose types in order; two poses arrive as one row of numbers.
+        timestamp: Time since the controller's start.
+        hand_io: A word whose bit 0 is IO48.
+        current: Motor current of each axis.
+        mini_io: A word whose bit 0 is IO0.
+        user_io: The range of I/O bits that slvMove requests.
+        other: Bits without a known meaning, and a pose digit above 5, kept unchanged.
+        microseconds: The timestamp is in µs, not in ms. This setting accompanies the format and is not part
+            of it.
 
     Raises:
-        ValueError: there is no format for these poses.
+        ValueError: No receive format returns these poses.
     """
 
     poses: tuple[PoseType, ...] = ()
@@ -109,7 +110,7 @@ class ReceiveFormat:
 
     @classmethod
     def parse(cls, value: int, microseconds: bool = False) -> ReceiveFormat:
-        """Read the format number of slvRecvFormat; any number gives a format."""
+        """Decode the format number of slvRecvFormat; every number is a valid format."""
         digit = value & POSE_BITS
         poses = _POSES.get(digit)
         return cls(
@@ -130,13 +131,13 @@ class ReceiveFormat:
 
     @property
     def bare_pose_type(self) -> PoseType | None:
-        """Pose type where one pose and nothing else is asked for, which comes as it is; else None."""
+        """Pose type if the format requests one pose alone, which arrives as a bare array; else None."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 
     @property
     def is_known(self) -> bool:
-        """Whether the driver knows it: no other bits, and not mini and user I/O but in 0x340."""
+        """Whether the driver knows this format: no other bits, and mini plus user I/O only in 0x340."""
         both = self.mini_io and self.user_io
         return not self.other and (
             not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT
@@ -144,11 +145,11 @@ class ReceiveFormat:
 
 
 class FormatParameter(NamedTuple):
-    """Numbers in the parameter of slvSendFormat or slvRecvFormat.
+    """The numbers in the parameter of slvSendFormat or slvRecvFormat.
 
     Attributes:
-        value: the format.
-        microseconds: unit of the time stamp, from the second number.
+        value: The format.
+        microseconds: Whether the timestamp is in µs, from the second number.
     """
 
     value: int
@@ -156,7 +157,7 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Read a format out of a parameter: an integer, or an array of format and time unit; else None."""
+    """Decode a parameter: an integer, or an array of format and time unit; None for anything else."""
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

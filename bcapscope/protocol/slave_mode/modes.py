@@ -1,6 +1,6 @@
-"""Slave modes: what the number of slvChangeMode means, which depends on the controller's generation.
+"""Slave modes: the meaning of slvChangeMode's number, which depends on the controller's generation.
 
-0x001 is Sync on RC7 and mode 0 on RC8, which are not the same thing. Sources: DENSO Wave 2009, How to use the
+0x001 is Sync on RC7 and mode 0 on RC8, which behave differently. Sources: DENSO Wave 2009, How to use the
 Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes) and
 DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
 """
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 PERIOD_MS = 8
-"""A controller takes one set point each 8 ms."""
+"""Cycle time of the controller, ms: it consumes one set point per cycle."""
 
 POSE_MASK, KIND_MASK = 0x000F, 0x0F00
 
 
 class Generation(StrEnum):
-    """Controllers that agree on the meaning of a mode."""
+    """Controllers for which a mode number has the same meaning."""
 
     RC7 = "RC7"
     RC8 = "RC8"
@@ -25,18 +25,18 @@ class Generation(StrEnum):
 
 
 class PoseType(StrEnum):
-    """What a set point is."""
+    """Kind of coordinates in a set point."""
 
     P = "P"
     """Position with rotations."""
     J = "J"
-    """Joints."""
+    """Joint positions."""
     T = "T"
     """Position with orientation and approach vectors."""
 
 
 class ModeKind(StrEnum):
-    """How slvMove is buffered and answered."""
+    """How the controller buffers and answers slvMove."""
 
     OFF = "off"
     SYNC = "Sync"
@@ -51,17 +51,19 @@ class SlaveMode:
     """A slave mode of one generation.
 
     Attributes:
-        value: the number, 0x000..0x203.
-        generation: of the controller that it is read for.
-        pose_type: of its set points; None for off.
-        kind: how slvMove behaves.
-        buffer_slots: set points that the controller buffers.
-        overwrites_waiting: a new set point replaces the waiting one.
-        paces_client: the reply to slvMove waits for room, so that it paces the client.
-        underflow_is_error: no set point in time while moving ends slave mode; None where a setting on the
-            pendant decides.
-        overflow_is_error: a set point too many is refused with 83201483, after S_BUF_FULL has warned.
-        text: the same in words.
+        value: Number of the mode, 0x000..0x203.
+        generation: Generation of controllers to which this meaning applies.
+        pose_type: Pose type of its set points; None for off.
+        kind: How slvMove behaves.
+        buffer_slots: Number of set points that the controller buffers.
+        overwrites_waiting: A new set point replaces the waiting one.
+        paces_client: The reply to slvMove waits for room in the buffer and thereby paces the client.
+        underflow_is_error: A missing set point during motion ends slave mode; None if a setting on the
+            pendant
+        decides.
+        overflow_is_error: The controller refuses an excess set point with 83201483, after the warning
+            S_BUF_FULL.
+        text: Description for people.
     """
 
     value: int
@@ -170,10 +172,10 @@ MODES: tuple[SlaveMode, ...] = tuple(_MODES.values())
 
 
 def slave_mode_by_number(value: int, generation: Generation = Generation.RC8) -> SlaveMode | None:
-    """Return the mode with this number on a controller of this generation; None where it has none."""
+    """Return the mode with this number on controllers of this generation; None if there is none."""
     return _MODES.get((generation, value))
 
 
 def pose_type_of_mode(value: int) -> PoseType | None:
-    """Return the pose type in a mode's low digit, which all generations share; None for 0 and bad modes."""
+    """Return the pose type in a mode's low digit, the same in all generations; None for 0 and bad modes."""
     return _POSE_TYPES.get(value & POSE_MASK) if value & ~(POSE_MASK | KIND_MASK) == 0 else None

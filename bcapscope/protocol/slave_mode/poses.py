@@ -14,14 +14,15 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
-"""The ROS driver appends this number, or-ed with a bit for each axis in use; what for is not known."""
+"""The ROS driver appends this number to a pose, or-ed with a bit for each axis in use; its purpose is not
+known."""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
-"""Types that a bare pose comes in."""
+"""VARIANT types of a bare pose."""
 
 
 class Axis(NamedTuple):
-    """Name of one number of a pose and its unit: `mm`, `deg`, or empty for Fig and direction cosines."""
+    """Name and unit of one number of a pose; the unit is `mm`, `deg`, or empty (Fig, direction cosines)."""
 
     name: str
     unit: str
@@ -38,20 +39,20 @@ AXES: Mapping[PoseType, tuple[Axis, ...]] = MappingProxyType(
         PoseType.T: (*_axes_named("X Y Z", "mm"), *_axes_named("Ox Oy Oz Ax Ay Az Fig", "")),
     }
 )
-"""Axes by pose type, in order. A linear axis of J type counts in mm; the type of robot decides."""
+"""Axes of each pose type, in order. A linear axis of a J pose is in mm, depending on the robot type."""
 
 SHORTEST_POSE: Mapping[PoseType, int] = MappingProxyType({PoseType.P: 6, PoseType.J: 6, PoseType.T: 10})
-"""Numbers that a pose has at least: Fig may be missing, and RC7 takes six joints."""
+"""Smallest number of values of each pose type: Fig may be missing, and RC7 accepts six joints."""
 
 
 class Pose(NamedTuple):
     """A pose.
 
     Attributes:
-        type: P, J or T; None where the numbers fit none.
-        values: one number per axis of `axes`, in order.
-        extra: numbers after the last axis; the ROS driver appends one.
-        guessed: the type was worked out from the count of numbers.
+        type: P, J or T; None if the numbers fit none of them.
+        values: One number per axis of `axes`, in order.
+        extra: Numbers after the last axis; the ROS driver appends one.
+        guessed: Whether the type was derived from the count of numbers.
     """
 
     type: PoseType | None
@@ -61,7 +62,7 @@ class Pose(NamedTuple):
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Axes of `values`; () where the type is not known."""
+        """Axes of `values`; () if the type is not known."""
         return AXES[self.type][: len(self.values)] if self.type else ()
 
     @property
@@ -73,29 +74,31 @@ class Pose(NamedTuple):
 
 
 def is_used_axes_mark(number: float) -> bool:
-    """Tell whether a number is the one that the ROS driver appends to a pose."""
+    """Return whether a number is the mark that the ROS driver appends to a pose."""
     return USED_AXES_FLAG <= number <= USED_AXES_FLAG + 0xFF and number == int(number)
 
 
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
-    """Read an array of numbers, or a VARIANT array of plain numbers, which clients make of mixed lists.
+    """Return the numbers of a numeric array, or of a VARIANT array of plain numbers.
+
+    Clients build such VARIANT arrays from mixed lists.
 
     Returns:
-        The numbers; None for everything else, bytes and booleans among it.
+        The numbers; None for everything else, including bytes and booleans.
     """
     value = variant.value
     if not isinstance(value, tuple):
         return None
     if variant.vt in FLOAT_ARRAYS:
-        return value  # type: ignore[return-value]  # the type says floats
+        return value  # type: ignore[return-value]  # these types hold floats
     plain = [item.value if isinstance(item, Variant) else item for item in value]
     if not all(isinstance(item, int | float) and not isinstance(item, bool) for item in plain):
         return None
-    return tuple(plain)  # type: ignore[arg-type]  # each was just looked at
+    return tuple(plain)  # type: ignore[arg-type]  # each was just checked
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from how many numbers there are and whether the last is the ROS driver's mark."""
+    """Guess the pose type from the count of numbers and from a ROS driver's mark at the end."""
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)
@@ -103,11 +106,14 @@ def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
 
 
 def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[str, ...]]:
-    """Make a pose of numbers and say what is wrong with it.
+    """Return a pose of the numbers, and its problems.
 
     Args:
-        values: the numbers.
-        pose_type: as the slave mode says; None where that is not known, and the count decides.
+        values: The numbers.
+        pose_type: Pose type of the slave mode. None if unknown; then the count decides.
+
+    Returns:
+        The pose, and one clause per problem.
     """
     type_ = pose_type or guess_pose_type(values)
     guessed = pose_type is None

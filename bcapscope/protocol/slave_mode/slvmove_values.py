@@ -1,8 +1,9 @@
-"""What slvMove carries there and back: set points and the robot's answers, taken apart.
+"""Decoding of slvMove's parameter and result: set points, and the feedback of the robot.
 
-The order of the parts is that of DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp; a bare
-pose is that of DENSO Wave 2009, How to use the Slave mode. Which parts there are is settled by formats sent
-earlier; where a capture begins after them, the likeliest arrangement is taken and marked as guessed.
+The order of the parts is that of DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp. A bare
+pose is that of DENSO Wave 2009, How to use the Slave mode. Formats sent earlier determine which parts are
+present. If a capture begins after them, the decoder chooses the most likely arrangement and marks it as
+guessed.
 """
 
 from __future__ import annotations
@@ -17,30 +18,30 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
 
-# Kinds of parts, by which arrangements are told apart.
+# Kinds of parts, which distinguish the arrangements.
 _ROW, _WORD, _DATA, _OTHER = "numbers", "an integer", "bytes", "something else"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each part
 
-# Rows of two poses, as the receive formats 4 and 5 ask for, by their length.
+# Rows of two poses, which the receive formats 4 and 5 request, by their length.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
 
 _POSE_ONLY = (
     POSE_ONLY_FORMAT,
-)  # looked for in a row the very object is found at once, where == compares field by field
+)  # `in` finds the identical object at once, whereas == compares field by field
 
-_MAX_PARTS = 8  # no arrangement has as many
+_MAX_PARTS = 8  # no arrangement has this many
 
 
 class UserIO(NamedTuple):
-    """A run of I/O bits.
+    """A range of I/O bits.
 
     Attributes:
-        offset: number of the first bit; 128 or more, a multiple of 8.
-        size: bits.
-        data: bytes to write; None where the run is only asked for.
+        offset: Number of the first bit; at least 128, a multiple of 8.
+        size: Number of bits.
+        data: Bytes to write; None if the range is only to be read.
     """
 
     offset: int
@@ -49,16 +50,16 @@ class UserIO(NamedTuple):
 
 
 class SetPoint(NamedTuple):
-    """The parameter of slvMove.
+    """The decoded parameter of slvMove.
 
     Attributes:
-        pose: where to go; None where there is none to be found.
-        mini_io: word to write, bit 0 is IO0.
-        user_write: bits to write.
-        user_read: bits to be returned.
-        hand_io: word to write, bit 0 is IO48.
-        guessed: pose type or arrangement were worked out from the parts alone.
-        problems: what does not fit, one clause each.
+        pose: Target pose; None if the parameter holds none.
+        mini_io: Word to write; bit 0 is IO0.
+        user_write: Bits to write.
+        user_read: Bits to return in the reply.
+        hand_io: Word to write; bit 0 is IO48.
+        guessed: Whether pose type or arrangement were derived from the parts alone.
+        problems: Deviations, one clause each.
     """
 
     pose: Pose | None = None
@@ -71,18 +72,18 @@ class SetPoint(NamedTuple):
 
 
 class Feedback(NamedTuple):
-    """The result of slvMove.
+    """The decoded result of slvMove.
 
     Attributes:
-        timestamp: since the controller's start, ms or us; wraps as a signed 32-bit number.
-        microseconds: unit of `timestamp`.
-        poses: the pose now, or two of them in the order asked for.
-        mini_io: word, bit 0 is IO0.
-        user_io: the bits asked for.
-        hand_io: word, bit 0 is IO48.
-        current: motor current of each axis.
-        guessed: pose type or arrangement were worked out from the parts alone.
-        problems: what does not fit, one clause each.
+        timestamp: Time since the controller's start, ms or µs; wraps as a signed 32-bit number.
+        microseconds: Whether `timestamp` is in µs.
+        poses: The current pose, or two of them in the requested order.
+        mini_io: Word; bit 0 is IO0.
+        user_io: The requested bits.
+        hand_io: Word; bit 0 is IO48.
+        current: Motor current of each axis.
+        guessed: Whether pose type or arrangement were derived from the parts alone.
+        problems: Deviations, one clause each.
     """
 
     timestamp: int | None = None
@@ -102,13 +103,13 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Take slvMove's parameter apart; odd shapes give what fits and a list of problems.
+    """Decode slvMove's parameter. An unexpected form gives the parts that fit, and a list of problems.
 
     Args:
         parameter: vntParam of the request.
-        pose_type: as slvChangeMode said; None where that was not seen.
-        send: as slvSendFormat said; None where that was not seen.
-        receive: as slvRecvFormat said; None where that was not seen.
+        pose_type: Pose type from slvChangeMode; None if that request was not captured.
+        send: Format from slvSendFormat; None if that request was not captured.
+        receive: Format from slvRecvFormat; None if that request was not captured.
     """
     bare = _bare_pose(parameter, pose_type)
     if bare and (send is None or send in _POSE_ONLY) and not (receive and receive.user_io):
@@ -133,12 +134,12 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Take slvMove's result apart; odd shapes give what fits and a list of problems.
+    """Decode slvMove's result. An unexpected form gives the parts that fit, and a list of problems.
 
     Args:
-        result: argument of the reply; EMPTY gives nothing, without a problem.
-        pose_type: of the slave mode, for a bare pose whose format was not seen; None where not known.
-        receive: as slvRecvFormat said; None where that was not seen.
+        result: Argument of the reply; EMPTY gives an empty result without a problem.
+        pose_type: Pose type of the slave mode, for a bare pose of unknown format; None if unknown.
+        receive: Format from slvRecvFormat; None if that request was not captured.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:
@@ -164,17 +165,17 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Return the pose of the common case, an array of just the right length, without further looking."""
+    """Fast path for the common case: return the pose of a float array of exactly the right length."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
     if not isinstance(row, tuple) or len(row) != _SIZES[pose_type]:
         return None
-    return Pose(pose_type, row)  # type: ignore[arg-type]  # the type says floats
+    return Pose(pose_type, row)  # type: ignore[arg-type]  # these types hold floats
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array unless they are one row of numbers, else the whole as one."""
+    """Return the elements of a VARIANT array; a row of numbers, or any other value, is one part."""
     value = variant.value
     if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):
         return (variant,)
@@ -201,7 +202,7 @@ def _kinds_of_parts(parts: tuple[Variant, ...]) -> tuple[str, ...]:
 def _matching_arrangements(
     layouts: Iterable[_Arrangement], kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the arrangements that these kinds of parts agree with, or the first where none does."""
+    """Return the arrangements that match these kinds of parts; the first one if none matches."""
     listed = tuple(layouts)
     agreeing = tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds)
     return agreeing or listed[:1]
@@ -211,7 +212,7 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """List the possible arrangements of a set point, the likeliest first; never empty."""
+    """Return the possible arrangements of a set point, the most likely first; never empty."""
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
@@ -233,7 +234,7 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """List the possible arrangements of a result, the likeliest first; never empty."""
+    """Return the possible arrangements of a result, the most likely first; never empty."""
     if receive is not None:
         return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
@@ -258,7 +259,7 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[str]]:
-    """Give names to parts in order; what does not come next is missing, what stays is too much."""
+    """Assign names to parts in order, and report missing names and surplus parts."""
     named: dict[str, Variant] = {}
     problems: list[str] = []
     for name, kind in layout:
@@ -284,7 +285,7 @@ def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
 
 
 def _is_valid_user_io(run: UserIO) -> bool:
-    """Check the rules of user I/O; a number above 16 bits looks like a word, not like an offset."""
+    """Check the rules of user I/O; a number above 16 bits is more likely a word than an offset."""
     return (
         128 <= run.offset <= 0xFFFF and run.offset % 8 == 0 and 0 < run.size <= 0xFFFF and run.size % 8 == 0
     )
@@ -314,7 +315,7 @@ def _pose_of_part(part: Variant | None, pose_type: PoseType | None) -> tuple[Pos
 def _poses_of_part(
     part: Variant | None, pose_type: PoseType | None, receive: ReceiveFormat | None
 ) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
-    """Read a result's row of numbers, which is one pose or two."""
+    """Decode a result's row of numbers, which holds one or two poses."""
     if part is None:
         return (), ()
     row = _number_part(part)
@@ -327,7 +328,7 @@ def _poses_of_part(
             first._replace(guessed=receive is None),
             second._replace(guessed=receive is None),
         ), problems + more
-    # Without a format the mode's type is taken if the count agrees: the default format is documented nowhere.
+    # Without a format, use the mode's type if the count matches: the default format is documented nowhere.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)
     pose, problems = build_pose(row, known)

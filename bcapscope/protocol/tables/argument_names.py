@@ -1,4 +1,4 @@
-"""What the arguments of a frame are called."""
+"""Names and types of the arguments of requests and replies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Name and type of argument `index` (from 0) of a request; `arg4` where the function has none there."""
+    """Return name and type of argument `index` (from 0) of a request.
+
+    An argument that the function does not have is named by its number from 1, such as `arg4`.
+    """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
         return function.params[index]
@@ -17,7 +20,7 @@ def request_param(function_id: int | None, index: int) -> Param:
 
 
 def result_param(function_id: int | None, index: int) -> Param:
-    """Name and type of argument `index` (from 0) of the reply to a request of `function_id`."""
+    """Return name and type of argument `index` (from 0) of the reply to a request of `function_id`."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if index:
         return Param(f"arg{index + 1}", _ANY)

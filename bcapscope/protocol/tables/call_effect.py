@@ -1,7 +1,7 @@
-"""The most that a call can do: read, use the session, change a state, energise the robot, or move it.
+"""The strongest effect of a call: read, use the session, change a state, energise the robot, or move it.
 
-Judged from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command in
-`command_table`; whatever could set something in motion counts as moving, and so does what is not known.
+The assignment follows the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command
+in `command_table`. Everything that could start a motion counts as moving, and so does everything unknown.
 """
 
 from __future__ import annotations
@@ -13,24 +13,23 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS
 
 
 class CallEffect(IntEnum):
-    """The most that a call can do, in rising order, so that `max` of two is the more careful one."""
+    """The strongest effect of a call, in rising order: `max` of two effects is the more cautious one."""
 
     READS = 0
-    """Only asks."""
+    """Only reads."""
     SESSION = 1
-    """Opens or closes the client's own session or handles; nothing of the robot changes."""
+    """Opens or closes the client's own session or handles; nothing changes on the robot."""
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
     """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does.
 
-    Robot_Speed is less: it only sets the speed of the client's own motions.
-    """
+    Robot_Speed has a weaker effect: it only sets the speed of the client's own motions."""
     MOVES = 4
     """Sets the robot, a hand or a program in motion, or may do so."""
 
 
-# Programs, hands and stored commands can move what they like; writing a variable can start a task (@START) or
+# Programs, hands and stored commands can cause any motion. Writing a variable can start a task (@START) or
 # switch an output.
 _MOVES = frozenset(
     (
@@ -64,9 +63,9 @@ def _effect_of_function(function_id: int) -> CallEffect:
 FUNCTION_EFFECTS = MappingProxyType(
     {function_id: _effect_of_function(function_id) for function_id in FUNCTIONS}
 )
-"""Effect of each function whatever its arguments; `guard` looks at the arguments too."""
+"""Effect of each function for any arguments; `guard` evaluates the arguments too."""
 
 
 def function_effect(function_id: int) -> CallEffect:
-    """Return the most that a function can do; `MOVES` for an id that is no function."""
+    """Return the strongest effect that a function can have; `MOVES` for an unknown id."""
     return FUNCTION_EFFECTS.get(function_id, CallEffect.MOVES)

@@ -1,7 +1,7 @@
-"""The catalogue of commands: what may stand in bstrCommand of an ..._Execute call.
+"""The catalogue of commands: what bstrCommand of an ..._Execute call may hold.
 
-Controllers compare command names without regard to case (the slides of DENSO Wave 2009, How to use the Slave
-mode, themselves send both `SLVMOVE` and `slvMove`), and so does the lookup here.
+Controllers compare command names without regard to case, and so does the look-up here. The slides of DENSO
+Wave 2009, How to use the Slave mode, themselves send both `SLVMOVE` and `slvMove`.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ class CommandSpec:
     """One command.
 
     Attributes:
-        function_id: the ..._Execute function that takes it: 17, 28, 64 or 87.
-        name: spelled as in the vendor's samples.
-        parameter_types: accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
-        elements: what the parameter or its elements mean, in order; else empty.
-        result_types: types of the result, `none` for a reply without argument; () where not known.
-        result_inferred: the result's type was printed nowhere and only follows from the meaning.
-        returns: what the result holds; else empty.
-        text: what it does, one clause.
-        effect: the most that it can do.
-        in_slave_mode: accepted while slave mode is on, refused, or None where nobody says.
-        controllers: controllers, providers or objects that have it where that is known; else empty.
-        source: where it was seen.
+        function_id: The ..._Execute function that accepts it: 17, 28, 64 or 87.
+        name: Name as spelled in the vendor's samples.
+        parameter_types: Accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
+        elements: Meaning of the parameter or of its elements, in order; else empty.
+        result_types: Types of the result; `none` for a reply without argument; () if unknown.
+        result_inferred: Whether no source prints the result's type, so that it is inferred from the meaning.
+        returns: Meaning of the result; else empty.
+        text: What the command does, one clause.
+        effect: Strongest effect that the command can have.
+        in_slave_mode: Whether the controller accepts it in slave mode; None if no source says.
+        controllers: Controllers, providers or objects that have it, if known; else empty.
+        source: Source in which the command was found.
     """
 
     function_id: int
@@ -57,23 +57,23 @@ class CommandSpec:
 
 
 def find_command(function_id: int, name: str) -> CommandSpec | None:
-    """Look a command up by the function that carries it and its name in any case; None where not known."""
+    """Return a command by its ..._Execute function and its name in any case; None if unknown."""
     return _BY_KEY.get((function_id, name.casefold()))
 
 
 def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
-    """List the known commands of a function; () for a function that takes none."""
+    """Return the known commands of a function; () for a function that takes none."""
     return _BY_FUNCTION.get(function_id, ())
 
 
 def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Name a call for people: `Robot_Execute slvMove`."""
+    """Return the name of a call for people: `Robot_Execute slvMove`."""
     name = command_name(function_id, arguments)
     return function_name(function_id) + (f" {name}" if name else "")
 
 
 def command_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Return the command that a call carries as it was sent; nothing where it carries none."""
+    """Return the command of a call as the client spelled it; "" if it carries none."""
     function = FUNCTIONS.get(function_id)
     for param, argument in zip(function.params if function else (), arguments, strict=False):
         if param.name == "bstrCommand" and isinstance(argument.value, str):

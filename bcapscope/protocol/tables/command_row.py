@@ -1,4 +1,4 @@
-"""One row of the tables of commands, and where rows come from."""
+"""The row type of the command tables, and the names of their sources."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
 
 
 class CommandRow(NamedTuple):
-    """One command, or several that are used alike.
+    """One command, or several commands that share one description.
 
     Attributes:
-        names: separated by blanks.
-        parameter: accepted types.
-        result: types of the result.
-        text: what it does, one clause.
-        effect: the most that it can do.
-        source: where it was seen.
-        elements: what a parameter with several elements holds, in order; else empty.
-        returns: what the result holds; else empty.
-        in_slave_mode: accepted while slave mode is on, refused, or None where nobody says.
-        controllers: those that have it where that is known; else empty.
+        names: Names of the commands, separated by blanks.
+        parameter: Accepted types of the parameter, in the short notation of `command_table`.
+        result: Types of the result, in the same notation.
+        text: What the command does, one clause.
+        effect: Strongest effect that the command can have.
+        source: Source in which the command was found.
+        elements: Meaning of the elements of the parameter, in order; else empty.
+        returns: Meaning of the result; else empty.
+        in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
+        controllers: Controllers that have the command, if known; else empty.
     """
 
     names: str

@@ -1,9 +1,9 @@
-"""Commands of Robot_Execute, Controller_Execute, Task_Execute and Extension_Execute met in public sources.
+"""Commands of Robot_Execute, Controller_Execute, Task_Execute and Extension_Execute in public sources.
 
-Data only; `commands` reads it. No paper lists them all, so each row names where it was seen. Types are
-written short: `I4`, `I4[]` for an array, `V[]` for an array of VARIANT, `-` for EMPTY, `none` for no argument
-at all, `pose` for any notation of a position; `~` after the result: its type was not printed by the source
-but follows from the meaning.
+Data only; `command_catalogue` reads it. No paper lists them all, so each row names its source. Types have
+short names: `I4`, `I4[]` for an array, `V[]` for an array of VARIANT, `-` for EMPTY, `none` for no argument
+at all, `pose` for any notation of a position. A result with `~` has a type that the source does not print; it
+is inferred from the meaning.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from bcapscope.protocol.tables.device_command_table import (
     GRIPPER_COMMANDS,
 )
 
-# The comments of `DRIVER` name what must not be called in slave mode, GetCurErrorCount among it.
+# The comments of `DRIVER` list what must not be called in slave mode, including GetCurErrorCount.
 
 CONTROLLER_EXECUTE, EXTENSION_EXECUTE, ROBOT_EXECUTE, TASK_EXECUTE = 17, 28, 64, 87
 

@@ -1,4 +1,4 @@
-"""Numbers, bits and strings that arguments and results of b-CAP calls stand for.
+"""Meanings of numbers, bits and strings in arguments and results of b-CAP calls.
 
 Sources: ShoheiKobata/orin_bcap_python_samples and its documentation; bits of SysState and axis -1 from
 nkawa/Denso_CobottaPro900_MQTT_Control; provider names from both and from DENSORobot/denso_robot_ros2.
@@ -15,10 +15,11 @@ INTERPOLATIONS: Mapping[int, str] = MappingProxyType(
 """lComp of Robot_Move."""
 
 POSE_TYPES: Mapping[int, str] = MappingProxyType({-1: "none", 0: "P", 1: "T", 2: "J", 3: "V"})
-"""Second element of a pose that is a VARIANT array; the letters are accepted there as text, too."""
+"""Second element of a pose that is a VARIANT array; the controller also accepts the letters as text."""
 
 PASS_MOTIONS: Mapping[int, str] = MappingProxyType({0: "@0", -1: "@P", -2: "@E"})
-"""Third element of a pose that is a VARIANT array; other numbers n stand for @n, the text works as well."""
+"""Third element of a pose that is a VARIANT array. Any other number n means @n; the text is accepted as well.
+"""
 
 TASK_START_MODES: Mapping[int, str] = MappingProxyType({1: "one cycle", 2: "continuous", 3: "step"})
 """lMode of Task_Start."""
@@ -37,7 +38,7 @@ AUTO_MODES: Mapping[int, str] = MappingProxyType({1: "internal automatic", 2: "e
 """Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
 
 SPEED_AXES: Mapping[int, str] = MappingProxyType({-1: "tool tip"})
-"""lAxis of Robot_Speed and Robot_Accelerate; other numbers are those of axes."""
+"""lAxis of Robot_Speed and Robot_Accelerate; all other numbers are axis numbers."""
 
 SYS_STATE_BITS: Mapping[int, str] = MappingProxyType(
     {
@@ -76,8 +77,8 @@ OBJECT_OPTIONS: Mapping[str, str] = MappingProxyType(
         "Server": "address of a camera",
     }
 )
-"""Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions; WDT and InvokeTimeout
-are 80 or more."""
+"""Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions. WDT and InvokeTimeout
+are at least 80."""
 
 MOVE_OPTIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -105,12 +106,12 @@ PROVIDERS: Mapping[str, str] = MappingProxyType(
 
 
 def sys_state_texts(value: int) -> tuple[str, ...]:
-    """Name the bits that are set in a result of SysState, lowest first; reserved bits as `bit 9`."""
+    """Return the names of the bits set in a result of SysState, lowest first; reserved bits as `bit 9`."""
     return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
 
 
 def result_meanings(function_id: int, command: str, value: int) -> tuple[str, ...]:
-    """Tell what a number that a command returns stands for; () where it is but a number."""
+    """Return the meanings of a number that a command returned; () for a plain number."""
     key = function_id, command.casefold()
     if key == (_CONTROLLER_EXECUTE, "sysstate"):
         return sys_state_texts(value)
@@ -119,16 +120,16 @@ def result_meanings(function_id: int, command: str, value: int) -> tuple[str, ..
 
 
 def pass_motion_text(value: int) -> str:
-    """Write how a motion passes its goal, as in `@E`."""
+    """Return the notation of a pass motion, such as `@E`."""
     return PASS_MOTIONS.get(value, f"@{value}")
 
 
 def option_meanings(text: str, is_move: bool) -> dict[str, str]:
-    """Tell what the keys in an option string stand for, those that are known, without regard to case.
+    """Return the meanings of the known keys in an option string, ignoring case.
 
     Args:
-        text: keys, each perhaps with a value behind `=`, set apart by commas.
-        is_move: it is that of Robot_Move; otherwise that of a function that opens something.
+        text: Keys, separated by commas, each with an optional value after `=`.
+        is_move: True for the option of Robot_Move; False for that of a function that opens an object.
     """
     known = MOVE_OPTIONS if is_move else OBJECT_OPTIONS
     keys = {part.partition("=")[0].strip().casefold() for part in text.split(",")}
@@ -136,7 +137,7 @@ def option_meanings(text: str, is_move: bool) -> dict[str, str]:
 
 
 def provider_meaning(name: str) -> str | None:
-    """Tell what a provider name stands for, without regard to case; None where not known."""
+    """Return the meaning of a provider name, ignoring case; None if unknown."""
     return _MEANING_BY_PROVIDER.get(name.casefold())
 
 

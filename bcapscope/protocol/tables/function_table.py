@@ -1,9 +1,9 @@
-"""The 137 functions of b-CAP: ids, arguments, results and what they do to handles.
+"""The 137 functions of b-CAP: ids, arguments, results, and the handles that they create or release.
 
 Ids and the order of arguments are the same in all of DENSO's client libraries (orin_bcap
 C/include/bcap_funcid.h and the C#, Java and Python clients). Argument names and types are those of the C
-client's prototypes (orin_bcap C/src/bCAPClient/bcap_client.c); which functions create and release handles is
-in orin_bcap C/include/bCAPServer/bcap_mapid.h.
+client's prototypes (orin_bcap C/src/bCAPClient/bcap_client.c). Which functions create and release handles is
+listed in orin_bcap C/include/bCAPServer/bcap_mapid.h.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 
 class ObjectClass(StrEnum):
-    """What a function belongs to and what a handle stands for."""
+    """Class of the object that a handle stands for, and to which a function belongs."""
 
     SERVICE = "Service"
     CONTROLLER = "Controller"
@@ -30,7 +30,7 @@ class ObjectClass(StrEnum):
 
 
 class ResultKind(StrEnum):
-    """What comes back as the one argument of a successful reply."""
+    """The result in the only argument of a successful reply."""
 
     NONE = "none"
     HANDLE = "handle"
@@ -38,7 +38,7 @@ class ResultKind(StrEnum):
     I4 = "I4"
     BSTR = "BSTR"
     VARIANT = "VARIANT"
-    """Any type; the command or the variable decides."""
+    """Any type, depending on the command or the variable."""
     NAMES = "names"
     """A VARIANT with an array of names."""
     DATE = "DATE"
@@ -49,8 +49,8 @@ class Param(NamedTuple):
     """One argument of a request.
 
     Attributes:
-        name: the vendor's, such as `hRobot` or `bstrCommand`.
-        type: `VT_I4`, `VT_R4` or `VT_BSTR`, or `VARIANT` where any type goes.
+        name: The vendor's name, such as `hRobot` or `bstrCommand`.
+        type: `VT_I4`, `VT_R4` or `VT_BSTR`; `VARIANT` if any type is allowed.
     """
 
     name: str
@@ -62,15 +62,15 @@ class Function:
     """One function of the protocol.
 
     Attributes:
-        id: 1..137, at offset 9 of a request.
-        name: the vendor's, class and verb, such as `Robot_Execute`.
-        owner: the class that the first argument's handle must be of.
-        params: arguments of the request in order, the handle first; optional strings are always sent.
-        result: what a successful reply carries.
-        result_name: the vendor's name of it, such as `hRobot` or `pVal`; None where there is no result.
-        creates: class of the object that success opens; the Service session has no handle.
-        releases: class of the object that success lets go.
-        note: where implementations disagree, one clause; else empty.
+        id: Function id, 1..137, at offset 9 of a request.
+        name: The vendor's name, class and verb, such as `Robot_Execute`.
+        owner: Class of the object that the first argument's handle must stand for.
+        params: Arguments of the request in order, the handle first; optional strings are always sent.
+        result: Kind of result in a successful reply.
+        result_name: The vendor's name of the result, such as `hRobot` or `pVal`; None if there is no result.
+        creates: Class of the object that a successful call opens; the Service session has no handle.
+        releases: Class of the object that a successful call releases.
+        note: Where implementations disagree, one clause; else empty.
     """
 
     id: int
@@ -85,7 +85,7 @@ class Function:
 
     @property
     def takes_handle(self) -> bool:
-        """Whether the first argument is a handle; no other one ever is."""
+        """Whether the first argument is a handle; no other argument ever is."""
         return bool(self.params) and self.params[0].name.startswith("h")
 
 
@@ -267,7 +267,7 @@ _NOTES = {
     124: "the C server's table says that a value comes back, no client takes one",
 }
 
-# The prefix of the vendor's argument names is their type; newVal has none and is any type but in id 115.
+# The prefix of the vendor's argument names gives the type. newVal has none: VT_I4 in id 115, else any type.
 _TYPE_BY_PREFIX = (("bstr", "VT_BSTR"), ("vnt", "VARIANT"), ("h", "VT_I4"), ("l", "VT_I4"), ("f", "VT_R4"))
 
 
@@ -294,20 +294,20 @@ def _function(id_: int, name: str, params: str, result: ResultKind) -> Function:
 
 
 FUNCTIONS: Mapping[int, Function] = MappingProxyType({row[0]: _function(*row) for row in _FUNCTION_ROWS})
-"""Every function by its id, in the order of the ids."""
+"""Every function by id, in the order of the ids."""
 
 ID: Mapping[str, int] = MappingProxyType({function.name: function.id for function in FUNCTIONS.values()})
-"""Every id by the name of its function."""
+"""Every id by function name."""
 
 _BY_NAME = {function.name.casefold(): function for function in FUNCTIONS.values()}
 _NAME_BY_ID = {function.id: function.name for function in FUNCTIONS.values()}
 
 
 def function_name(function_id: int) -> str:
-    """Name a function id for people: `Robot_Execute`, or `Unknown(200)` outside 1..137."""
+    """Return the name of a function id: `Robot_Execute`, or `Unknown(200)` outside 1..137."""
     return _NAME_BY_ID.get(function_id) or f"Unknown({function_id})"
 
 
 def function_by_name(name: str) -> Function | None:
-    """Look a function up by its name, without regard to case; None where there is none."""
+    """Return a function by its name, ignoring case; None if there is none."""
     return _BY_NAME.get(name.casefold())

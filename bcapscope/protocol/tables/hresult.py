@@ -1,10 +1,12 @@
-"""HRESULT: what the code of a reply means, and what its digits tell where the code is not known.
+"""HRESULT: the meaning of a reply's code, and what the digits of an unknown code reveal.
 
-A result is 32 bits at offset 9 of a reply; clients print it signed or unsigned, both are taken here. Codes of
-RC8 and later controllers have the form 8 L S nnnnn: L is the level in all 7687 codes of the list in
+A result is 32 bits at offset 9 of a reply. Clients print it signed or unsigned; the functions here accept
+both.
+
+Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the level in all 7687 codes of the list in
 nkawa/Denso_CobottaPro900_MQTT_Control (src/vendor/denso_cobotta/error_list.xlsx), S the part of the
-controller. How RC7 packs its four-digit codes into 32 bits is documented nowhere; 0000600B and 8000600B are
-both read as RC7's 600B and marked as a guess.
+controller. No paper documents how RC7 packs its four-digit codes into 32 bits. 0000600B and 8000600B are both
+decoded as RC7's 600B and marked as a guess.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ E_NOT_CONNECTED = 0x80000902
 E_MAX_OBJECT = 0x80000905
 E_TOO_MUCH_DATA = 0x80000909
 E_BUSY = 0x809100AA
-"""The C server's answer while an earlier call of the connection runs; the name is ours, DENSO prints none."""
+"""The C server's reply while an earlier call of the connection runs. DENSO prints no name; this one is
+bcapscope's."""
 E_NOT_IN_SLAVE_MODE = 0x83500121
 E_REFUSED_IN_SLAVE_MODE = 0x83501032
 E_SLAVE_UNDERFLOW = 0x84201482
@@ -55,7 +58,8 @@ LEVELS: tuple[str, ...] = (
     "all axes stopped, motor off",
     "fatal",
 )
-"""Error levels by number; 2 and 3 are read from the texts of the list, not printed there."""
+"""Error levels by number. The names of 2 and 3 are inferred from the texts of the list, which does not print
+them."""
 
 _ENDS_SLAVE_MODE = 3
 
@@ -74,16 +78,16 @@ class HresultInfo:
     """What is known about a result.
 
     Attributes:
-        code: unsigned, 32 bits.
-        name: the vendor's symbol, or None.
-        text: meaning, one clause.
-        advice: what to do, one clause, or None.
-        level: 0..5, or None where the code has none.
-        subsystem: part of the controller in words, or None.
-        axis: 1..8 where the code names an axis.
-        rc7: the four-digit code of RC7 with the same meaning, or None.
-        is_listed: the code stands in our tables; False when `text` is only read off digits or a range.
-        is_guess: `text` rests on an assumption that no paper confirms.
+        code: The code, unsigned, 32 bits.
+        name: The vendor's symbol, or None.
+        text: Meaning, one clause.
+        advice: What to do, one clause, or None.
+        level: Error level 0..5; None if the code has none.
+        subsystem: Name of the part of the controller, or None.
+        axis: Axis 1..8 if the code names one, else None.
+        rc7: The four-digit code of RC7 with the same meaning, or None.
+        is_listed: Whether the code is in the tables; False if `text` is only derived from digits or a range.
+        is_guess: Whether `text` rests on an assumption that no paper confirms.
     """
 
     code: int
@@ -99,19 +103,19 @@ class HresultInfo:
 
 
 def is_failure(code: int) -> bool:
-    """Tell whether a result, signed or unsigned, reports a failure.
+    """Return whether a result, signed or unsigned, reports a failure.
 
-    That is the top bit, and also a bare four-digit number such as 0000600B: on RC7 any result but S_OK is an
-    error (DENSO Wave 2009, How to use the Slave mode), and no success code has that form.
+    A failure has the top bit set, or is a bare four-digit number such as 0000600B. On RC7 any result but S_OK
+    is an error (DENSO Wave 2009, How to use the Slave mode), and no success code has that form.
     """
     return bool(code & 0x80000000) or 0x1000 <= code & 0xFFFFFFFF <= 0xFFFF
 
 
 def ends_slave_mode(code: int) -> bool:
-    """Tell whether a result, signed or unsigned, is an error of the controller that switches slave mode off.
+    """Return whether a result, signed or unsigned, is a controller error that switches slave mode off.
 
-    Any error of level 3 and above does; on an RC7, with its four-digit codes, any error (DENSO Wave 2009, How
-    to use the Slave mode). A buffer that is too full does not.
+    Any error of level 3 and above does. On RC7, with its four-digit codes, any error does (DENSO Wave 2009,
+    How to use the Slave mode). A buffer overflow does not.
     """
     code &= 0xFFFFFFFF
     if not is_failure(code) or code == E_SLAVE_OVERFLOW:
@@ -121,24 +125,24 @@ def ends_slave_mode(code: int) -> bool:
 
 
 def is_success(code: int) -> bool:
-    """Tell whether a result, signed or unsigned, is not a failure; S_EXECUTING and S_BUF_FULL are none."""
+    """Return whether a result, signed or unsigned, is not a failure; S_EXECUTING and S_BUF_FULL are none."""
     return not is_failure(code)
 
 
 @lru_cache(maxsize=4096)
 def hresult_name(code: int) -> str:
-    """Name a result for people: `S_OK`, or `0x83500121` where no symbol is known."""
+    """Return the name of a result: `S_OK`, or `0x83500121` if it has no symbol."""
     return describe_hresult(code).name or f"0x{code & 0xFFFFFFFF:08X}"
 
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Tell what a result means.
+    """Return the meaning of a result.
 
     Args:
-        code: signed or unsigned; only the low 32 bits count.
-        rc7: the controller is known to be an RC7, so that a code that is not known may also carry a
-            four-digit code in its low 16 bits.
+        code: Result code, signed or unsigned; only the low 32 bits count.
+        rc7: Whether the controller is known to be an RC7. The low 16 bits of an unknown code may then be a
+        four-digit code.
     """
     code &= 0xFFFFFFFF
     known = _KNOWN.get(code)
@@ -164,14 +168,14 @@ def _has_level_digits(code: int) -> bool:
 
 
 def _level_and_subsystem(code: int) -> tuple[int | None, str | None]:
-    """Return level and subsystem, None where the digits do not say."""
+    """Return level and subsystem; None if the digits do not show them."""
     if not _has_level_digits(code):
         return None, None
     return code >> 24 & 0xF, SUBSYSTEMS.get(code >> 20 & 0xF)
 
 
 def _axis_digit(code: int) -> int | None:
-    """Return the axis in the last digit, where the code looks like the axis families of motion and servo."""
+    """Return the axis in the last digit if the code looks like the axis families of motion and servo."""
     axis = code & 0xF
     return axis if code >> 20 & 0xF in (2, 4) and code >> 12 & 0xF == 4 and 1 <= axis <= 8 else None
 
@@ -223,7 +227,7 @@ def _build_table() -> dict[int, HresultInfo]:
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
-    """Map four-digit codes to their meaning; the first RC8 code with that equivalent stands for all."""
+    """Map four-digit codes to their meaning; the first RC8 code with that equivalent represents all."""
     table: dict[int, HresultInfo] = {}
     for entry in RC7_CODES:
         axis = entry.code & 0xF if entry.code & 0xFFF0 == 0x6410 else None

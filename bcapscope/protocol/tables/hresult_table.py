@@ -1,9 +1,9 @@
-"""Result codes that are known by name or meaning, in our own words.
+"""Result codes with a known name or meaning, in bcapscope's own words.
 
 Symbols: orin_bcap CSharp ORiNDefine.cs, C/include/dn_common.h and b-Cap.h of the ANSI-C client (prefix
 `BCAP_`). Controller codes: the public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control,
-issues of DENSORobot/denso_robot_ros and orin_bcap, start-jsk/denso denso_controller/src/main.cpp, and for
-the four-digit codes of RC7 DENSO Wave 2009, How to use the Slave mode. Data only; `hresult` reads it.
+issues of DENSORobot/denso_robot_ros and orin_bcap, and start-jsk/denso denso_controller/src/main.cpp.
+Four-digit codes of RC7: DENSO Wave 2009, How to use the Slave mode. Data only; `hresult` reads it.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 
 class HresultEntry(NamedTuple):
-    """One code.
+    """One result code.
 
     Attributes:
-        code: as an unsigned number.
-        name: the symbol, or None where none is known.
-        text: what it says, one clause.
-        advice: what to do about it, or None.
-        rc7: the four-digit code of RC7 with this meaning, or None.
+        code: The code, unsigned.
+        name: The vendor's symbol; None if none is known.
+        text: Meaning, one clause.
+        advice: What to do about it; None if there is nothing to advise.
+        rc7: The four-digit code of RC7 with this meaning, or None.
     """
 
     code: int
@@ -30,7 +30,7 @@ class HresultEntry(NamedTuple):
 
 
 class AxisFamily(NamedTuple):
-    """Eight codes that differ in their last digit, the axis 1..8; `base` is the code of axis 0."""
+    """Eight codes that differ only in the last digit, the axis 1..8; `base` is the code with axis 0."""
 
     base: int
     text: str
@@ -38,7 +38,7 @@ class AxisFamily(NamedTuple):
 
 
 class CodeRange(NamedTuple):
-    """Codes whose meaning is known as a group; `text` may hold {number}, the low 16 bits."""
+    """Codes whose meaning is known only as a group; `text` may hold {number}, the low 16 bits."""
 
     first: int
     last: int
@@ -390,4 +390,4 @@ RC7_CODES: tuple[HresultEntry, ...] = (
 """Four-digit codes of RC7 whose meaning is known from RC7's own papers, by their low 16 bits."""
 
 RC7_LEVELS: dict[int, int] = {0x600B: 1, **{entry.code: 5 for entry in _RC7_ENCODER}}
-"""Levels of the codes in `RC7_CODES` as far as they are printed."""
+"""Levels of the codes in `RC7_CODES`, as far as the papers print them."""

@@ -1,8 +1,9 @@
-"""Variables of controller, robot and task objects: their names, types and what writing them can do.
+"""Variables of controller, robot and task objects: their names, types and the effect of writing them.
 
 Sources: ShoheiKobata/orin_bcap_python_samples and its documentation, DENSORobot/denso_robot_ros2, DENSO Wave
-2009, How to use the Slave mode, and public robot code. Numbered variables are a letter and a number (`I5`),
-or `*` with the number in the option. Vector types are R4 arrays on RC7 and may be R8 arrays on RC8.
+2009, How to use the Slave mode, and public robot code. The name of a numbered variable is a letter and a
+number (`I5`), or a letter and `*` with the number in the option. Vector types are R4 arrays on RC7 and may be
+R8 arrays on RC8.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ class VariableKind:
     """One variable, or a numbered family of them.
 
     Attributes:
-        owner: class of the object that it belongs to.
-        name: as the vendor writes it; without the number for a family.
-        is_numbered: a number or `*` follows the name.
-        types: of its value, such as `VT_R4|VT_ARRAY`; () where nobody says.
-        type_inferred: the type was printed nowhere and only follows from the meaning.
-        text: what it holds, one clause.
-        effect: the most that writing it can do.
+        owner: Class of the object that it belongs to.
+        name: The vendor's name, without the number for a family.
+        is_numbered: Whether a number or `*` follows the name.
+        types: Types of its value, such as `VT_R4|VT_ARRAY`; () if no source says.
+        type_inferred: Whether no source prints the type, so that it is inferred from the meaning.
+        text: Meaning of its value, one clause.
+        effect: Strongest effect that writing it can have.
     """
 
     owner: ObjectClass
@@ -43,7 +44,7 @@ SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
 _R4S, _R8S = "VT_R4|VT_ARRAY", "VT_R8|VT_ARRAY"
 _CONTROLLER, _ROBOT, _TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
 
-# Values can steer a running program, but nothing starts by writing one; an output switches at once.
+# Writing a value can influence a running program but starts nothing; writing an output switches it at once.
 _NUMBERED: tuple[tuple[str, tuple[str, ...], str, CallEffect], ...] = (
     ("I", ("VT_I4",), "integer", CallEffect.CHANGES),
     ("F", ("VT_R4",), "single-precision number", CallEffect.CHANGES),
@@ -107,7 +108,7 @@ _WRITE_EFFECTS = {
     SERVO_ON: CallEffect.ENERGISES,
     **dict.fromkeys(("@EXTSPEED", "@EXTACCEL", "@EXTDECEL"), CallEffect.ENERGISES),
 }
-"""The most that writing a variable can do, where that is more than to change a value."""
+"""Strongest effect of writing a variable, if it is more than the change of a value."""
 
 VARIABLES: tuple[VariableKind, ...] = (
     *(
@@ -126,7 +127,7 @@ _NUMBERED_NAME = re.compile(r"([a-z]+)(?:[0-9]+|\*)")
 
 
 def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
-    """Look a variable up by its object's class and its name in any case; None where not known."""
+    """Return a variable by its object's class and its name in any case; None if unknown."""
     folded = name.casefold()
     match = _NUMBERED_NAME.fullmatch(folded)
     if match:
@@ -135,13 +136,14 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the most that writing a variable can do.
+    """Return the strongest effect that writing a variable can have.
 
-    A running program may wait for any value, so only what switches off or stops counts as less than moving.
+    A running program may wait for any value. So everything counts as moving, except writes that switch the
+    motor on or off (@SERVO_ON) or stop a task (@STOP).
 
     Args:
-        name: as the client asked for it, in any case; "" where that is not known.
-        value: to be written.
+        name: Name from the client's request, in any case; "" if unknown.
+        value: Value to write.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():
