@@ -195,7 +195,7 @@ def _any_of(matches: Sequence[Match]) -> Match:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Match a number by an ordering sign; NaN is neither above nor below any number."""
+    """Match a number by an ordering sign; NaN and other types never match."""
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
