@@ -141,7 +141,7 @@ class DelayFault(Fault, frozen=True, kw_only=True, tag="delay"):
     """Forward the message later. Datagrams may overtake it; bytes of a stream never do.
 
     Attributes:
-        time: Mean delay.
+        time: Delay without jitter.
         jitter: Variation of the delay; the result is never negative.
         distribution: Distribution of the jitter.
     """

@@ -217,7 +217,8 @@ class FaultInjector:
 
     @property
     def is_full(self) -> bool:
-        """Whether so much is held that no stream should be read until `advance` has released some."""
+        """Whether the held bytes exceed `MAX_WAITING`. No stream should then be read until `advance` has
+        released some."""
         return self._queued_bytes > MAX_WAITING
 
     def advance(self, now: int) -> list[FaultOutput]:

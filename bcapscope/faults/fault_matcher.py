@@ -47,7 +47,7 @@ class FaultMatcher:
         return self._hits_left == 0 or (self.ends_at is not None and now >= self.ends_at)
 
     def matches(self, message: WireMessage) -> bool:
-        """Tell whether the message meets every condition except the probability."""
+        """Tell whether the message fulfils every condition except the probability."""
         if not self.enabled or self._hits_left == 0 or not self._begins_at <= message.now:
             return False
         fault = self.fault

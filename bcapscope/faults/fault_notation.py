@@ -236,7 +236,7 @@ class _FaultParser:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
-        """Convert an error of a field into one that points into the line."""
+        """Convert an error of a field into an error with a position in the line."""
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))

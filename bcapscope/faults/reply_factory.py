@@ -23,7 +23,7 @@ def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
 
 
 class ReplyFactory:
-    """Learns how a controller fills the reserved field of its replies, and makes replies in the same way.
+    """Learns how a controller fills the reserved field of its replies, and makes replies likewise.
 
     The factory assumes 0 until the controller replies to a request with a non-zero reserved field. This is
     what orin_bcap C/src/bCAPServer/bcap_server.c sends.

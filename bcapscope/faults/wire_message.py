@@ -1,4 +1,4 @@
-"""One message on its way, decoded only if a fault needs it, and the possible results."""
+"""One message in transit, decoded only if a fault needs it, and the possible results."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Flow, Observation, Transport
 
 
-# Every message makes some of these: a struct compares by its type, which a named tuple
-# does not, and takes 0.1 µs to make (named tuple 0.4, frozen dataclass 0.9).
+# Each message creates some of these. A struct compares by its type, unlike a named tuple. Creating one takes
+# 0.1 µs (named tuple 0.4, frozen dataclass 0.9).
 class SendBytes(msgspec.Struct, frozen=True):
     """Bytes to send now.
 

@@ -1,4 +1,4 @@
-"""YAML as a sequence of events; bcapscope reads YAML only in this way.
+"""YAML as a sequence of events. All YAML input of bcapscope is read here.
 
 PyYAML's composers call themselves for each level. The one in C, which `msgspec.yaml` also uses, overflows
 the stack on deep input and crashes the process. Events come without recursion, so input nested too deep is

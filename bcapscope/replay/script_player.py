@@ -36,8 +36,7 @@ class PlayedCall(NamedTuple):
         script_call: The recorded call.
         arguments: Arguments sent.
         result: Outcome of the call.
-        delay: How much later than in the recording the client sent the call, ns, because earlier calls took
-            longer.
+        delay: Delay behind the planned time, ns, because earlier calls took longer than in the recording.
         differs: Whether the result code differs, or only one of the two calls has a reply.
         values_differ: Whether the values differ under the same result code; a robot is never twice in the
             same place.

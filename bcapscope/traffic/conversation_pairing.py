@@ -214,7 +214,7 @@ class ConversationPairing:
         over = closing is not None and closing.ends_replies
         end = max((exchange.last_activity for exchange in self.open_calls), default=0)
         overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
-        answered = overtaken  # time of the earliest reply to a later call
+        answered = overtaken  # earliest reply to a later call, or `overtaken`
         for exchange in reversed(self.open_calls):
             exchange.no_reply_expected = over or answered < overtaken
             if exchange.reply is not None and exchange.reply.item.code != E_BUSY:

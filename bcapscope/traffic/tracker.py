@@ -30,9 +30,9 @@ _REQUEST = Direction.REQUEST
 class Tracker:
     """Pairs requests, retries, notices and replies of live or recorded traffic in bounded memory.
 
-    The tracker numbers calls in starting order. It returns the calls of a conversation in that order, each
-    as soon as no further frame can belong to it or to an earlier call. Conversations do not wait for each
-    other.
+    The tracker numbers calls in starting order, and returns the calls of a conversation in that order. It
+    returns a call as soon as no further frame can belong to it or to an earlier one. Conversations do not
+    wait for each other.
 
     The result depends only on the observations so far. A truncated capture gives the same calls as the whole
     one, except those still open at its end. Beyond the memory limits, the tracker evicts calls: it returns
