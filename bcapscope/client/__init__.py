@@ -1,11 +1,11 @@
-"""Talking to a controller: sessions, objects with the functions as typed methods, and a face without async.
+"""Client: sessions, the controller's objects with typed methods, and a synchronous wrapper.
 
     async with connect(over_udp("192.168.0.1")) as service:
         controller = await service.connect("", "CaoProv.DENSO.VRC", "localhost")
         robot = await controller.get_robot("Arm")
         print(await robot.execute("CurJnt"))
 
-What was opened is let go at the end of the block, newest first, however it ends.
+The block releases everything that it opened, newest first, even after an error.
 """
 
 from bcapscope.client.blocking import Blocking

@@ -1,8 +1,8 @@
-"""The action log: what bcapscope's own clients sent to a controller, one JSON object per line.
+"""The action log: what bcapscope's own clients send to a controller, one JSON object per line.
 
-`call`, `replay`, `play` and the Tester write the same lines into the same files. A thread of its own writes
-them, so that no disk holds up a stop. A call that needs arming waits for its line before it is sent, but not
-for long: an operator expects a warning when the log fails, not a robot that ignores commands.
+`call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes
+them, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but only
+briefly. If the log fails, an operator expects a warning, not a robot that ignores commands.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.observation import Conversation, Transport
 
 LINE_TIMEOUT = 0.25
-"""Seconds that a call which needs arming waits for its line."""
+"""Longest wait of a call that needs arming until its line is written, s."""
 
 CLOSE_TIMEOUT = 2.0
-"""Seconds that `ActionLog.close` waits for the lines that are still to be written."""
+"""Longest wait of `ActionLog.close` for unwritten lines, s."""
 
 MAX_WAITING = 4096
-"""Lines that wait for the disk, and requests that wait for a reply; further ones are lost."""
+"""Limit of lines that wait for the disk, and of requests that wait for a reply; further ones are lost."""
 
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Is called, from any thread, with the file that cannot be written and the reason."""
+"""Called from any thread with the file that cannot be written and the reason."""
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller, as the log names it.
+    """A connection to a controller, as named in the log.
 
     Attributes:
-        host: name or address.
-        port: of the controller.
+        host: Name or address of the controller.
+        port: Port of the controller.
         transport: "udp" or "tcp".
-        client_port: our own; 0 where it is not known.
+        client_port: Port of the client; 0 if unknown.
     """
 
     host: str
@@ -60,36 +60,36 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget, client_port: int = 0) -> LoggedConnection:
-        """Name a connection by what the user typed."""
+        """Return the connection to a target, named as the user typed it."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value, client_port)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Name a connection by its ends."""
+        """Return the connection of a conversation, named by its endpoints."""
         server = conversation.server
         return cls(server.host, server.port, conversation.transport.value, conversation.client.port)
 
 
 def default_folder() -> Path:
-    """Return where the action log is on this platform."""
+    """Return the folder of the action log on this platform."""
     return platformdirs.user_log_path("bcapscope", appauthor=False)
 
 
 class ActionLog:
-    """Writes the log; all methods may be called from any thread.
+    """Writes the log. Any thread may call its methods.
 
     Attributes:
-        folder: where the files are.
+        folder: Folder of the files.
     """
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """Prepare; nothing is created before the first line.
+        """Create nothing yet; the first line creates the files.
 
         Args:
-            folder: for the files.
-            program: that sends, such as "call".
-            on_error: called when the log cannot be written; once until it can be written again.
+            folder: Folder of the files.
+            program: Program that sends, such as "call".
+            on_error: Called when the log cannot be written, once until writing works again.
         """
         self.folder = folder
         self._program = program
@@ -109,14 +109,14 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Write a request, and its reply when it comes.
+        """Log a request, and later its reply.
 
         Args:
-            connection: that it goes over.
-            item: the request, or bytes that are no frame.
-            time: ns since 1970-01-01 UTC.
-            who: caller that made the request.
-            is_logged: False for a request that is not to be logged.
+            connection: Connection of the request.
+            item: The request, or bytes that are no frame.
+            time: Time of the request, ns since 1970-01-01 UTC.
+            who: Caller that made the request.
+            is_logged: False for a request that is not logged, and whose reply is not logged either.
         """
         if isinstance(item, Malformed):
             self._write(time, connection, {"who": who, "sent": None, **_hex(item.raw)}, True)
@@ -139,7 +139,7 @@ class ActionLog:
         self._write(time, connection, fields, needs_arming(item.code, item.variants))
 
     def log_reply(self, connection: LoggedConnection, item: Frame | Malformed, time: int) -> None:
-        """Write a reply, if its request was written."""
+        """Log a reply, if its request was logged."""
         if isinstance(item, Malformed):
             return
         with self._lock:
@@ -149,13 +149,13 @@ class ActionLog:
             self._write(time, connection, {**fields, **_hex(item.raw)}, False)
 
     def log_set_points(self, connection: LoggedConnection, count: int, time: int, who: str) -> None:
-        """Write how many set points were sent in a row, one line for all."""
+        """Log the number of set points sent in a row, in one line."""
         self._write(
             time, connection, {"who": who, "sent": "Robot_Execute slvMove", "set_points": count}, False
         )
 
     def close(self) -> None:
-        """Wait for the lines that are still to be written; later ones start a new thread."""
+        """Wait until all lines are written, with a time limit. A later line starts a new thread."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:
@@ -208,18 +208,18 @@ class ActionLog:
 
 
 def _timestamp(time: int) -> str:
-    """Write a moment as ISO 8601, local time with its distance from UTC."""
+    """Return a time in ns as ISO 8601 text: local time with UTC offset."""
     return datetime.fromtimestamp(time / 1e9).astimezone().isoformat(timespec="microseconds")
 
 
 def _json(fields: dict[str, object]) -> bytes:
-    """Write a line in which every character that is not printable ASCII is escaped."""
+    """Return a line of JSON in which every character except printable ASCII is escaped."""
     text = json.dumps(fields, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("\x7f", "\\u007f").encode("ascii") + b"\n"
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Show the first bytes, and how many there are if that is not all."""
+    """Return the first bytes as hex, and the number of bytes if some are left out."""
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
@@ -235,7 +235,7 @@ def _typed_json(variant: Variant, left: list[int]) -> object:
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Turn a value into what JSON has; `left` bounds the values of all arguments together."""
+    """Convert a value to JSON types; `left` limits the number of values in all arguments together."""
     left[0] -= 1
     if isinstance(value, Variant):
         return _typed_json(value, left)

@@ -1,4 +1,4 @@
-"""The armed calls of a connection, for the action log: what needs arming, with its replies."""
+"""Log the armed calls of a connection, and their replies, in the action log."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ _FUNCTION_ID = 9
 
 
 class ArmedCallLogger:
-    """Picks the calls that need arming out of all frames of a connection.
+    """Selects the calls that need arming from all frames of a connection.
 
-    Of set points that follow one another the first is logged as any other call, then their number. A set
-    point that is repeated before any reply is a retry.
+    In a run of set points, it logs the first one like any other call, and later their number. A set point
+    repeated before any reply is a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
-        """Log into `log`."""
+        """Write to `log`."""
         self._log = log
         self._connection = connection
         self._set_points = 0
         self._unanswered = b""
 
     def on_observation(self, observation: Observation) -> None:
-        """Take a frame, as the observer of a session."""
+        """Process a frame, as the observer of a session."""
         self.add_frame(
             observation.flow.direction is Direction.REQUEST, observation.item.raw, observation.time
         )
 
     def add_frame(self, sent: bool, raw: bytes, timestamp: int) -> None:
-        """Take a frame that was sent or received; `timestamp` is ns since 1970-01-01 UTC."""
+        """Process a frame that was sent or received; `timestamp` is ns since 1970-01-01 UTC."""
         if len(raw) < SMALLEST_FRAME:
             return
         frame = Frame(raw)
@@ -56,11 +56,11 @@ class ArmedCallLogger:
         self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
 
     def add_set_points(self, count: int) -> None:
-        """Count set points whose frames were not seen."""
+        """Count set points whose frames the logger did not receive."""
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """Log how many set points were sent, if there were any."""
+        """Log the number of set points sent, if any. `timestamp` is ns since 1970-01-01 UTC; None for now."""
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

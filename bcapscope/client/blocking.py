@@ -1,4 +1,4 @@
-"""For code without async: run each step to its end."""
+"""Synchronous use of the client: run each coroutine to its end."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ R = TypeVar("R")
 
 
 class Blocking:
-    """Waits for what is asynchronous; whatever was entered is left at the end of the block.
+    """Runs coroutines to their end, and leaves all entered blocks at the end of its own.
 
         with Blocking() as wait:
             service = wait.enter(connect(over_udp("192.168.0.1")))
             controller = wait(service.connect())
 
-    Types are those of the asynchronous methods, since there are no others.
+    The types are those of the asynchronous methods, since it calls these directly.
     """
 
     def __init__(self, runner: asyncio.Runner | None = None) -> None:
-        """Run in an event loop of its own, or in that of `runner`."""
+        """Use an event loop of its own, or that of `runner`."""
         self._runner = runner or asyncio.Runner()
         self._stack = AsyncExitStack()
 
     def __call__(self, step: Coroutine[Any, Any, R]) -> R:
-        """Wait for one step and return what it returns."""
+        """Run a coroutine to its end and return its result."""
         return self._runner.run(step)
 
     def enter(self, context: AbstractAsyncContextManager[R]) -> R:
-        """Enter a block that is left at the end of ours."""
+        """Enter an asynchronous context manager; it is left at the end of the `Blocking` block."""
         return self._runner.run(self._stack.enter_async_context(context))
 
     def __enter__(self) -> Self:

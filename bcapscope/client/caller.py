@@ -1,4 +1,4 @@
-"""The asyncio shell around the requester: bytes in, bytes out, one timer."""
+"""Asyncio wrapper of the requester: a link, one timer and one call at a time."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
 Observer: TypeAlias = Callable[[Observation], None]
-"""Sees every frame that goes out or comes in, at once; it must not raise."""
+"""Receives every frame as soon as it is sent or received; must not raise."""
 
 EventListener: TypeAlias = Callable[[RequesterEvent], None]
-"""Hears of all that happens, late and strange replies and notices included; it must not raise."""
+"""Receives every event, including late and unexpected replies and notices; must not raise."""
 
 
 class Caller:
-    """Makes calls over a link, one after the other, and lets an observer see every frame.
+    """Makes calls over a link, one after the other, and shows every frame to an observer.
 
-    After every input, which is a call, bytes or the timer, the same is done: send what is due, set the timer,
-    tell what happened.
+    An input is a call, bytes or the timer. After every input the caller sends what is due, sets the timer
+    and reports the events.
     """
 
     def __init__(self, observer: Observer | None = None, listener: EventListener | None = None) -> None:
-        """Begin without a link, since a link must be told first who receives."""
+        """Start without a link, because a link needs its receiver first."""
         self._observer = observer
         self._listener = listener
         self._clock = LoopClock(asyncio.get_running_loop())
@@ -61,11 +61,11 @@ class Caller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return how it ended.
+        """Make a call and return its outcome.
 
         Raises:
-            LocalProtocolError: it cannot be sent; see `Requester.start_call`.
-            ConnectionError: the link is gone.
+            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
+            ConnectionError: The link is lost.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -81,17 +81,17 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send bytes as they are, whether or not they make sense; nothing is sent again.
+        """Send bytes unchanged, valid or not, without retries.
 
         Args:
-            raw: one datagram, or bytes of a stream.
-            timeout: seconds to wait for something to come.
+            raw: One datagram, or bytes of a stream.
+            timeout: Longest wait for any received bytes, s.
 
         Returns:
-            Whether something came; what it was, the observer has seen.
+            Whether anything arrived; the observer has received it.
 
         Raises:
-            ConnectionError: the link is gone.
+            ConnectionError: The link is lost.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -112,7 +112,7 @@ class Caller:
         self.on_link_lost("the link was closed")
 
     def on_data(self, data: bytes) -> None:
-        """Take what came over the link."""
+        """Process bytes received over the link."""
         if self._link.datagrams:
             items: Sequence[Frame | Malformed] = parse_datagram(data)
         else:
@@ -125,18 +125,18 @@ class Caller:
         self._after_input()
 
     def on_send_error(self, text: str) -> None:
-        """Take what the system says of the last packet."""
+        """Record the system's error for the last packet."""
         self._requester.record_send_error(text, self._clock.now())
 
     def on_link_lost(self, reason: str) -> None:
-        """Take notice that the link is gone: the call under way fails, and so do all to come."""
+        """Fail the pending call and all later ones, because the link is lost."""
         self._lost_reason = reason
         if self._pending_call is not None and not self._pending_call.done():
             self._pending_call.set_exception(ConnectionResetError(self._lost_reason))
         self._signal_data()
 
     def _signal_data(self) -> None:
-        """Tell whoever has sent raw bytes."""
+        """Wake `send_raw`."""
         if self._data_arrived is not None and not self._data_arrived.done():
             self._data_arrived.set_result(None)
 
@@ -145,7 +145,7 @@ class Caller:
         self._after_input()
 
     def _after_input(self) -> None:
-        """Do what follows every input."""
+        """Send what is due, set the timer and report the events."""
         requester = self._requester
         for raw in requester.data_to_send():
             self._report_frame(self._request_flow, Frame(raw), self._clock.now())

@@ -1,4 +1,4 @@
-"""A controller, how to reach it, and what to say to it first."""
+"""Address of a controller and the options for connecting to it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ _MS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class ControllerTarget:
-    """A controller, how to reach it, and what to say to it first.
+    """Address of a controller and the options for connecting to it.
 
     Attributes:
-        host: name or address.
-        port: UDP or TCP.
-        tcp: TCP instead of UDP.
-        timeout: of each try, ms, for all calls but slvMove.
-        retries: after the first try, likewise.
-        convention: of reserved; None for the usual one.
-        service: option of Service_Start.
-        connect: name, provider, machine and option of Controller_Connect.
+        host: Name or address.
+        port: UDP or TCP port.
+        tcp: Whether to use TCP instead of UDP.
+        timeout: Timeout of each attempt, ms, for all calls but slvMove.
+        retries: Number of retries, for all calls but slvMove.
+        convention: Convention of the reserved field; None for the default.
+        service: Option of Service_Start.
+        name: Name for Controller_Connect.
+        provider: Provider for Controller_Connect.
+        machine: Machine for Controller_Connect.
+        connect_option: Option for Controller_Connect.
     """
 
     host: str
@@ -46,7 +49,7 @@ class ControllerTarget:
 
     @property
     def retry_policies(self) -> RetryPolicies:
-        """How long to wait and how often to ask again."""
+        """Timeout and number of retries."""
         return RetryPolicies(others=RetryPolicy(round(self.timeout * _MS), self.retries))
 
     def __str__(self) -> str:
@@ -55,9 +58,9 @@ class ControllerTarget:
 
 
 def split_host_port(text: str) -> tuple[str, str]:
-    """Split ``host:port``, ``[address]:port`` or either without a port, which is empty then.
+    """Split ``host:port`` or ``[address]:port``; the port is "" if there is none.
 
-    More than one colon without brackets is an address of IPv6, which has no port.
+    A text with more than one colon and no brackets is an IPv6 address without a port.
     """
     if text.startswith("["):
         host, _, behind = text[1:].partition("]")
@@ -67,7 +70,7 @@ def split_host_port(text: str) -> tuple[str, str]:
 
 
 def os_error_text(error: OSError) -> str:
-    """Return what went wrong on the way to a controller, without what asyncio says around it."""
+    """Return the reason of a connection error, without the text that asyncio adds."""
     if isinstance(error, TimeoutError):
         return "no answer"
     if error.errno is not None and error.errno > 0:

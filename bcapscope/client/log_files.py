@@ -1,4 +1,4 @@
-"""Log files of bounded size: one per day, or several, to which any number of processes append lines."""
+"""Log files of bounded size: one or several per day, to which any number of processes append lines."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from datetime import datetime
 from pathlib import Path
 
 MAX_FILE_SIZE = 16 << 20
-"""Bytes of a file after which the next one of that day begins."""
+"""Limit in bytes of a file; beyond it, the next file of that day begins."""
 
 MAX_TOTAL_SIZE = 128 << 20
-"""Bytes of all files together; the oldest are deleted when a new one begins."""
+"""Limit in bytes of all files together; the oldest are deleted when a new one begins."""
 
 
 class LogFiles:
     """Appends lines to ``<name>-<date>.jsonl``, then ``<name>-<date>.2.jsonl`` and so on.
 
     Attributes:
-        path: of the file that was used last; the folder before the first line.
+        path: Path of the file used last; the folder before the first line.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class LogFiles:
         max_file_size: int = MAX_FILE_SIZE,
         max_total_size: int = MAX_TOTAL_SIZE,
     ) -> None:
-        """Prepare; the folder is created with the first line."""
+        """Create nothing yet; the first line creates the folder."""
         self.path = folder
         self._folder = folder
         self._name = name
@@ -39,10 +39,10 @@ class LogFiles:
         self._is_torn = False
 
     def append(self, line: bytes) -> None:
-        """Append a line in one piece, which is all that other processes need.
+        """Append a line with a single write, so that other processes can append to the same file.
 
         Raises:
-            OSError: it was not written, or not all of it.
+            OSError: The line was not written, or only partly.
         """
         self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
         data = b"\n" + line if self._is_torn else line
@@ -67,7 +67,7 @@ class LogFiles:
         try:
             size = path.stat().st_size
         except FileNotFoundError:
-            self._folder.mkdir(parents=True, exist_ok=True)  # deleted while we ran
+            self._folder.mkdir(parents=True, exist_ok=True)  # deleted while bcapscope runs
             self._delete_oldest()
             return path
         return path if size < self._max_file_size else self._current_after(path, day)
@@ -80,7 +80,7 @@ class LogFiles:
         return self._folder / f"{self._name}-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest files until there is room for one more; what cannot be deleted stays."""
+        """Delete the oldest files until one more fits. The first file that cannot be deleted ends this."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob(f"{self._name}-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self._max_file_size

@@ -1,4 +1,4 @@
-"""Making the connections that a function needs: service, controller, and the object whose handle it takes."""
+"""Open what a function needs: the service, the controller, and the object whose handle it takes."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {ObjectClass.ROBOT: "Arm", Obj
 PROVIDER_ADVICE = (
     "RC8 and COBOTTA want the provider CaoProv.DENSO.VRC, RC9 and COBOTTA PRO want CaoProv.DENSO.VRC9"
 )
-"""What to do about a Controller_Connect that is refused: ShoheiKobata/orin_bcap_python_samples,
+"""Advice when the controller refuses Controller_Connect. Sources: ShoheiKobata/orin_bcap_python_samples,
 DENSORobot/denso_robot_ros2 denso_robot_core (RC8), nkawa/Denso_CobottaPro900_MQTT_Control (VRC9)."""
 
 
 class ObjectOpener:
-    """Opens what is missing before a call, and uses what earlier calls have opened.
+    """Opens missing objects before a call, and uses those that earlier calls opened.
 
     Attributes:
-        session: whose calls these are.
+        session: Session that makes the calls.
     """
 
     def __init__(
         self, session: Session, service: str, connect: Sequence[str], names: Mapping[ObjectClass, str]
     ) -> None:
-        """Say how to open things.
+        """Set how to open objects; nothing is sent yet.
 
         Args:
-            session: nothing is open in it yet.
-            service: option of Service_Start.
-            connect: the four arguments of Controller_Connect.
-            names: of the objects to open, where `DEFAULT_OBJECT_NAMES` will not do.
+            session: Session in which nothing is open yet.
+            service: Option of Service_Start.
+            connect: The four arguments of Controller_Connect.
+            names: Names of the objects to open, if different from `DEFAULT_OBJECT_NAMES`.
         """
         self.session = session
         self._service_option = service
@@ -52,11 +52,11 @@ class ObjectOpener:
         self._handle_table = HandleTable()
 
     async def handle_for(self, object_class: ObjectClass) -> int:
-        """Return the handle of what was opened last of this class; open one where there is none.
+        """Return the handle of the latest object of this class; open one if there is none.
 
         Raises:
-            ValueError: it has to be opened by a name, and none is known.
-            BcapError: as `Session.call`.
+            ValueError: Opening needs a name, and none is known.
+            BcapError: A call failed, as for `Session.call`.
         """
         if object_class not in self._handles:
             if object_class is ObjectClass.CONTROLLER:
@@ -69,32 +69,33 @@ class ObjectOpener:
         return self._handles[object_class]
 
     async def start_service(self) -> None:
-        """Start the service, unless that was done."""
+        """Start the service, if it is not started yet."""
         if not self._started:
             await self.invoke("Service_Start", self._service_option)
 
     async def perform_call(self, function: Function, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call as it is, and remember the handle that it opens or releases."""
+        """Make a call with ready-made arguments, and record the handle that it opens or releases."""
         settled = await self.session.perform_call(function.id, arguments)
         if isinstance(settled, CallAnswered):
             self._record_call(function, arguments, settled)
         return settled
 
     async def invoke(self, name: str, *values: object) -> object:
-        """Make a call with Python values, and remember as `perform_call`; return the value of the answer."""
+        """Make a call with Python values, and record handles as `perform_call` does; return the value in the
+        reply."""
         reply = await self.session.invoke(name, *values)
         function = next(one for one in FUNCTIONS.values() if one.name == name)
         self._record_call(function, arguments_of(function, values), CallAnswered(reply, ()))
         return reply.arguments[0].variant.value if reply.arguments else None
 
     def variable_name(self, arguments: Sequence[Variant]) -> str:
-        """Return the name of the variable whose handle stands first; "" if it was not opened here."""
+        """Return the name of the variable in the first argument; "" if it was not opened here."""
         handle = arguments[0].value if arguments else None
         opened = self._handle_table.find(ObjectClass.VARIABLE, handle) if isinstance(handle, int) else None
         return opened.label if opened is not None else ""
 
     async def is_simulator(self) -> bool:
-        """Ask the peer whether it is our simulator, which no real controller says."""
+        """Ask whether the controller is bcapscope's simulator; no real controller gives the same answer."""
         controller = await self.handle_for(ObjectClass.CONTROLLER)
         try:
             reply = await self.session.invoke("Controller_GetVariable", controller, SIMULATOR_VARIABLE, "")

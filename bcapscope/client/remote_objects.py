@@ -1,9 +1,9 @@
-"""The objects of a controller, each function of b-CAP a method.
+"""The objects of a controller, with each b-CAP function as a method.
 
-A method is its vendor's name in small letters; the class it belongs to completes the name of the function, so
-that `Robot.get_attribute` calls Robot_GetAttribute. Types and order of the arguments are those of
-`protocol.tables.function_table`. Every method raises what `Session.call` raises, and RemoteProtocolError
-where the answer is of a type that the function does not have.
+A method has the vendor's name in lower case. The class completes the name of the function:
+`Robot.get_attribute` calls Robot_GetAttribute. Types and order of the arguments are those of
+`protocol.tables.function_table`. Every method raises what `Session.call` raises. It raises
+RemoteProtocolError if the value in the reply has a wrong type.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ R = TypeVar("R")
 
 
 def handle_of(reply: Frame) -> int:
-    """Read the handle out of the reply to a call that opened something.
+    """Return the handle in the reply to a call that opened an object.
 
     Raises:
-        RemoteProtocolError: there is none.
+        RemoteProtocolError: The reply has no handle.
     """
     return _expect_value(reply, int, "a handle")
 
@@ -45,7 +45,7 @@ def _expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 
 
 class RemoteObject:
-    """Something in the controller that a handle stands for; `async with` releases it at the end."""
+    """An object in the controller that a handle refers to; `async with` releases it at the end."""
 
     owner: ClassVar[ObjectClass]
 
@@ -54,7 +54,7 @@ class RemoteObject:
         self.handle = handle
 
     async def release(self) -> None:
-        """Let go of it; done by itself at the end of the session's block."""
+        """Release the object. The session releases it automatically at the end of its block."""
         await self._invoke("Release")
 
     async def __aenter__(self) -> Self:
@@ -103,7 +103,7 @@ class RemoteObject:
 
 
 class _DescribedObject(RemoteObject):
-    """What all classes but Message have."""
+    """Functions of all classes but Message."""
 
     async def get_attribute(self) -> int:
         """Return the attribute bits."""
@@ -118,11 +118,11 @@ class _DescribedObject(RemoteObject):
         return await self._invoke_text("GetName")
 
     async def get_tag(self) -> Value:
-        """Return what a client has put there for itself."""
+        """Return the value that a client stored with `put_tag`."""
         return await self._invoke_value("GetTag")
 
     async def put_tag(self, value: object) -> None:
-        """Put something there for oneself."""
+        """Store a value of the client's own."""
         await self._invoke("PutTag", value)
 
     async def get_id(self) -> Value:
@@ -135,22 +135,22 @@ class _DescribedObject(RemoteObject):
 
 
 class _ObjectWithVariables(RemoteObject):
-    """What has variables of its own."""
+    """Functions of objects that have variables."""
 
     async def get_variable(self, name: str, option: str = "") -> Variable:
         """Open a variable, such as ``@CURRENT_ANGLE`` of a robot or ``I1`` of a controller."""
         return Variable(self.session, await self._invoke_handle("GetVariable", name, option))
 
     async def get_variable_names(self, option: str = "") -> tuple[str, ...]:
-        """List the variables."""
+        """List the names of the variables."""
         return await self._invoke_names("GetVariableNames", option)
 
 
 class _ExecutingObject(RemoteObject):
-    """What takes commands."""
+    """Functions of objects that execute commands."""
 
     async def execute(self, command: str, param: object = None) -> Value:
-        """Execute a command; a Variant as `param` chooses the type, other values get one (`variant_of`)."""
+        """Execute a command. A Variant as `param` sets the type; `variant_of` converts other values."""
         return await self._invoke_value("Execute", command, param)
 
 
@@ -160,7 +160,7 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.CONTROLLER
 
     async def release(self) -> None:
-        """Controller_Disconnect; done by itself at the end of the session's block."""
+        """Controller_Disconnect. The session calls it automatically at the end of its block."""
         await self._invoke("Disconnect")
 
     async def get_extension(self, name: str, option: str = "") -> Extension:
@@ -188,23 +188,23 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         return Message(self.session, await self._invoke_handle("GetMessage"))
 
     async def get_extension_names(self, option: str = "") -> tuple[str, ...]:
-        """List the extensions."""
+        """List the names of the extensions."""
         return await self._invoke_names("GetExtensionNames", option)
 
     async def get_file_names(self, option: str = "") -> tuple[str, ...]:
-        """List the files."""
+        """List the names of the files."""
         return await self._invoke_names("GetFileNames", option)
 
     async def get_robot_names(self, option: str = "") -> tuple[str, ...]:
-        """List the robots."""
+        """List the names of the robots."""
         return await self._invoke_names("GetRobotNames", option)
 
     async def get_task_names(self, option: str = "") -> tuple[str, ...]:
-        """List the tasks."""
+        """List the names of the tasks."""
         return await self._invoke_names("GetTaskNames", option)
 
     async def get_command_names(self, option: str = "") -> tuple[str, ...]:
-        """List the commands."""
+        """List the names of the commands."""
         return await self._invoke_names("GetCommandNames", option)
 
 
@@ -224,69 +224,69 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         return File(self.session, await self._invoke_handle("GetFile", name, option))
 
     async def get_file_names(self, option: str = "") -> tuple[str, ...]:
-        """List the files in this folder."""
+        """List the names of the files in this folder."""
         return await self._invoke_names("GetFileNames", option)
 
     async def copy(self, name: str, option: str = "") -> None:
-        """Copy it to `name`."""
+        """Copy the file to `name`."""
         await self._invoke("Copy", name, option)
 
     async def delete(self, option: str = "") -> None:
-        """Delete it."""
+        """Delete the file."""
         await self._invoke("Delete", option)
 
     async def move(self, name: str, option: str = "") -> None:
-        """Move it to `name`."""
+        """Move the file to `name`."""
         await self._invoke("Move", name, option)
 
     async def run(self, option: str = "") -> str:
-        """Run it; return the name of what runs."""
+        """Run the file; return the name of what runs."""
         return await self._invoke_text("Run", option)
 
     async def get_date_created(self) -> datetime:
-        """Return when it was created, in the controller's time."""
+        """Return the time of creation, in the controller's time zone."""
         return await self._invoke_date("GetDateCreated")
 
     async def get_date_last_accessed(self) -> datetime:
-        """Return when it was read last, in the controller's time."""
+        """Return the time of the last access, in the controller's time zone."""
         return await self._invoke_date("GetDateLastAccessed")
 
     async def get_date_last_modified(self) -> datetime:
-        """Return when it was written last, in the controller's time."""
+        """Return the time of the last change, in the controller's time zone."""
         return await self._invoke_date("GetDateLastModified")
 
     async def get_path(self) -> str:
-        """Return its path."""
+        """Return the path."""
         return await self._invoke_text("GetPath")
 
     async def get_size(self) -> int:
-        """Return its size in bytes."""
+        """Return the size in bytes."""
         return await self._invoke_int("GetSize")
 
     async def get_type(self) -> str:
-        """Return its type."""
+        """Return the type of the file."""
         return await self._invoke_text("GetType")
 
     async def get_value(self) -> Value:
-        """Return its contents."""
+        """Return the contents."""
         return await self._invoke_value("GetValue")
 
     async def put_value(self, value: object) -> None:
-        """Write its contents."""
+        """Write the contents."""
         await self._invoke("PutValue", value)
 
 
 class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
-    """A robot arm. Much of this moves it."""
+    """A robot arm. Many of these methods move it."""
 
     owner = ObjectClass.ROBOT
 
     async def accelerate(self, axis: int, accel: float, decel: float) -> None:
-        """Set internal acceleration and deceleration in per cent; axis -1 is the tool tip."""
+        """Set internal acceleration and deceleration, %; axis -1 is the tool tip."""
         await self._invoke("Accelerate", axis, accel, decel)
 
     async def change(self, name: str) -> None:
-        """Change tool or work, such as ``Tool1``."""
+        """Change the tool or work, such as ``Tool1``."""
         await self._invoke("Change", name)
 
     async def chuck(self, option: str = "") -> None:
@@ -302,11 +302,11 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("GoHome")
 
     async def halt(self, option: str = "") -> None:
-        """Stop the motion and forget it."""
+        """Stop the motion; it cannot be resumed."""
         await self._invoke("Halt", option)
 
     async def hold(self, option: str = "") -> None:
-        """Stop the motion; `unhold` goes on."""
+        """Stop the motion; `unhold` resumes it."""
         await self._invoke("Hold", option)
 
     async def move(self, interpolation: int, pose: object, option: str = "") -> None:
@@ -314,11 +314,11 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Move", interpolation, pose, option)
 
     async def rotate(self, plane: object, angle: float, pivot: object, option: str = "") -> None:
-        """Rotate around an axis by degrees."""
+        """Rotate around an axis by an angle in degrees."""
         await self._invoke("Rotate", plane, angle, pivot, option)
 
     async def speed(self, axis: int, speed: float) -> None:
-        """Set the internal speed in per cent; axis -1 is the tool tip."""
+        """Set the internal speed, %; axis -1 is the tool tip."""
         await self._invoke("Speed", axis, speed)
 
     async def unchuck(self, option: str = "") -> None:
@@ -326,41 +326,42 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unchuck", option)
 
     async def unhold(self, option: str = "") -> None:
-        """Go on with a motion that was held."""
+        """Resume a motion that `hold` stopped."""
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode, or leave it with 0. The session leaves it by itself at the end of its block."""
+        """Enter a slave mode; 0 leaves it. The session leaves it automatically at the end of its block."""
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
-        """Return the slave mode."""
+        """Return the current slave mode."""
         return _expect_value(await self._invoke("Execute", "slvGetMode", None), int, "a mode")
 
     async def slv_move(self, point: object) -> Value:
-        """Send one set point; return where the robot is. A Variant chooses the type, a list becomes R8."""
+        """Send one set point; return the position of the robot. A Variant sets the type; a list becomes
+        R8."""
         return await self._invoke_value("Execute", "slvMove", point)
 
 
 class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
-    """A program that runs or may run."""
+    """A program on the controller."""
 
     owner = ObjectClass.TASK
 
     async def start(self, mode: int, option: str = "") -> None:
-        """Start it: 1 one cycle, 2 again and again, 3 one step."""
+        """Start the task: 1 one cycle, 2 repeatedly, 3 one step."""
         await self._invoke("Start", mode, option)
 
     async def stop(self, mode: int, option: str = "") -> None:
-        """Stop it: 0 as is usual, 1 at once, 2 after the step, 3 after the cycle, 4 and begin anew."""
+        """Stop the task: 0 default, 1 at once, 2 after the step, 3 after the cycle, 4 initialise."""
         await self._invoke("Stop", mode, option)
 
     async def delete(self, option: str = "") -> None:
-        """Delete it."""
+        """Delete the task."""
         await self._invoke("Delete", option)
 
     async def get_file_name(self) -> str:
-        """Return the name of its file."""
+        """Return the name of the task's file."""
         return await self._invoke_text("GetFileName")
 
 
@@ -370,15 +371,15 @@ class Variable(_DescribedObject):
     owner = ObjectClass.VARIABLE
 
     async def get_value(self) -> Value:
-        """Read it."""
+        """Read the value."""
         return await self._invoke_value("GetValue")
 
     async def put_value(self, value: object) -> None:
-        """Write it; a Variant chooses the type, other values get one."""
+        """Write the value. A Variant sets the type; `variant_of` converts other values."""
         await self._invoke("PutValue", value)
 
     async def get_date_time(self) -> datetime:
-        """Return when its value was taken, in the controller's time."""
+        """Return the time of the value, in the controller's time zone."""
         return await self._invoke_date("GetDateTime")
 
     async def get_microsecond(self) -> int:
@@ -392,35 +393,35 @@ class Command(_DescribedObject):
     owner = ObjectClass.COMMAND
 
     async def execute(self, mode: int) -> Value:
-        """Execute it; some servers answer with a value."""
+        """Execute the command; some controllers return a value."""
         return await self._invoke_value("Execute", mode)
 
     async def cancel(self) -> None:
-        """Give it up."""
+        """Cancel the command."""
         await self._invoke("Cancel")
 
     async def get_timeout(self) -> int:
-        """Return its time-out in ms."""
+        """Return the timeout in ms."""
         return await self._invoke_int("GetTimeout")
 
     async def put_timeout(self, value: int) -> None:
-        """Set its time-out in ms."""
+        """Set the timeout in ms."""
         await self._invoke("PutTimeout", value)
 
     async def get_state(self) -> int:
-        """Return its state."""
+        """Return the state."""
         return await self._invoke_int("GetState")
 
     async def get_parameters(self) -> Value:
-        """Return its parameters."""
+        """Return the parameters."""
         return await self._invoke_value("GetParameters")
 
     async def put_parameters(self, value: object) -> None:
-        """Set its parameters."""
+        """Set the parameters."""
         await self._invoke("PutParameters", value)
 
     async def get_result(self) -> Value:
-        """Return its result."""
+        """Return the result."""
         return await self._invoke_value("GetResult")
 
 
@@ -430,37 +431,37 @@ class Message(RemoteObject):
     owner = ObjectClass.MESSAGE
 
     async def reply(self, data: object) -> None:
-        """Answer it."""
+        """Reply to the message."""
         await self._invoke("Reply", data)
 
     async def clear(self) -> None:
-        """Clear it."""
+        """Clear the message."""
         await self._invoke("Clear")
 
     async def get_date_time(self) -> datetime:
-        """Return when it was made, in the controller's time."""
+        """Return the time of the message, in the controller's time zone."""
         return await self._invoke_date("GetDateTime")
 
     async def get_description(self) -> str:
-        """Return what it says."""
+        """Return the text of the message."""
         return await self._invoke_text("GetDescription")
 
     async def get_destination(self) -> str:
-        """Return whom it is for."""
+        """Return the receiver."""
         return await self._invoke_text("GetDestination")
 
     async def get_number(self) -> int:
-        """Return its number."""
+        """Return the number of the message."""
         return await self._invoke_int("GetNumber")
 
     async def get_serial_number(self) -> int:
-        """Return its serial number."""
+        """Return the serial number of the message."""
         return await self._invoke_int("GetSerialNumber")
 
     async def get_source(self) -> str:
-        """Return who sent it."""
+        """Return the sender."""
         return await self._invoke_text("GetSource")
 
     async def get_value(self) -> Value:
-        """Return what it carries."""
+        """Return the value that the message carries."""
         return await self._invoke_value("GetValue")

@@ -1,4 +1,4 @@
-"""Where controllers listen, how long to wait for them and how often to ask again."""
+"""Default port, timeouts and numbers of retries."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import NamedTuple
 from bcapscope.protocol.retry.requester import RetryPolicy
 
 DEFAULT_PORT = 5007
-"""Where controllers listen (orin_bcap C/include/bcap_common.h)."""
+"""Port on which controllers listen (orin_bcap C/include/bcap_common.h)."""
 
 _MS = 1_000_000
 
 
 class RetryPolicies(NamedTuple):
-    """How long to wait and how often to ask again (DENSO Wave 2009, How to use the Slave mode).
+    """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: for all calls but slvMove; where these are the usual ones, with a try less while the robot is
-            in an Async mode.
-        sync: for slvMove in a mode that is not Async: 2 ms, 7 retries, together two control periods.
-        asynchronous: for slvMove in an Async mode, where the next set point is due anyway.
+        others: For all calls but slvMove. While the robot is in an Async mode, the default policy has one
+            retry less.
+        sync: For slvMove in a mode that is not Async: 2 ms, 7 retries, together two control periods.
+        asynchronous: For slvMove in an Async mode: no retry, because the next set point is due anyway.
     """
 
     others: RetryPolicy = RetryPolicy(1000 * _MS, 4)
@@ -28,7 +28,7 @@ class RetryPolicies(NamedTuple):
 
 
 DEFAULT_RETRY_POLICIES = RetryPolicies()
-"""What DENSO recommends."""
+"""Policies that DENSO recommends."""
 
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
-"""What DENSO recommends for all calls but slvMove in an Async mode."""
+"""Policy that DENSO recommends for all calls but slvMove in an Async mode."""

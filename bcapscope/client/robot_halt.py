@@ -1,4 +1,4 @@
-"""Robot_Halt, said until the controller has taken it."""
+"""Send Robot_Halt until the controller accepts it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
-"""Tries of one call: often, and for a second."""
+"""Attempts of one call: every 16 ms, for about a second."""
 
 _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
@@ -18,18 +18,18 @@ _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
     """Stop the arm at once.
 
-    A controller that is at another call of the connection says that it is busy, or says nothing until it is
-    done with that (orin_bcap C/src/bCAPServer/bcap_server.c).
+    A controller that is executing another call of the connection replies that it is busy. Or it stays silent
+    until that call is done (orin_bcap C/src/bCAPServer/bcap_server.c).
 
     Args:
-        session: to say it on.
-        robot: handle.
-        pause: lets so many ns pass.
+        session: Session to send it on.
+        robot: Handle of the robot.
+        pause: Waits for a number of ns.
 
     Raises:
-        ControllerError: it was refused.
-        CallTimeout: no try was answered.
-        ConnectionError: the link is gone.
+        ControllerError: The controller refused it.
+        CallTimeout: No attempt was answered.
+        ConnectionError: The link is lost.
     """
     usual = session.retry_policies
     session.retry_policies = usual._replace(others=HALT_RETRY_POLICY)

@@ -1,4 +1,4 @@
-"""The service session, which every conversation begins with."""
+"""The b-CAP service, which the client starts before any other call."""
 
 from __future__ import annotations
 
@@ -19,23 +19,24 @@ class Service:
         self.session = session
 
     async def start(self, option: str = "") -> None:
-        """Service_Start: begin, with options such as ``,WDT=400`` for a notice each 400 ms of a long call."""
+        """Service_Start: start the service. Option ``,WDT=400`` requests a notice every 400 ms of a long
+        call."""
         await self.session.invoke("Service_Start", option)
 
     async def stop(self) -> None:
-        """Service_Stop: end; done by itself at the end of the session's block."""
+        """Service_Stop: stop the service. The session stops it automatically at the end of its block."""
         await self.session.invoke("Service_Stop")
 
     async def connect(
         self, name: str = "", provider: str = "", machine: str = "", option: str = ""
     ) -> Controller:
-        """Controller_Connect: RC7 ignores all four, RC8 and later need the provider.
+        """Controller_Connect: RC7 ignores all four arguments; RC8 and later need the provider.
 
         Args:
-            name: any; "" gives an automatic one.
+            name: Any name; "" for an automatic one.
             provider: ``CaoProv.DENSO.VRC``, or ``CaoProv.DENSO.VRC9`` on RC9 and COBOTTA PRO.
             machine: ``localhost``.
-            option: such as ``@IfNotMember``.
+            option: Option such as ``@IfNotMember``.
         """
         reply = await self.session.invoke("Controller_Connect", name, provider, machine, option)
         return Controller(self.session, handle_of(reply))
@@ -51,7 +52,7 @@ async def connect(
     observer: Observer | None = None,
     listener: EventListener | None = None,
 ) -> AsyncIterator[Service]:
-    """Open a session, as `open_session`, and start the service in it with `option`."""
+    """Open a session like `open_session`, and start the service in it with `option`."""
     async with open_session(
         open_link, convention=convention, retry_policies=retry_policies, observer=observer, listener=listener
     ) as session:

@@ -1,4 +1,4 @@
-"""A conversation with one controller: calls by name, how long they may take, and what is to be let go."""
+"""A client's session with one controller: calls by name, their timeouts, and the objects to release."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ _TRY_ONCE = RetryPolicy(_MS, 0)
 
 
 def over_udp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Reach a controller over UDP."""
+    """Return an opener that connects to a controller over UDP."""
     return lambda receiver: open_udp(host, port, receiver)
 
 
 def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Reach a controller over TCP."""
+    """Return an opener that connects to a controller over TCP."""
     return lambda receiver: open_tcp(host, port, receiver)
 
 
 def over_link(link: MemoryLink) -> LinkOpener:
-    """Reach a controller in this process."""
+    """Return an opener for a controller in this process."""
 
     async def open_it(receiver: LinkReceiver) -> Link:
         link.receiver = receiver
@@ -57,7 +57,7 @@ def over_link(link: MemoryLink) -> LinkOpener:
 
 
 class BaseCaller(Protocol):
-    """What a session makes its calls with, such as a `Caller`."""
+    """Interface that a session uses to make its calls, such as a `Caller`."""
 
     @property
     def link(self) -> BaseLink: ...
@@ -65,7 +65,7 @@ class BaseCaller(Protocol):
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return how it ended; raises as `Caller.perform_call`."""
+        """Make a call and return its outcome; raises as `Caller.perform_call`."""
 
     def close(self) -> None:
         """Close the link."""
@@ -74,11 +74,11 @@ class BaseCaller(Protocol):
 class Session:
     """Makes calls and remembers what they opened.
 
-    On TCP a call has one try, which is given the time of all tries, and slvMove is given that of other calls,
-    since TCP itself takes longer than a set point to send again what was lost.
+    On TCP a call has one attempt, with the time of all attempts together. slvMove gets the same time as
+    other calls there, because TCP takes longer than a set point to retransmit lost data.
 
     Attributes:
-        retry_policies: of the calls to come.
+        retry_policies: Policies of the following calls.
     """
 
     def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
@@ -90,21 +90,21 @@ class Session:
 
     @property
     def caller(self) -> BaseCaller:
-        """What the calls are made with."""
+        """The caller that makes the calls."""
         return self._caller
 
     async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call and return how it ended.
+        """Make a call and return its outcome.
 
         Raises:
-            LocalProtocolError: it cannot be sent, see `Requester.start_call`.
-            ConnectionError: the link is gone.
+            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
+            ConnectionError: The link is lost.
         """
         pace = self.retry_policy_for(function_id, arguments)
         mode = _slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # What is given up on the way may still be done.
+        # The controller may still execute a call that is cancelled while it waits. So note its effect first.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
@@ -120,10 +120,10 @@ class Session:
         """Make a call and return the reply.
 
         Raises:
-            ControllerError: the controller refused it.
-            CallTimeout: no try was answered in time.
-            LocalProtocolError: it cannot be sent, see `Requester.start_call`.
-            ConnectionError: the link is gone.
+            ControllerError: The controller refused the call.
+            CallTimeout: No attempt was answered in time.
+            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
+            ConnectionError: The link is lost.
         """
         settled = await self.perform_call(function_id, arguments)
         if isinstance(settled, CallAnswered):
@@ -135,23 +135,24 @@ class Session:
         raise CallTimeout(name, settled.attempts)
 
     async def invoke(self, name: str, *values: object) -> Frame:
-        """Call a function by its name; as `call`, with Python values for arguments."""
+        """Call a function by its name, with Python values as arguments; otherwise as `call`."""
         function = function_by_name(name)
         assert function is not None, name
         return await self.call(function.id, arguments_of(function, values))
 
     async def close(self) -> None:
-        """Leave slave mode and let go of what is open, newest first; then close the link.
+        """Leave slave mode, release what is open, newest first, and close the link.
 
-        Where the peer no longer answers it is told that this is the end: a controller that is only busy, with
-        a motion that nobody waits for any more, finds that when it is done. The rest is left to it.
+        If the controller no longer answers, the session sends Service_Stop once and releases nothing more. A
+        controller that is only busy with an abandoned motion reads it when the motion is done. The rest is
+        left to the controller.
         """
         try:
             if self._is_starting:
                 patience = min(self.retry_policies.others.timeout, DEFAULT_RETRY_POLICIES.others.timeout)
                 self.retry_policies = self.retry_policies._replace(
                     others=RetryPolicy(patience, 0)
-                )  # who is silent may not be there
+                )  # a silent controller may not exist
                 await self._invoke_cleanup("Service_Stop")
             for handle, mode in self._slave_modes.items():
                 if mode:
@@ -177,10 +178,10 @@ class Session:
         except CallTimeout:
             raise
         except BcapError:
-            pass  # what is refused here was let go before, by the controller or together with its owner
+            pass  # the controller released it before, perhaps with its parent
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return how long this call may take, in the slave mode that the robot is in."""
+        """Return timeout and retries of a call, considering the slave mode of the robot."""
         paces = self.retry_policies
         if not self._caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
@@ -194,7 +195,7 @@ class Session:
         )
 
     def _record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Remember what a successful call opened, closed or changed."""
+        """Record what a successful call opened, released or changed."""
         function = FUNCTIONS.get(function_id)
         if function is None:
             return
@@ -212,12 +213,12 @@ class Session:
 
 
 def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Return the command of a Robot_Execute in lower case, else nothing."""
+    """Return the command of a Robot_Execute in lower case; "" for any other call."""
     return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
 
 
 def _slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
-    """Return the slave mode that a call asks for; None if it asks for none."""
+    """Return the slave mode that a call requests; None if it requests none."""
     if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
         return None
     return integer_value(arguments[2]) or 0
@@ -241,17 +242,18 @@ async def open_session(
     observer: Observer | None = None,
     listener: EventListener | None = None,
 ) -> AsyncIterator[Session]:
-    """Open a link, and at the end of the block let go of all that calls have opened, however it ends.
+    """Open a link. The end of the block releases everything that calls have opened, even after an error.
 
     Args:
-        open_link: `over_udp`, `over_tcp` or `over_link`.
-        convention: of reserved; that of DENSO's slides on UDP and 0 on TCP unless given.
-        retry_policies: how long to wait and how often to ask again.
-        observer: sees every frame.
-        listener: hears all that happens.
+        open_link: Result of `over_udp`, `over_tcp` or `over_link`.
+        convention: Convention of the reserved field. None selects that of DENSO's slides on UDP, and 0 on
+            TCP.
+        retry_policies: Timeouts and numbers of retries.
+        observer: Receives every frame.
+        listener: Receives every event.
 
     Raises:
-        OSError: there is no way to the controller, or it does not listen.
+        OSError: The controller cannot be reached, or does not listen.
     """
     caller = Caller(observer, listener)
     link = await open_link(caller)
@@ -268,7 +270,7 @@ async def open_session(
 def open_target_session(
     target: ControllerTarget, observer: Observer | None = None, listener: EventListener | None = None
 ) -> AbstractAsyncContextManager[Session]:
-    """Open a session with a controller, as `open_session`."""
+    """Open a session with a target, as `open_session` does."""
     opener = (over_tcp if target.tcp else over_udp)(target.host, target.port)
     return open_session(
         opener,

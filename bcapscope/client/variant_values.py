@@ -1,4 +1,4 @@
-"""Python values as VARIANTs and back."""
+"""Convert Python values to VARIANTs and back."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 
 
 def variant_of(value: object) -> Variant:
-    """Choose a type for a value.
+    """Convert a Python value to a VARIANT.
 
-    None is EMPTY, bool is BOOL, int is I4 (I8 where it does not fit), float R8, str BSTR, bytes an array of
-    UI1; lists of one of these are arrays, of int and float an array of R8, others arrays of VARIANT. A
-    Variant stays what it is.
+    None becomes EMPTY, bool BOOL, int I4 (I8 if it does not fit), float R8, str BSTR and bytes an array of
+    UI1. A list of one of these types becomes an array of it, and a list of int and float an array of R8. Any
+    other list becomes an array of VARIANT. A Variant stays unchanged.
 
     Raises:
-        LocalProtocolError: there is no type for it.
+        LocalProtocolError: b-CAP has no type for the value.
     """
     if isinstance(value, Variant):
         return value
@@ -39,10 +39,10 @@ def variant_of(value: object) -> Variant:
 
 
 def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant, ...]:
-    """Make the arguments of a request, the handle first, with the types that the function has.
+    """Convert Python values to the arguments of a request, handle first, with the types of the function.
 
     Raises:
-        LocalProtocolError: there is no type for one of them.
+        LocalProtocolError: A value does not fit its type, or b-CAP has no type for it.
     """
     return tuple(
         variant_of(value)
@@ -60,9 +60,12 @@ def plain_value(variant: Variant) -> Value:
 
 
 def date_of(days: float) -> datetime | None:
-    """Return a DATE, days since 1899-12-30, as a time without zone, which the peer alone knows.
+    """Convert a DATE, days since 1899-12-30, to a datetime without time zone.
 
-    None where the number is out of Python's calendar.
+    Only the controller knows the time zone.
+
+    Returns:
+        None if the date is outside Python's calendar.
     """
     try:
         return _DATE_ZERO + timedelta(days=days)
@@ -71,7 +74,7 @@ def date_of(days: float) -> datetime | None:
 
 
 def _typed_variant(function: Function, param: Param, value: object) -> Variant:
-    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # tried below
+    variant = Variant(_TYPES[param.type], value)  # type: ignore[arg-type]  # checked by encode_variant below
     try:
         encode_variant(variant)
     except LocalProtocolError:

@@ -1,5 +1,5 @@
-"""Trouble on purpose: faults as data, and a seeded machine that decides what becomes of each message.
+"""Faults: disturbances as data, and a seeded injector that applies them to each message.
 
-The proxy and the simulator share it. `fault` has the faults, `document` and `fault_notation` read them,
-`fault_injector` applies them.
+The proxy and the simulator share this package. `fault` defines the faults, `document` and `fault_notation`
+read them, `fault_injector` applies them.
 """

@@ -1,4 +1,4 @@
-"""Which try of its call a request is, and which try a response answers."""
+"""Attempt numbers: which attempt of its call a request is, and which attempt a response answers."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_ATTEMPTS = 16
-"""Twice of what any client sends for one call, the one that tries without end left out."""
+"""Twice the number of attempts that any client sends for one call, except the client that retries without
+end."""
 
 
-_LONGEST_KEPT = 512  # bytes of a request's content; all requests of real sessions but a few are shorter
+_LONGEST_KEPT = 512  # bytes of a request's content; nearly all requests of real sessions are shorter
 
 
 class AttemptedCall:
     """A call, compared by identity.
 
     Attributes:
-        content: of each of its requests, from the function id on; of a long one its digest.
-        attempts: packets that have asked for it.
+        content: Content of each of its requests from the function id on, or its digest if the content is
+            long.
+        attempts: Number of attempts so far.
     """
 
     __slots__ = ("attempts", "content")
@@ -32,11 +34,11 @@ class AttemptedCall:
 
 
 class CallAttempt(NamedTuple):
-    """One packet of a call.
+    """One attempt of a call.
 
     Attributes:
-        call: that it asks for, or answers.
-        number: of the try; 1 is the first.
+        call: Call that the attempt belongs to.
+        number: Number of the attempt; 1 is the first.
     """
 
     call: AttemptedCall
@@ -44,24 +46,25 @@ class CallAttempt(NamedTuple):
 
 
 def _content_key(request: Frame) -> bytes:
-    """Return what the tries of a call have in common, in 512 bytes at most."""
+    """Return what all attempts of a call have in common, in at most 512 bytes."""
     content = request.raw[9:]
     return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
 
 
 class AttemptCounter:
-    """Counts tries by the serials that retries name, in every convention of the reserved field.
+    """Counts attempts by the serials that retries name, in every convention of the reserved field.
 
-    Nothing is sent twice on TCP: all that comes there is a first try.
+    On TCP every request counts as a first attempt, since clients do not retry there.
     """
 
     def __init__(self) -> None:
         self._conversations: dict[Conversation, _AttemptsBySerial] = {}
 
     def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
-        """Tell which try of its call a frame is, or answers; 1 is the first.
+        """Return the attempt number of a request, or of the attempt that a response answers; 1 is the first.
 
-        None for a response to what was not asked lately.
+        Returns:
+            None for a response to an unknown or old request.
         """
         if flow.conversation.transport is Transport.TCP:
             return 1
@@ -69,9 +72,10 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Take in the next frame of a conversation over UDP; tell what it asks for or answers.
+        """Add the next frame of a UDP conversation; return the attempt that it is or answers.
 
-        None for a response to what was not asked lately.
+        Returns:
+            None for a response to an unknown or old request.
         """
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:
@@ -82,18 +86,18 @@ class AttemptCounter:
         )
 
     def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
-        """Return the call that was asked for by the same request, to the byte; nothing is taken in."""
+        """Return the call with the same serial and the same request content. The counter does not change."""
         serials = self._conversations.get(flow.conversation)
         known = serials.find(request.serial) if serials else None
         return known.call if known and known.call.content == _content_key(request) else None
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over."""
+        """Forget a conversation that has ended."""
         self._conversations.pop(conversation, None)
 
 
 class _AttemptsBySerial:
-    """Serials of one conversation with their calls and numbers of tries, in two generations."""
+    """Attempts of one conversation by serial. Two generations let old ones expire without a search."""
 
     __slots__ = ("earlier", "latest")
 
@@ -108,7 +112,7 @@ class _AttemptsBySerial:
         serial, reserved, content = frame.serial, frame.reserved, _content_key(frame)
         known = self.find(serial)
         if known and known.call.content == content and reserved not in (0, serial):
-            return known  # the network has made a copy of it
+            return known  # a copy made by the network
         found = self._new_attempt(serial, reserved, content)
         found.call.attempts = max(found.call.attempts, found.number)
         self.latest[serial] = found
@@ -122,7 +126,7 @@ class _AttemptsBySerial:
         origin = self.find(reserved)
         if origin and origin.call.content == content:
             return CallAttempt(origin.call, origin.call.attempts + 1)
-        # The first try was lost before it came here; serials count on from it.
+        # The first attempt was lost before it arrived here. Later serials count up from its serial.
         behind = (serial - reserved) & 0xFFFF
         found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
         self.latest[reserved] = CallAttempt(found.call, 1)

@@ -1,6 +1,6 @@
-"""Reading faults from YAML: the vocabulary that rule files and scenarios share.
+"""Read faults from YAML, in the vocabulary that rule files and scenarios share.
 
-A document is checked against a `msgspec.Struct`; one with faults in it has a field ``faults:
+A document is checked against a `msgspec.Struct`. A struct for a document with faults has a field ``faults:
 tuple[AnyFault, ...]``. An error names the line and the field.
 """
 
@@ -25,7 +25,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Characters; the longest that people write have some ten thousand."""
+"""Limit in characters; the longest documents that people write have about ten thousand."""
 
 T = TypeVar("T")
 
@@ -35,12 +35,12 @@ _FIELD = re.compile(r"field `([^`]*)`")
 
 
 class DocumentError(ValueError):
-    """A document that makes no sense; its text has line, field and reason.
+    """An invalid document. Its text shows line, field and reason.
 
     Attributes:
-        path: names and indexes that lead to the place.
-        line: of the text, from 1; 0 where there is no text.
-        reason: what is wrong there.
+        path: Names and indexes that lead to the error.
+        line: Line of the error, from 1; 0 without a text.
+        reason: What is wrong there.
     """
 
     def __init__(self, path: tuple[str | int, ...], line: int, reason: str) -> None:
@@ -56,11 +56,11 @@ class DocumentError(ValueError):
 
 
 class FieldError(ValueError):
-    """Raised when a struct is made whose fields do not go together: names the one to be changed.
+    """Raised by a struct whose fields contradict each other; names the field to change.
 
     Attributes:
-        path: names and indexes that lead there from the struct.
-        reason: what is wrong there.
+        path: Names and indexes that lead from the struct to the field.
+        reason: What is wrong there.
     """
 
     def __init__(self, path: tuple[str | int, ...], reason: str) -> None:
@@ -70,24 +70,25 @@ class FieldError(ValueError):
 
 
 class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a file of rules holds.
+    """Contents of a rule file.
 
     Attributes:
-        faults: applied in this order.
+        faults: Faults in the order in which they apply.
     """
 
     faults: tuple[AnyFault, ...]
 
 
 def read_document(text: str, kind: type[T]) -> T:
-    """Read a YAML document as a struct.
+    """Read a YAML document into a struct.
 
     Args:
-        text: one document; no anchors, and each key once.
-        kind: of the whole; its fields may be of the quantities of `bcapscope.faults.quantities` as well.
+        text: One document, without anchors and with each key once.
+        kind: Type of the whole document. Its fields may have the types of `bcapscope.faults.quantities` as
+            well.
 
     Raises:
-        DocumentError: it is no YAML, or does not fit.
+        DocumentError: The text is no valid YAML, or does not match `kind`.
     """
     root, data = _parse(text)
     try:
@@ -98,10 +99,10 @@ def read_document(text: str, kind: type[T]) -> T:
 
 
 def convert_data(data: object, kind: Any) -> Any:
-    """Make plain data, as JSON or YAML give it, into a struct, checking everything.
+    """Convert plain data from JSON or YAML into a struct and validate all of it.
 
     Raises:
-        DocumentError: it does not fit; there is no line to tell.
+        DocumentError: The data does not match `kind`; `line` is 0.
     """
     try:
         return msgspec.convert(data, kind, dec_hook=_read_quantity)
@@ -112,28 +113,29 @@ def convert_data(data: object, kind: Any) -> Any:
 
 
 def fault_from(data: object) -> AnyFault:
-    """Make plain data into a fault.
+    """Convert plain data into a fault.
 
     Raises:
-        DocumentError: it does not fit.
+        DocumentError: The data is no valid fault.
     """
     found: AnyFault = convert_data(data, AnyFault)
     return found
 
 
 def to_plain_data(value: object) -> Any:
-    """Make a struct into plain data again, as it stands in a document, what is as usual left out."""
+    """Convert a struct into plain data, as written in a document, without fields at their default."""
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
 
 def _read_quantity(kind: type, written: object) -> object:
     if kind in QUANTITIES:
         return kind.read(written)
-    raise NotImplementedError(f"{kind} is no quantity")  # so a hook of msgspec tells what it does not know
+    raise NotImplementedError(f"{kind} is no quantity")  # msgspec expects this for an unknown type
 
 
 class _Loader(Composer, SafeConstructor, Resolver):
-    """Refuses what makes a document mean something else than it seems to."""
+    """YAML loader that rejects aliases, duplicate keys and non-scalar keys, since their meaning is easily
+    misread."""
 
     def __init__(self, text: str) -> None:
         Composer.__init__(self)
@@ -204,16 +206,16 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         raise DocumentError((), mark.line + 1 if mark else 0, error.problem or "no YAML") from error
-    except ValueError as error:  # a number too long, a date that is none
+    except ValueError as error:  # an overlong number or an invalid date
         raise DocumentError((), 0, f"this is no YAML: {error}") from error
 
 
 class _ErrorPlace(NamedTuple):
-    """Where in the data an error is.
+    """Location of an error in the data.
 
     Attributes:
-        path: names and indexes that lead there.
-        kinds: of the struct that it is in: one, or those that it may be.
+        path: Names and indexes that lead to the error.
+        kinds: Type of the enclosing struct, or all candidates if the type is unknown.
     """
 
     path: tuple[str | int, ...]
@@ -224,7 +226,7 @@ def _document_error(error: msgspec.ValidationError, data: object, kind: Any) -> 
     text = str(error)
     match = _AT.search(text)
     reason = text[: match.start()] if match else text
-    steps = _PATH_STEP.findall(match[1].partition("[...]")[0]) if match else []  # keys are not told
+    steps = _PATH_STEP.findall(match[1].partition("[...]")[0]) if match else []  # mapping keys are unnamed
     path: tuple[str | int, ...] = tuple(int(index) if index else name for name, index in steps)
     if isinstance(error.__cause__, FieldError):
         return DocumentError((*path, *error.__cause__.path), 0, error.__cause__.reason)
@@ -259,7 +261,7 @@ def _actions(kinds: Iterable[type[msgspec.Struct]]) -> list[str]:
 
 
 def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[msgspec.Struct], ...]:
-    """List what the struct may be that a path leads into."""
+    """List the possible types of the struct that a path leads into."""
     found = _matching_structs(_structs(kind), data)
     inside = found
     for step in path:
@@ -272,7 +274,7 @@ def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[
 
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct], ...]:
-    """List the structs in a type hint, such as those of a union or of the elements of a tuple."""
+    """List the structs in a type hint, such as the members of a union or the element types of a tuple."""
     return tuple(_types(hint, msgspec.Struct))
 
 
@@ -286,7 +288,7 @@ def _types(hint: Any, base: type[T]) -> Iterator[type[T]]:
 def _matching_structs(
     structs: tuple[type[msgspec.Struct], ...], data: object
 ) -> tuple[type[msgspec.Struct], ...]:
-    """Choose the struct that the data say they are; all where they do not say."""
+    """Choose the struct that the data's ``action`` names; all structs if it names none."""
     action = data.get("action") if isinstance(data, dict) else None
     named = tuple(each for each in structs if each.__struct_config__.tag == action)
     return named or structs

@@ -1,8 +1,8 @@
-"""The faults, as validated frozen data.
+"""The faults, as validated immutable data.
 
-Words are those of Linux tc-netem(8) and of Shopify's toxiproxy where they have one. A fault says which
-messages it strikes and what becomes of them; what it draws by lot comes from a stream of random numbers that
-is its own. A message is a datagram, or of a TCP stream a frame (or a run of bytes that are none).
+Names are those of Linux tc-netem(8) and of Shopify's toxiproxy where they have one. A fault specifies which
+messages it hits and what happens to them. Each fault has its own stream of random numbers. A message is a
+datagram. On TCP it is a frame, or a run of bytes that are no frame.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ ALWAYS, NEVER = Share(1), Share(0)
 
 
 class JitterDistribution(StrEnum):
-    """How a jitter is spread around the delay."""
+    """How the jitter spreads around the delay."""
 
     UNIFORM = "uniform"
-    """All of it within the jitter."""
+    """Evenly within ± the jitter."""
     NORMAL = "normal"
     """The jitter is the standard deviation."""
     PARETO = "pareto"
-    """Mostly a little, now and then a lot: the jitter is the scale of a tail with exponent 3."""
+    """Mostly short and rarely very long: the jitter is the scale of a tail with exponent 3."""
 
 
 class CloseMode(StrEnum):
@@ -67,18 +67,18 @@ class Fault(
     tag_field="action",
     rename={"when": "if", "lasts": "for", "attempt": "try"},
 ):
-    """What all faults have: which messages they strike.
+    """Fields of all faults, which select the messages to hit.
 
     Attributes:
-        name: for reports, and the seed of its random numbers: letters, digits and ``_ . + -``. One is made up
-            where it is empty.
-        when: the message must fulfil it; written ``if``.
-        direction: only requests, or only responses; None for both.
-        probability: share of the messages that it strikes, of those that all else holds for.
-        times: after so many strikes it is done.
-        after: it begins so long after it was set up.
-        lasts: it ends so long after it began; None for never. Written ``for``.
-        attempt: only the n-th try of a call, or the response to that try; 1 is the first. Written ``try``.
+        name: Name for reports, and seed of the random numbers: letters, digits and ``_ . + -``. If empty, a
+            name is generated.
+        when: Filter that the message must match; written ``if``.
+        direction: Only requests or only responses; None for both.
+        probability: Share of the otherwise matching messages to hit.
+        times: Number of hits after which the fault ends; None for no limit.
+        after: Time from setup to the start of the fault.
+        lasts: Time from the start to the end of the fault; None for no end. Written ``for``.
+        attempt: Only the n-th attempt of a call, or the response to it; 1 is the first. Written ``try``.
     """
 
     name: Annotated[str, Meta(pattern=r"^[\w.+-]{0,60}$")] = ""
@@ -91,16 +91,16 @@ class Fault(
     attempt: Count | None = None
 
     needs_whole_frame: ClassVar[bool] = False
-    """Whether the action itself must see a whole frame, whatever the conditions say."""
+    """Whether the action itself needs whole frames, regardless of the conditions."""
 
     @property
     def action(self) -> str:
-        """The word for what it does, as in files and on the command line."""
+        """Name of the action in files and on the command line."""
         return str(self.__struct_config__.tag)
 
     @property
     def needs_frames(self) -> bool:
-        """Whether a stream must be cut into frames for it."""
+        """Whether a stream must be split into frames for this fault."""
         return (
             self.needs_whole_frame
             or self.when is not None
@@ -110,23 +110,23 @@ class Fault(
 
 
 class PassFault(Fault, frozen=True, kw_only=True, tag="pass"):
-    """Nothing becomes of the message, whatever the faults after this one would do."""
+    """Forward the message and skip all later faults."""
 
 
 class DropFault(Fault, frozen=True, kw_only=True, tag="drop"):
-    """The message is lost."""
+    """Lose the message."""
 
     needs_whole_frame: ClassVar[bool] = True
 
 
 class BurstFault(Fault, frozen=True, kw_only=True, tag="burst"):
-    """Messages are lost in bursts: the model of Gilbert and Elliott, each direction on its own.
+    """Lose messages in bursts, with the Gilbert-Elliott model, separately for each direction.
 
     Attributes:
-        enter: probability that a good state turns bad, at each message.
-        leave: probability that a bad state turns good, at each message.
-        bad: share lost in the bad state.
-        good: share lost in the good state.
+        enter: Probability, per message, that the good state turns bad.
+        leave: Probability, per message, that the bad state turns good.
+        bad: Share of messages lost in the bad state.
+        good: Share of messages lost in the good state.
     """
 
     enter: Share
@@ -138,12 +138,12 @@ class BurstFault(Fault, frozen=True, kw_only=True, tag="burst"):
 
 
 class DelayFault(Fault, frozen=True, kw_only=True, tag="delay"):
-    """The message goes on later. Datagrams may overtake it, bytes of a stream never do.
+    """Forward the message later. Datagrams may overtake it; bytes of a stream never do.
 
     Attributes:
-        time: how much later.
-        jitter: more or less by so much; never less than no delay.
-        distribution: of the jitter.
+        time: Delay without jitter.
+        jitter: Variation of the delay; the result is never negative.
+        distribution: Distribution of the jitter.
     """
 
     time: Duration
@@ -152,11 +152,11 @@ class DelayFault(Fault, frozen=True, kw_only=True, tag="delay"):
 
 
 class DuplicateFault(Fault, frozen=True, kw_only=True, tag="duplicate"):
-    """The message arrives several times.
+    """Send the message several times.
 
     Attributes:
-        copies: besides the message itself.
-        time: between one and the next.
+        copies: Number of copies besides the message itself.
+        time: Time between one copy and the next.
     """
 
     copies: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -166,11 +166,11 @@ class DuplicateFault(Fault, frozen=True, kw_only=True, tag="duplicate"):
 
 
 class ReorderFault(Fault, frozen=True, kw_only=True, tag="reorder"):
-    """The message is overtaken by those that come after it, on TCP too: there a server answers out of order.
+    """Let later messages overtake this one. On TCP too: the controller then appears to reply out of order.
 
     Attributes:
-        by: how many go before it.
-        time: it goes on after this at the latest, though fewer have come.
+        by: Number of messages that go before it.
+        time: Longest wait for them; then the message is sent.
     """
 
     by: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -180,11 +180,11 @@ class ReorderFault(Fault, frozen=True, kw_only=True, tag="reorder"):
 
 
 class CorruptFault(Fault, frozen=True, kw_only=True, tag="corrupt"):
-    """Bits are turned over.
+    """Flip bits.
 
     Attributes:
-        bits: how many; by lot the same may be hit twice, which leaves it as it was.
-        offset: of the byte that is hit; None for any.
+        bits: Number of random flips. Two flips may hit the same bit and restore it.
+        offset: Offset of the byte to hit; None for any byte.
     """
 
     bits: Annotated[int, Meta(ge=1, le=10_000)] = 1
@@ -194,10 +194,10 @@ class CorruptFault(Fault, frozen=True, kw_only=True, tag="corrupt"):
 
 
 class TruncateFault(Fault, frozen=True, kw_only=True, tag="truncate"):
-    """The end is cut off.
+    """Cut off the end.
 
     Attributes:
-        keep: bytes that are left; None for any number, by lot.
+        keep: Bytes to keep; None for a random number.
     """
 
     keep: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
@@ -206,10 +206,10 @@ class TruncateFault(Fault, frozen=True, kw_only=True, tag="truncate"):
 
 
 class GarbageFault(Fault, frozen=True, kw_only=True, tag="garbage"):
-    """Random bytes arrive in place of the message; of responses, unless told otherwise.
+    """Replace the message by random bytes; by default only responses.
 
     Attributes:
-        size: bytes; None for as many as the message has.
+        size: Bytes to send; None for the size of the message.
     """
 
     direction: Direction | None = Direction.RESPONSE
@@ -219,16 +219,17 @@ class GarbageFault(Fault, frozen=True, kw_only=True, tag="garbage"):
 
 
 class RewriteFault(Fault, frozen=True, kw_only=True, tag="rewrite"):
-    """Numbers in the frame are changed. Where nothing changes, the bytes stay those that came.
+    """Change numbers in the frame. If nothing changes, the bytes stay as received.
 
     Attributes:
-        serial: the new one.
-        reserved: the new one.
-        code: the new function id of a request, or HRESULT of a response.
-        set: the new value of arguments or elements: ``{"arg[2][0]": 10}``. It keeps its type, unless the text
-            begins with one: ``r4:10``.
-        limit: a number beyond the span becomes its end; of an array every element.
-        step: a number changes by so much at most from one such message of a conversation to the next.
+        serial: New serial.
+        reserved: New reserved field.
+        code: New function id of a request, or new HRESULT of a response.
+        set: New values of arguments or elements: ``{"arg[2][0]": 10}``. A value keeps its type, unless the
+            text names one: ``r4:10``.
+        limit: Spans for numbers. A number outside its span is set to the nearest end; in an array, every
+            element.
+        step: Largest change of a number from one such message of a conversation to the next.
     """
 
     serial: UInt16 | None = None
@@ -248,10 +249,10 @@ class RewriteFault(Fault, frozen=True, kw_only=True, tag="rewrite"):
 
 
 class SerialFault(Fault, frozen=True, kw_only=True, tag="serial"):
-    """The frame has a wrong serial; of responses, unless told otherwise.
+    """Change the serial of the frame; by default only of responses.
 
     Attributes:
-        by: what is added to the right one.
+        by: Number added to the serial.
     """
 
     direction: Direction | None = Direction.RESPONSE
@@ -261,12 +262,12 @@ class SerialFault(Fault, frozen=True, kw_only=True, tag="serial"):
 
 
 class AnswerFault(Fault, frozen=True, kw_only=True, tag="answer"):
-    """The client is answered with a result and no value; its request does not go on.
+    """Answer the client with a result code and no value, and do not forward its request.
 
-    With the direction `response` the request goes on, and the result stands in place of what came back.
+    With direction `response`, the request is forwarded, and the result code replaces the controller's reply.
 
     Attributes:
-        hresult: the result.
+        hresult: Result code.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -276,11 +277,11 @@ class AnswerFault(Fault, frozen=True, kw_only=True, tag="answer"):
 
 
 class ExecutingFault(Fault, frozen=True, kw_only=True, tag="executing"):
-    """The client hears S_EXECUTING for a while, then the message goes on: a response, unless told otherwise.
+    """Send S_EXECUTING to the client for a while, then forward the message; by default only a response.
 
     Attributes:
-        time: how long.
-        every: between two notices; the first comes at once.
+        time: Duration of the notices.
+        every: Interval between two notices; the first is sent at once.
     """
 
     direction: Direction | None = Direction.RESPONSE
@@ -297,10 +298,10 @@ class ExecutingFault(Fault, frozen=True, kw_only=True, tag="executing"):
 
 
 class CloseFault(Fault, frozen=True, kw_only=True, tag="close"):
-    """The client's TCP connection ends, on both sides, and the message is lost. UDP is left alone.
+    """Close the client's TCP connection on both sides and lose the message. UDP is not affected.
 
     Attributes:
-        how: by reset, or in order, after what other faults hold of it.
+        how: Reset at once, or close in order after the messages that other faults hold.
     """
 
     how: CloseMode = CloseMode.RESET
@@ -309,11 +310,11 @@ class CloseFault(Fault, frozen=True, kw_only=True, tag="close"):
 
 
 class BandwidthFault(Fault, frozen=True, kw_only=True, tag="bandwidth"):
-    """Messages go through a line of that rate, one line for each direction.
+    """Limit the bandwidth, separately for each direction.
 
     Attributes:
-        rate: of the line.
-        queue: bytes that wait before datagrams are lost; bytes of a stream wait without bound.
+        rate: Bandwidth of the line.
+        queue: Bytes that may wait; beyond them datagrams are lost. Bytes of a stream wait without limit.
     """
 
     rate: Rate
@@ -321,11 +322,14 @@ class BandwidthFault(Fault, frozen=True, kw_only=True, tag="bandwidth"):
 
 
 class PartitionFault(Fault, frozen=True, kw_only=True, tag="partition"):
-    """Nothing gets through. Datagrams are lost; bytes of a stream come when it ends, as if sent again."""
+    """Let nothing through. Datagrams are lost; bytes of a stream arrive when the partition ends.
+
+    They arrive as if sent again. If the partition has no end, they are lost too.
+    """
 
 
 class HalfOpenFault(Fault, frozen=True, kw_only=True, tag="half-open"):
-    """From now on nothing of this conversation gets through either way, for good, and no end of it either."""
+    """Block this conversation in both directions for good, including its end."""
 
 
 AnyFault: TypeAlias = (
@@ -347,12 +351,12 @@ AnyFault: TypeAlias = (
     | PartitionFault
     | HalfOpenFault
 )
-"""Every fault; `action` tells them apart in a document."""
+"""Every fault; `action` identifies its class in a document."""
 
 ACTIONS: Mapping[str, type[Fault]] = MappingProxyType(
     {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 )
-"""The class of each action."""
+"""Fault class by action."""
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Other words for actions, as netem has them; where one stands its main value is meant as well."""
+"""Other names of actions, as in netem. A fault written with an alias needs its main value."""

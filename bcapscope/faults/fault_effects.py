@@ -1,8 +1,8 @@
-"""What each fault does to a message that it strikes.
+"""What each fault does to a message that it hits.
 
-An effect has two parts. `draw` takes what is left to chance from the fault's own random numbers, for every
-message that the fault might strike, so that what other faults do to the same messages changes nothing in it.
-`apply` does it.
+An effect has two parts. `draw` takes random numbers from the fault's own stream, for every message that the
+fault might hit. So other faults that act on the same messages do not change the draws. `apply` changes the
+message.
 """
 
 from __future__ import annotations
@@ -43,25 +43,26 @@ from bcapscope.traffic.observation import Conversation, Direction
 F = TypeVar("F", bound=Fault)
 
 PARETO_SHAPE = 3.0
-"""As tc-netem's pareto table has it; the mean of the draws is taken off, so that the delay stays the mean."""
+"""Shape as in tc-netem's pareto table. The mean of the draws is subtracted, so that the mean delay stays as
+set."""
 
 _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 
 class FaultedMessage:
-    """A message while faults are at it.
+    """A message while faults are applied to it.
 
     Attributes:
-        original: as it came.
-        data: the bytes as they are now.
-        delay: ns that it is late by now.
-        is_lost: it does not go on.
-        is_final: no further fault gets at it.
-        copy_delays: ns behind it, for each copy.
-        held_behind: how many messages go before it, and ns that it waits for them.
-        replies: what the client is told by us: ns from now, and the bytes.
-        close_mode: of the connection.
-        half_open: the conversation is dead from now on.
+        original: Message as received.
+        data: Current bytes.
+        delay: Delay so far, ns.
+        is_lost: Whether the message is not forwarded.
+        is_final: Whether later faults are skipped.
+        copy_delays: Delay of each copy after the message, ns.
+        held_behind: Number of messages that go first, and longest wait for them, ns.
+        replies: Replies made here for the client: delay from now, ns, and the bytes.
+        close_mode: How to close the connection; None to keep it.
+        half_open: Whether the conversation is dead from now on.
     """
 
     __slots__ = (
@@ -93,7 +94,7 @@ class FaultedMessage:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """The frames as they are now; there are none if anything else is among the bytes."""
+        """The current frames; empty if the bytes contain anything else."""
         if self.data is self.original.data:
             return self.original.frames
         items = parse_datagram(self.data)
@@ -101,36 +102,36 @@ class FaultedMessage:
         return frames if len(frames) == len(items) else ()
 
     def drop(self) -> None:
-        """Let the message end here."""
+        """Lose the message and skip later faults."""
         self.is_lost = self.is_final = True
 
 
 class FaultEffect(Generic[F]):
-    """What a fault does. This one does nothing."""
+    """Effect of a fault. This base class passes the message unchanged."""
 
     def __init__(self, fault: F) -> None:
         self.fault = fault
 
     def draw(self, rng: random.Random, message: WireMessage) -> Any:
-        """Take what is left to chance; None if the message gets off."""
+        """Draw the random part of the effect; None if the message is not hit."""
         return True
 
     def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
-        """Do it.
+        """Apply the effect.
 
         Args:
-            faulted: to do it to.
-            drawn: what `draw` gave.
-            ends_at: when the fault ends, ns; None for never.
+            faulted: Message to change.
+            drawn: Result of `draw`.
+            ends_at: Time at which the fault ends, ns; None for never.
 
         Returns:
-            What was done, for people; "" if nothing was.
+            What was done, for people; "" if nothing.
         """
         faulted.is_final = True
         return "passed"
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over."""
+        """Forget a conversation that has ended."""
 
 
 class _DropEffect(FaultEffect[DropFault]):
@@ -354,9 +355,9 @@ EFFECTS: Mapping[type[Fault], type[FaultEffect[Any]]] = {
     PartitionFault: _PartitionEffect,
     HalfOpenFault: _HalfOpenEffect,
 }
-"""What each fault does."""
+"""Effect of each fault class."""
 
 
 def milliseconds(duration: int) -> str:
-    """Write a duration of ns for people."""
+    """Return a duration of ns as text in ms."""
     return f"{duration / 1e6:.3f}".rstrip("0").rstrip(".") + " ms"

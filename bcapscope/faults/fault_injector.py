@@ -1,16 +1,16 @@
-"""The machine that decides what becomes of each message: seeded, without sockets or clocks.
+"""Decide what happens to each message: seeded, without sockets or clocks.
 
-    shaper = Shaper(faults, seed=7, now=now)
-    taken = shaper.take(flow, data, now)         # one message; do all of taken.outputs
-    shaper.due()                                 # when to call advance at the latest, or None
-    shaper.advance(now)                          # what is due by now
+    injector = FaultInjector(faults, seed=7, now=now)
+    result = injector.process_message(flow, data, now)  # one message; carry out all of result.outputs
+    injector.due()                                       # latest time for the next advance, or None
+    injector.advance(now)                                # outputs that are due
 
-The same seed and the same messages at the same times give the same decisions. Each fault draws from random
-numbers that hang on the seed and its own name alone, and draws for each message that it might strike whatever
-other faults do to it: adding a fault does not change what the others do.
+The same seed and the same messages at the same times give the same decisions. The random numbers of a fault
+depend only on the seed and its name. A fault draws for each message that it might hit, whatever other faults
+do to that message. So adding a fault does not change the decisions of the others.
 
-Faults are applied in their order, each to what the one before has left of the message. A message that is lost
-or answered is out of reach of those behind, and so is one that a `pass` has let through.
+Faults apply in their order, each to the result of the previous one. Once a message is lost, answered or let
+through by a `pass`, later faults do not see it.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Bytes that faults hold, each message counted with `_OUTPUT_COST` more: a second of the traffic that fills a
-100 Mbit/s line. Datagrams that would be held beyond it are lost, as in a queue of tc-netem(8)."""
+"""Limit of the bytes that faults hold, plus `_OUTPUT_COST` per message: a second of traffic on a full 100
+Mbit/s line. Beyond it, datagrams that would be held are lost, as in a queue of tc-netem(8)."""
 
 _OUTPUT_COST = 300
 _RESPONSE = Direction.RESPONSE
@@ -39,11 +39,11 @@ _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
 
 class ActiveFault:
-    """A fault at work.
+    """A fault in use.
 
     Attributes:
-        matcher: decides which messages it strikes; has its name, its switch and its count.
-        effect: does it.
+        matcher: Decides which messages the fault hits; has its name, switch and count.
+        effect: Applies the fault.
     """
 
     __slots__ = ("effect", "matcher")
@@ -54,12 +54,12 @@ class ActiveFault:
 
 
 class _QueuedOutput:
-    """Something that waits for its time.
+    """An output that waits for its time.
 
     Attributes:
-        output: None once it has gone with another.
-        behind: how many messages of its flow it still waits for; 0 if it waits for its time only.
-        size: bytes that it takes.
+        output: The output; None once another queue entry has taken it over.
+        behind: Number of messages of its flow still to go first; 0 if it waits only for its time.
+        size: Bytes that it counts for.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -71,23 +71,23 @@ class _QueuedOutput:
 
 
 class FaultInjector:
-    """Applies faults to messages. Datagrams go in as they come, streams cut into frames.
+    """Applies faults to messages: datagrams as received, streams split into frames.
 
     Attributes:
-        active_faults: the faults at work, in their order.
+        active_faults: Faults in use, in order of application.
     """
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
         """Set up faults.
 
         Args:
-            faults: in the order in which they are applied.
-            seed: of all random numbers.
-            now: ns of the clock that all methods are given; `after` of the faults counts from here.
-            epoch: what to add to it for ns since 1970-01-01 UTC, for filters that ask for the time.
+            faults: Faults in order of application.
+            seed: Seed of all random numbers.
+            now: Current time on the clock of all methods, ns; `after` of the faults counts from here.
+            epoch: Offset of that clock from 1970-01-01 UTC, ns, for filters on the time.
 
         Raises:
-            ValueError: two faults have the same name.
+            ValueError: Two faults have the same name.
         """
         self.active_faults: list[ActiveFault] = []
         self._seed = seed
@@ -111,10 +111,10 @@ class FaultInjector:
     # faults
 
     def add(self, fault: AnyFault, now: int) -> str:
-        """Set up one more fault, behind all others, and return its name.
+        """Append a fault and return its name.
 
         Raises:
-            ValueError: another one has its name.
+            ValueError: Another fault has this name.
         """
         names = {rule.matcher.name for rule in self.active_faults}
         if fault.name in names:
@@ -125,10 +125,10 @@ class FaultInjector:
         return name
 
     def remove(self, name: str) -> None:
-        """Take a fault away; what it holds goes on at its time.
+        """Remove a fault. Messages that it holds are sent at their time.
 
         Raises:
-            KeyError: there is none of this name.
+            KeyError: There is no fault of this name.
         """
         self.active_faults.remove(self.find(name))
         self._update_needs_pairing()
@@ -137,16 +137,16 @@ class FaultInjector:
         """Switch a fault on or off.
 
         Raises:
-            KeyError: there is none of this name.
+            KeyError: There is no fault of this name.
         """
         self.find(name).matcher.enabled = enabled
         self._update_needs_pairing()
 
     def find(self, name: str) -> ActiveFault:
-        """Find a fault.
+        """Return a fault by its name.
 
         Raises:
-            KeyError: there is none of this name.
+            KeyError: There is no fault of this name.
         """
         for rule in self.active_faults:
             if rule.matcher.name == name:
@@ -155,11 +155,11 @@ class FaultInjector:
 
     @property
     def hit_counts(self) -> dict[str, int]:
-        """How often each fault has struck, by name."""
+        """Number of hits of each fault, by name."""
         return {rule.matcher.name: rule.matcher.hit_count for rule in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Tell whether nothing is held and no fault can strike any more, so that nothing need pass here."""
+        """Tell whether nothing is held and no fault can hit, so that messages may bypass the injector."""
         return (
             not self._queue
             and not self._half_open
@@ -167,7 +167,7 @@ class FaultInjector:
         )
 
     def needs_frames(self, now: int) -> bool:
-        """Tell whether a stream must be cut into frames; else its bytes may come as they are."""
+        """Tell whether a stream must be split into frames; otherwise its bytes may come in any pieces."""
         return any(
             rule.matcher.fault.needs_frames
             for rule in self.active_faults
@@ -182,12 +182,12 @@ class FaultInjector:
     # messages
 
     def process_message(self, flow: Flow, data: bytes, now: int) -> FaultResult:
-        """Decide about a message that came now.
+        """Decide what happens to a message that has just arrived.
 
         Args:
-            flow: who spoke to whom; the same object for all of one direction of a conversation.
-            data: a datagram, or one piece of a stream: a frame, or bytes that are none.
-            now: ns; never less than before.
+            flow: Conversation and direction; the same object for all messages of one direction.
+            data: A datagram, or one piece of a stream: a frame, or bytes that are no frame.
+            now: Current time, ns; never less than before.
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
@@ -212,16 +212,17 @@ class FaultInjector:
         return FaultResult(outputs + self.advance(now), touched, not work.is_lost)
 
     def due(self) -> int | None:
-        """Tell when something held is to go on, ns; None if nothing is held."""
+        """Return the time of the next held output, ns; None if nothing is held."""
         return self._queue[0][0] if self._queue else None
 
     @property
     def is_full(self) -> bool:
-        """Whether so much is held that no stream should be read before `advance` has let some go."""
+        """Whether the held bytes exceed `MAX_WAITING`. No stream should then be read until `advance` has
+        released some."""
         return self._queued_bytes > MAX_WAITING
 
     def advance(self, now: int) -> list[FaultOutput]:
-        """Give out all that is due by now, in order."""
+        """Return the outputs that are due at `now`, in order."""
         outputs: list[FaultOutput] = []
         while self._queue and self._queue[0][0] <= now:
             parcel = heapq.heappop(self._queue)[2]
@@ -233,19 +234,22 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Tell whether something of this flow is still to be sent, before its end is passed on, or never."""
+        """Tell whether the end of this flow must not be forwarded.
+
+        This is so while messages of the flow are held, and always if the conversation is half-open.
+        """
         return not self.passes_close(flow.conversation) or any(
             _is_of(parcel.output, _flow_key(flow)) for _, _, parcel in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Tell whether the end of one side of a connection is to be heard of: not of a half-open one."""
+        """Tell whether the close of one side of a connection is forwarded; not if it is half-open."""
         return conversation not in self._half_open
 
     def pop_held(self, flow: Flow) -> list[bytes]:
-        """Let go of all that is held of one direction, and return it in the order in which it was to go.
+        """Remove all held messages of one direction; return their bytes in sending order.
 
-        Of a half-open conversation nothing is returned.
+        A half-open conversation returns none.
         """
         way = _flow_key(flow)
         found = [entry for entry in self._queue if _is_of(entry[2].output, way)]
@@ -259,7 +263,7 @@ class FaultInjector:
         return [output.data for output in outputs if isinstance(output, SendBytes)]
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over; what is held of it is lost."""
+        """Forget a conversation that has ended; its held messages are lost."""
         self._half_open.pop(conversation, None)
         self._reply_factory.close_conversation(conversation)
         self._recent_requests.close_conversation(conversation)
@@ -332,7 +336,8 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Tell when a connection ends that was to end at a time: in order only after what is held of it."""
+        """Return when a connection closes that should close at `when`: in order, only after its held
+        messages."""
         if closing.how is CloseMode.RESET:
             return when
         conversation = closing.conversation
@@ -344,7 +349,8 @@ class FaultInjector:
         return max((when, *held))
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
-        """Let something go at a time; bytes of a stream never before those ahead of them."""
+        """Queue bytes for a time, and count them for messages held behind. Bytes of a stream keep their
+        order."""
         way = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
             self._stream_busy_until[way] = due = max(due, self._stream_busy_until.get(way, due))
@@ -362,7 +368,7 @@ class FaultInjector:
         heapq.heappush(self._queue, (due, self._sequence, queued))
 
     def _remove_held_behind(self, queued: _QueuedOutput) -> None:
-        """Take a parcel from those that wait to be overtaken."""
+        """Remove an output from those that wait to be overtaken."""
         assert isinstance(queued.output, SendBytes)
         way = _flow_key(queued.output.flow)
         waiting = self._held_behind[way]
@@ -372,7 +378,7 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[str]:
-    """Lose what would be held of a datagram."""
+    """Drop a datagram, or its copies, that would be held beyond the limit."""
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield "dropped, too much is held already"

@@ -1,4 +1,4 @@
-"""Whether a fault strikes a message: its time, direction, condition, try and lot."""
+"""Decide whether a fault hits a message: by time, direction, condition, attempt and probability."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 
 
 class FaultMatcher:
-    """Decides for one fault; nothing but the messages, the clock and its own random numbers has a say.
+    """Decides for one fault. Only the messages, the clock and the fault's own random numbers matter.
 
     Attributes:
-        fault: for which it decides.
-        name: of the fault.
-        rng: the random numbers of this fault alone.
-        enabled: whether it strikes at all; may be switched.
-        hit_count: how often it has struck.
-        ends_at: when it stops striking, ns; None for never.
+        fault: Fault that it decides for.
+        name: Name of the fault.
+        rng: Random numbers of this fault alone.
+        enabled: Whether the fault can hit; may be switched.
+        hit_count: Number of hits so far.
+        ends_at: Time at which the fault ends, ns; None for never.
     """
 
     def __init__(self, fault: Fault, name: str, seed: int, now: int) -> None:
@@ -37,17 +37,17 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether it must know what was asked before, or which try a frame is."""
+        """Whether it needs to know earlier requests, or the attempt number of a frame."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None
 
     def is_over(self, now: int) -> bool:
-        """Tell whether it has struck for the last time."""
+        """Tell whether the fault can no longer hit."""
         return self._hits_left == 0 or (self.ends_at is not None and now >= self.ends_at)
 
     def matches(self, message: WireMessage) -> bool:
-        """Tell whether all but the lot is for striking."""
+        """Tell whether the message fulfils every condition except the probability."""
         if not self.enabled or self._hits_left == 0 or not self._begins_at <= message.now:
             return False
         fault = self.fault
@@ -60,12 +60,12 @@ class FaultMatcher:
         return any(self._fits_frame(message, index) for index in range(len(message.annotated_frames)))
 
     def draw(self) -> bool:
-        """Draw the lot."""
+        """Draw a random number if needed; return whether the fault hits by its probability."""
         share = self.fault.probability
         return share >= 1 or self.rng.random() < share
 
     def count_hit(self) -> None:
-        """Take notice that it has struck."""
+        """Record a hit."""
         self.hit_count += 1
         if self._hits_left:
             self._hits_left -= 1

@@ -73,7 +73,7 @@ _MAIN_FIELDS: dict[str, tuple[str, ...]] = {
     "burst": ("enter", "leave"),
     "bandwidth": ("rate",),
 }
-"""The fields that the value behind the action stands for."""
+"""Fields that the value after the action sets."""
 
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}
@@ -81,7 +81,7 @@ _MAPPINGS = ("set", "limit", "step")
 
 
 class NotationError(FilterError):
-    """A fault that makes no sense; its text is the reason, the line and a caret."""
+    """An invalid fault. Its text shows the reason, the line and a caret."""
 
 
 class _Word(NamedTuple):
@@ -95,13 +95,13 @@ def read_fault(text: str) -> AnyFault:
     """Read a fault.
 
     Raises:
-        NotationError: it makes no sense.
+        NotationError: The text is no valid fault.
     """
     return _FaultParser(text).read()
 
 
 def write_fault(fault: Fault) -> str:
-    """Write a fault; `read_fault` makes an equal one of it."""
+    """Write a fault as text; `read_fault` returns an equal one."""
     fields = to_plain_data(fault)
     action = fields.pop("action")
     main = [fields.pop(name) for name in _MAIN_FIELDS.get(action, ()) if name in fields]
@@ -127,7 +127,7 @@ def _format_value(value: object) -> str:
 
 
 class _FaultParser:
-    """Collects the fields of one fault, and where each of them stands."""
+    """Collects the fields of one fault and the position of each."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -212,7 +212,7 @@ class _FaultParser:
         mapping[path] = self.parse_value(value, word.start + len(path) + 1)
 
     def parse_value(self, text: str, start: int, is_text: bool = False) -> object:
-        """Make a word what it stands for: a number, a truth, nothing, or itself."""
+        """Convert a word to a number, a boolean, None or text."""
         if text.startswith('"'):
             try:
                 return json.loads(text)
@@ -236,7 +236,7 @@ class _FaultParser:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
-        """Make an error of the fields one that points into the line."""
+        """Convert an error of a field into an error with a position in the line."""
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))
@@ -247,6 +247,6 @@ class _FaultParser:
         return NotationError(self.text, start, error.reason)
 
     def text_before_condition(self) -> str:
-        """Give the line up to the condition."""
+        """Return the line before the condition."""
         stop = self.condition.start if self.condition else len(self.text)
         return self.text[:stop].rstrip()

@@ -1,6 +1,6 @@
-"""What stands in a fault: durations, shares, rates, result codes, conditions, spans, as people write them.
+"""Quantities in a fault, as people write them: durations, shares, rates, result codes, conditions and spans.
 
-Each class has `read`, which takes what YAML or the command line gives, and `text`, which writes it back.
+Each class has `read`, which parses a value from YAML or the command line, and `text`, which writes it back.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from bcapscope.traffic.filter.operands import UNITS
 from bcapscope.traffic.filter.tokens import nearest
 
 LONGEST_DURATION = 10**9 * 86_400 * 365
-"""A year, in ns: far beyond any test, and its sums stay exact."""
+"""A year, in ns: far beyond any test, and sums stay exact."""
 
 LARGEST_END = 1e19
-"""Ends of a span, either side of 0: no integer type of b-CAP goes further."""
+"""Limit of a span's ends, either side of 0; no integer type of b-CAP is larger."""
 
 MAX_INDEXES = 8
-"""Indexes of an argument; controllers nest two deep."""
+"""Limit of an argument's indexes; controllers nest two deep."""
 
 _LONGEST_SHOWN = 150  # bits; Python refuses to write out integers of some 14,000
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
@@ -47,7 +47,7 @@ class Duration(int):
         """Read a duration.
 
         Raises:
-            ValueError: it is none, or longer than a year.
+            ValueError: It is no duration, or longer than a year.
         """
         if written == 0 and not isinstance(written, bool):
             return cls(0)
@@ -61,7 +61,7 @@ class Duration(int):
 
     @property
     def text(self) -> str:
-        """In the largest unit that keeps it whole."""
+        """The duration in the largest unit that gives a whole number."""
         unit = next(unit for unit in ("s", "ms", "us", "ns") if self % UNITS[unit] == 0)
         return f"{self // UNITS[unit]}{unit}"
 
@@ -74,7 +74,7 @@ class Share(float):
         """Read a share.
 
         Raises:
-            ValueError: it is none, or not within 0 and 1.
+            ValueError: It is no share, or not between 0 and 1.
         """
         match = _SHARE.fullmatch(written.strip()) if isinstance(written, str) else None
         value: float
@@ -84,13 +84,13 @@ class Share(float):
             value = written
         else:
             raise ValueError(f"{_shown(written)} is no percentage, such as 5%")
-        if not 0 <= value <= 1:  # before it becomes a float, which has no room for every integer
+        if not 0 <= value <= 1:  # before the conversion: a float cannot hold every integer
             raise ValueError(f"{_shown(written)} is not within 0% and 100%")
         return cls(value)
 
     @property
     def text(self) -> str:
-        """As a percentage, to fifteen digits behind the point."""
+        """The share as a percentage, with at most fifteen decimal places."""
         return f"{self * 100:.15f}".rstrip("0").rstrip(".") + "%"
 
 
@@ -102,7 +102,7 @@ class Rate(float):
         """Read a rate.
 
         Raises:
-            ValueError: it is none, or 0.
+            ValueError: It is no rate, or less than one byte per second.
         """
         match = _RATE.fullmatch(written.strip()) if isinstance(written, str) else None
         if match is None:
@@ -114,7 +114,7 @@ class Rate(float):
 
     @property
     def text(self) -> str:
-        """In bits a second, as large ones as keep it whole."""
+        """The rate in Mbit/s, kbit/s or bit/s: the largest unit that gives a whole number."""
         for letter, multiple in (("M", 1_000_000), ("k", 1000)):
             if self * 8 % multiple == 0:
                 return f"{self * 8 / multiple:.15g}{letter}bit/s"
@@ -129,7 +129,7 @@ class HresultQuantity(int):
         """Read a result code.
 
         Raises:
-            ValueError: no such name, or a number of more than 32 bits.
+            ValueError: The name is unknown, or the number has more than 32 bits.
         """
         if isinstance(written, str):
             known = _FOLDED_CODES.get(written.strip().casefold())
@@ -144,16 +144,16 @@ class HresultQuantity(int):
 
     @property
     def text(self) -> str:
-        """Its name, or hexadecimal digits."""
+        """Name of the code, or hexadecimal digits."""
         name = hresult_name(self)
         return name if _CODES.get(name) == self else f"0x{self:08X}"
 
 
 class FrameCondition:
-    """A filter of frames, both directions; a response has the function and the command of its request.
+    """A filter for frames of both directions. A response has the function and command of its request.
 
     Attributes:
-        filter: compiled.
+        filter: The compiled filter.
     """
 
     __slots__ = ("filter",)
@@ -166,10 +166,10 @@ class FrameCondition:
         """Compile an expression.
 
         Raises:
-            FilterError: it makes no sense as one; a ValueError.
-            ValueError: it is no text.
+            FilterError: The expression is invalid; a ValueError.
+            ValueError: It is no text.
         """
-        if isinstance(written, bool):  # YAML has made these of the words
+        if isinstance(written, bool):  # YAML reads the words true and false as booleans
             written = str(written).lower()
         if not isinstance(written, str):
             raise ValueError(f"{_shown(written)} is no filter, such as 'command == slvMove'")
@@ -177,7 +177,7 @@ class FrameCondition:
 
     @property
     def text(self) -> str:
-        """As it was written."""
+        """The expression as written."""
         return self.filter.expression
 
     def __eq__(self, other: object) -> bool:
@@ -194,8 +194,8 @@ class Span:
     """A lowest and a highest number; written as ``-90..90``, ``..90`` or ``0..``.
 
     Attributes:
-        low: minus infinity where there is none.
-        high: infinity where there is none.
+        low: Lowest number; minus infinity for no limit.
+        high: Highest number; infinity for no limit.
     """
 
     __slots__ = ("high", "low")
@@ -209,7 +209,7 @@ class Span:
         """Read a span.
 
         Raises:
-            ValueError: it is none, or nothing is in it.
+            ValueError: It is no span, is empty, or an end exceeds `LARGEST_END`.
         """
         match = _SPAN.fullmatch(written.strip()) if isinstance(written, str) else None
         try:
@@ -227,14 +227,14 @@ class Span:
 
     @property
     def text(self) -> str:
-        """As it is written."""
+        """The span in its written form."""
         low, high = (
             repr(limit).removesuffix(".0") if math.isfinite(limit) else "" for limit in (self.low, self.high)
         )
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the end of the span that it is beyond; an end for what is no number, too."""
+        """Return the number, or the nearest end if it is outside. For NaN, return a finite end."""
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high
         return min(max(number, self.low), self.high)
@@ -250,14 +250,14 @@ class Span:
 
 
 QUANTITIES = (Duration, Share, Rate, HresultQuantity, FrameCondition, Span)
-"""All of these; each has `read` and `text`."""
+"""All quantity classes; each has `read` and `text`."""
 
 
 def read_path(written: str) -> tuple[int, ...]:
-    """Read the indexes to an argument, or to an element in it, written as in filters: ``arg[2][0]``.
+    """Read the indexes of an argument or of an element in it, written as in filters: ``arg[2][0]``.
 
     Raises:
-        ValueError: it is none.
+        ValueError: It is no such path.
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()

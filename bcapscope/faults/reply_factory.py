@@ -1,4 +1,4 @@
-"""Answers in the server's place, under the numbers that the client waits for."""
+"""Replies made in the controller's place, with the serial and reserved field that the client expects."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _COMPRESSED = {Framing.VERSION_1_ZLIB: Framing.VERSION_1}
 
 
 def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
-    """Make a reply with a result and no value, under the serial of `frame` and framed as it is."""
+    """Encode a reply with a result code and no value, with the serial and framing of `frame`."""
     framing = _COMPRESSED.get(frame.framing, frame.framing)
     return encode_frame(frame.serial, 1 if framing is Framing.VERSION_1 else reserved, code, framing=framing)
 
 
 class ReplyFactory:
-    """Learns what a server puts into the reserved field of its replies, and answers likewise.
+    """Learns how a controller fills the reserved field of its replies, and makes replies likewise.
 
-    Until a server has answered a request with a reserved of its own it is held to send 0, as orin_bcap
-    C/src/bCAPServer/bcap_server.c does.
+    The factory assumes 0 until the controller replies to a request with a non-zero reserved field. This is
+    what orin_bcap C/src/bCAPServer/bcap_server.c sends.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class ReplyFactory:
         self._reply_reserved: dict[Conversation, ReplyReserved] = {}
 
     def on_message(self, flow: Flow, data: bytes) -> None:
-        """Learn from a message that passes."""
+        """Learn from a forwarded message."""
         if len(data) < SMALLEST_FRAME or data[0] != 1:
             return
         numbers: tuple[int, int] = _SERIAL_RESERVED(data)
@@ -49,12 +49,12 @@ class ReplyFactory:
             self._remember(self._reply_reserved, conversation, found)
 
     def make_reply(self, conversation: Conversation, request: Frame, code: int) -> bytes:
-        """Make the answer to a request: a result without a value."""
+        """Encode a reply to a request, with a result code and no value."""
         echoes = self._reply_reserved.get(conversation) is ReplyReserved.ECHOED
         return encode_reply(request, request.reserved if echoes else 0, code)
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over."""
+        """Forget a conversation that has ended."""
         self._last_requests.pop(conversation, None)
         self._reply_reserved.pop(conversation, None)
 

@@ -1,4 +1,4 @@
-"""Changing numbers in a frame; what does not change stays as it came, to the byte."""
+"""Change numbers in a frame; all other bytes stay as they came."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_REMEMBERED = 4096
-"""Messages that steps are counted from; a session has some dozens. When there are more, the oldest is
-forgotten."""
+"""Limit of messages remembered as the base of a `step`; the oldest is forgotten first. A session has a few
+dozen."""
 
 MAX_BYTES = 1 << 20
-"""Bytes of these messages, unpacked; their values may take a hundred times as many."""
+"""Limit of the bytes of these messages, decompressed; their values may take a hundred times as many."""
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 
 ValueChange: TypeAlias = Callable[[Variant], Variant]
-"""Makes a value into another one; the same object where nothing changes."""
+"""Returns the changed value, or the same object if nothing changes."""
 
 
 class _Adjust(Protocol):
-    """Makes a number into another one, by its index in the array."""
+    """Returns the changed number; `index` is its index in the array."""
 
     def __call__(self, number: float, index: int) -> float: ...
 
@@ -39,10 +39,10 @@ class _LastMessage(NamedTuple):
     """The last message of a series.
 
     Attributes:
-        raw: as it came.
-        values: of its arguments as it went on.
-        step_base: by the number of the step, what the next one is counted from.
-        size: bytes of the frame, unpacked.
+        raw: Bytes as received.
+        values: Arguments as forwarded.
+        step_base: Value that the next message is limited against, by index of the step.
+        size: Bytes of the frame, decompressed.
     """
 
     raw: bytes
@@ -59,9 +59,10 @@ _NUMBERS = _INTEGERS | {VT.R4, VT.R8}
 def with_header(
     frame: Frame, *, serial: int | None = None, reserved: int | None = None, code: int | None = None
 ) -> bytes:
-    """Give a frame's bytes with other numbers in its header; None leaves one as it is.
+    """Return a frame's bytes with other header numbers; None leaves a number unchanged.
 
-    The rest stays, damaged or not; a frame with a checksum or compressed contents that is sound is made anew.
+    All other bytes stay, damaged or not. An undamaged frame with a checksum or compressed contents is
+    encoded again.
     """
     numbers = (
         frame.serial if serial is None else serial,
@@ -83,10 +84,10 @@ def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequenc
 
 
 class Rewriter:
-    """Does what a `RewriteFault` says, and remembers for its `step` what went before.
+    """Applies a `RewriteFault`, and remembers previous messages for its `step`.
 
     Args:
-        fault: what to do.
+        fault: Fault to apply.
     """
 
     def __init__(self, fault: RewriteFault) -> None:
@@ -98,7 +99,7 @@ class Rewriter:
         self._size = 0
 
     def rewrite(self, frame: Frame, flow: Flow) -> bytes:
-        """Give the bytes of `frame` after the change; arguments are changed only in a sound one."""
+        """Return the bytes of `frame` after the change. Arguments change only in an undamaged frame."""
         fault = self._fault
         raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
         if frame.problems or not (self._set or self._limit or self._step):
@@ -117,10 +118,10 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Keep numbers near those of the message before.
+        """Limit the change of numbers against the previous message.
 
-        Another try of a message goes on as the first one did: a server would take it for a new call, and
-        execute it, if it differed.
+        A retry gets the same values as the first attempt. If it differed, a controller would take it for a
+        new call and execute it.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)
@@ -143,7 +144,7 @@ class Rewriter:
         return values
 
     def _remember(self, key: _Key, last: _LastMessage) -> None:
-        """Keep a message as the latest one; the oldest are forgotten where there are too many."""
+        """Store a message as the latest of its series, and forget the oldest ones beyond the limits."""
         known = self._last_messages.pop(key, None)
         self._last_messages[key] = last
         self._size += last.size - (0 if known is None else known.size)
@@ -153,7 +154,7 @@ class Rewriter:
             self._size -= self._last_messages.pop(next(iter(self._last_messages))).size
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over."""
+        """Forget a conversation that has ended."""
         self._last_messages = {
             key: value for key, value in self._last_messages.items() if key[0] is not conversation
         }
@@ -161,19 +162,19 @@ class Rewriter:
 
 
 def _is_attempt_of(frame: Frame, raw: bytes) -> bool:
-    """Tell whether a frame is another try of the call that `raw` asked for, or a copy of it."""
+    """Tell whether a frame is another attempt of the call in `raw`, or a copy of it."""
     is_retry = frame.reserved not in (0, frame.serial)
     return frame.raw == raw or (is_retry and frame.raw[9:] == raw[9:])
 
 
 def _series_key(frame: Frame) -> tuple[int, str | None]:
-    """Give what is equal from one message of a series to the next: its code, and a request's command."""
+    """Return what identifies a series of messages: the code and, for a request, the command."""
     values = [argument.variant.value for argument in frame.arguments[:2]]
     return frame.code, values[1] if len(values) > 1 and isinstance(values[1], str) else None
 
 
 def _edit(values: list[Variant], path: tuple[int, ...], change: ValueChange) -> None:
-    """Change the argument or element that a path leads to, if there is one."""
+    """Change the argument or element at a path, if there is one."""
     index, *rest = path
     if index < len(values):
         values[index] = _edited(values[index], tuple(rest), change)
@@ -194,7 +195,7 @@ def _edited(value: Variant, path: tuple[int, ...], change: ValueChange) -> Varia
 
 
 def _elements(value: Variant) -> list[Variant]:
-    """Give the elements of an array, each with its type; none of what is no array."""
+    """Return the elements of an array, each with its type; an empty list for any other value."""
     base = value.vt & ~ARRAY
     if not value.vt & ARRAY or not isinstance(value.value, tuple | bytes):
         return []
@@ -213,7 +214,7 @@ def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
 
 
 def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
-    """Give a value of the same type, or of the type that the text names; the old one where that fails."""
+    """Return a value of the same type, or of the type that the text names; the old value if parsing fails."""
     text = str(setting).lower() if isinstance(setting, bool) else str(setting)
     try:
         new = parse_variant_as(text, [vt_name(value.vt)])
@@ -240,7 +241,7 @@ def _step_limited(value: Variant, last: Variant, step: float) -> Variant:
 
 
 def _each_number(value: Variant, change: _Adjust) -> Variant:
-    """Change a number, or every number of an array; numbers of integer types stay integers."""
+    """Change a number, or every number of an array. Integer types stay integers."""
     elements = _elements(value)
     if not elements:
         return _with_number(value, partial(change, index=0))

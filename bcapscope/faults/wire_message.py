@@ -1,4 +1,4 @@
-"""One message on its way, decoded only where a fault asks for it, and what may become of it."""
+"""One message in transit, decoded only if a fault needs it, and the possible results."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Flow, Observation, Transport
 
 
-# Every message makes some of these: a struct compares by its type, which a named tuple
-# does not, and takes 0.1 µs to make (named tuple 0.4, frozen dataclass 0.9).
+# Each message creates some of these. A struct compares by its type, unlike a named tuple. Creating one takes
+# 0.1 µs (named tuple 0.4, frozen dataclass 0.9).
 class SendBytes(msgspec.Struct, frozen=True):
-    """Bytes to be sent now.
+    """Bytes to send now.
 
     Attributes:
-        flow: the direction says where they go: a request to the server, a response to the client.
-        data: a datagram, or the next bytes of a stream.
-        fault_notes: what was done to them, in words for people; empty for those that just pass.
+        flow: Direction of the bytes: a request goes to the controller, a response to the client.
+        data: A datagram, or the next bytes of a stream.
+        fault_notes: What faults did to the bytes, as text for people; empty if nothing.
     """
 
     flow: Flow
@@ -32,12 +32,12 @@ class SendBytes(msgspec.Struct, frozen=True):
 
 
 class CloseConnection(msgspec.Struct, frozen=True):
-    """A TCP conversation to be ended now, on both sides.
+    """A TCP connection to close now, on both sides.
 
     Attributes:
-        conversation: which one.
-        how: by reset or in order.
-        fault_notes: why, in words for people.
+        conversation: Conversation to close.
+        how: Reset, or closed in order.
+        fault_notes: Reason, as text for people.
     """
 
     conversation: Conversation
@@ -49,12 +49,12 @@ FaultOutput: TypeAlias = SendBytes | CloseConnection
 
 
 class FaultResult(msgspec.Struct, frozen=True):
-    """What became of one message.
+    """What happened to one message.
 
     Attributes:
-        outputs: all that is to be done now, in order, held messages that are due by now first.
-        fault_notes: what was done to this message, in words for people, such as ``loss: dropped``.
-        forwarded: it goes on, now or later; False where it is lost or was answered.
+        outputs: Outputs to carry out now, in order; held messages that are due come first.
+        fault_notes: What faults did to this message, as text for people, such as ``loss: dropped``.
+        forwarded: Whether the message is sent on, now or later; False if it is lost or was answered.
     """
 
     outputs: list[FaultOutput]
@@ -66,19 +66,19 @@ class WireMessage:
     """A datagram, or a piece of a stream.
 
     Attributes:
-        number: from 1, over all messages.
-        flow: sender and receiver.
-        data: the bytes as they came.
-        now: ns of the clock that durations are counted by.
-        time: the same since 1970-01-01 UTC.
-        attempt_numbers: which try of its call each frame is or answers; empty unless `annotate_with_attempts`
-            was called.
+        number: Number from 1, over all messages.
+        flow: Conversation and direction.
+        data: Bytes as received.
+        now: Time on the clock for durations, ns.
+        time: The same time, ns since 1970-01-01 UTC.
+        attempt_numbers: Attempt number of each frame, or of the attempt that it answers; empty before
+            `annotate_with_attempts`.
     """
 
     __slots__ = ("_annotated", "attempt_numbers", "data", "flow", "now", "number", "time")
 
     def __init__(self, number: int, flow: Flow, data: bytes, now: int, time: int) -> None:
-        """Note a message."""
+        """Create a message without decoding it."""
         self.number = number
         self.flow = flow
         self.data = data
@@ -89,25 +89,26 @@ class WireMessage:
 
     @property
     def is_datagram(self) -> bool:
-        """Whether the transport keeps messages apart and may lose them."""
+        """Whether the transport keeps message boundaries and may lose messages."""
         return self.flow.conversation.transport is not Transport.TCP
 
     @property
     def annotated_frames(self) -> tuple[AnnotatedFrame, ...]:
-        """The frames of the message, and what is none, with what is known of each."""
+        """The frames of the message, and bytes that are no frame, with what is known about each."""
         if self._annotated is None:
             self._annotated = tuple(AnnotatedFrame(seen, None) for seen in self._observations())
         return self._annotated
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """The frames of the message; there are none if anything else is in it."""
+        """The frames of the message; empty if it contains anything else."""
         items = [told.observation.item for told in self.annotated_frames]
         frames = tuple(item for item in items if isinstance(item, Frame))
         return frames if len(frames) == len(items) else ()
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
-        """Find out what is asked or answered and by which try; all messages must pass here, in order."""
+        """Find function, command and attempt number of each frame. The caller passes every message, in
+        order."""
         self.annotate(requests)
         self.attempt_numbers = tuple(
             counter.attempt_number(self.flow, told.observation.item)
@@ -117,7 +118,7 @@ class WireMessage:
         )
 
     def annotate(self, requests: RecentRequests) -> None:
-        """Find out what is asked or answered; all messages must pass here, in order."""
+        """Find function and command of each frame. The caller passes every message, in order."""
         self._annotated = tuple(AnnotatedFrame(seen, requests.kind_of(seen)) for seen in self._observations())
 
     def _observations(self) -> Iterator[Observation]:

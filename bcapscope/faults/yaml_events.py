@@ -1,8 +1,8 @@
-"""YAML as events, one after the other: the one way in which YAML is read here.
+"""YAML as a sequence of events. All YAML input of bcapscope is read here.
 
-PyYAML's composers call themselves for each level. The one in C, which `msgspec.yaml` takes too, runs out of
-stack by that and takes the process with it; events come without recursion, so that what is nested too deep
-is refused before anything is made of it.
+PyYAML's composers call themselves for each level. The one in C, which `msgspec.yaml` also uses, overflows
+the stack on deep input and crashes the process. Events come without recursion, so input nested too deep is
+rejected before anything is built from it.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from typing import Any
 import yaml
 
 MAX_LEVELS = 64
-"""Levels."""
+"""Limit of nesting levels."""
 
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
 class YamlError(ValueError):
-    """This is no YAML, or too deep.
+    """The text is no YAML, or nested too deep.
 
     Attributes:
-        problem: one clause.
-        line: from 1; 0 where it is not known.
-        column: from 1; 0 where it is not known.
+        problem: The reason, one clause.
+        line: Line from 1; 0 if unknown.
+        column: Column from 1; 0 if unknown.
     """
 
     def __init__(self, problem: str, mark: Any = None) -> None:
@@ -35,10 +35,10 @@ class YamlError(ValueError):
 
 
 def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
-    """Yield the events of a stream of documents; scalars are text.
+    """Yield the events of a stream of documents; all scalars are text.
 
     Raises:
-        YamlError: this is no YAML, or more than `MAX_LEVELS` levels.
+        YamlError: The data is no YAML, or has more than `MAX_LEVELS` levels.
     """
     depth = 0
     try:

@@ -1,1 +1,1 @@
-"""Recorded sessions, played again: the client's side or the controller's."""
+"""Replay of recorded sessions, as the client or as the controller."""

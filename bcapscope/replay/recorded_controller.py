@@ -1,7 +1,7 @@
-"""The controller's side of a script: answers a client as the controller did when it was recorded.
+"""Answer a client as the recorded controller did.
 
-The handles are the recorded ones, as it is we who give them. No I/O and no clock; it can stand where a
-`Simulator` stands.
+The replies contain the recorded handles, so they need no translation. No I/O and no clock: the class can
+replace a `Simulator`.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from bcapscope.simulator.simulator import LARGEST_REQUEST, MAX_CLIENTS, STOP_CLI
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""ns of silence after which a UDP client makes room for another: longer than between two tries of one that
-waits (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
+"""Silence after which a UDP client may be replaced by another, ns. This is longer than the time between two
+attempts of a waiting client (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
 
 _SERVICE_START = CallKind(1, None)
 
 _AnsweredCallback: TypeAlias = Callable[[CallReport, bool], None]
-"""Is given each call that is answered, and whether there was a line for it."""
+"""Called with each answered call, and whether the script had a call for it."""
 
 
 class ScriptIndex:
-    """The lines of a script, by what was asked; all clients share it."""
+    """The calls of a script by function, command and arguments; all clients share it."""
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
         self.calls: dict[CallKind, list[ScriptCall]] = {}
@@ -48,11 +48,11 @@ class ScriptIndex:
 
 
 class ScriptLookup:
-    """Finds the line that answers a request of one client.
+    """Finds the recorded call that answers a request of one client.
 
-    That is the next one with the same function, command and arguments; where there is none any more, the
-    last of them that was; else the next with the same function and command. After the last recorded
-    Service_Start the next one begins from the top.
+    That is the next call with the same function, command and arguments, or the last such call if none is
+    left. If no call has these arguments, it is the next one with the same function and command. After the
+    last recorded Service_Start, another Service_Start begins the script again.
     """
 
     def __init__(self, index: ScriptIndex) -> None:
@@ -60,7 +60,7 @@ class ScriptLookup:
         self._next: dict[CallKind, int] = {}
 
     def find(self, kind: CallKind, arguments: tuple[Variant, ...]) -> ScriptCall | None:
-        """Return the line; None where nothing like it was recorded."""
+        """Return the recorded call; None if no call has this function and command."""
         question = _casefolded(kind)
         lines = self._index.calls.get(question)
         if lines is None:
@@ -78,17 +78,17 @@ class ScriptLookup:
 
 
 def _casefolded(kind: CallKind) -> CallKind:
-    """Controllers do not tell capital letters from small ones in commands."""
+    """Return the kind with its command in lower case, since controllers ignore case in commands."""
     command = kind.command
     return kind if command is None else CallKind(kind.function_id, command.casefold())
 
 
 class _ReplayClient:
-    """What is said to one client, one call after another.
+    """The replay to one client, one call after another.
 
     Attributes:
-        splitter: of what comes over TCP; None on UDP.
-        last_request_at: when it last sent something, ns.
+        splitter: Splits the TCP stream into frames; None on UDP.
+        last_request_at: Time of the client's last request, ns.
     """
 
     def __init__(
@@ -115,11 +115,11 @@ class _ReplayClient:
         self._notice_offsets: deque[int] = deque()
 
     def receive(self, frame: Frame, now: int) -> list[bytes]:
-        """Take a request; return the frames to send at once."""
+        """Process a request; return the frames to send at once."""
         self.last_request_at = now
         decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.BUSY and self._is_unanswered:
-            # A call that had no answer when it was recorded is over when its client goes on.
+            # The recorded call had no reply, so it ends when the client sends another call.
             self._responder.abandon_call()
             decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.NEW:
@@ -135,7 +135,7 @@ class _ReplayClient:
 
     @property
     def due(self) -> int | None:
-        """When `poll` has something to send, ns; None while there is no call."""
+        """Time of the next frame from `poll`, ns; None if none is planned."""
         if self._frame is None:
             return None
         if self._notice_offsets:
@@ -156,7 +156,7 @@ class _ReplayClient:
 
     @property
     def _is_unanswered(self) -> bool:
-        """Whether a call is under way that had no answer."""
+        """Whether the current call had no reply in the recording."""
         return self._frame is not None and self._script_call is not None and self._script_call.hresult is None
 
     def _start_call(self, frame: Frame, now: int) -> None:
@@ -178,10 +178,10 @@ class _ReplayClient:
             code, values = line.hresult, line.values
         try:
             raw = self._responder.answer_call(code, values)
-        except TooLargeError:  # it went over TCP when it was recorded
+        except TooLargeError:  # recorded over TCP
             code, values = E_TOO_MUCH_DATA, ()
             raw = self._responder.answer_call(code)
-        except LocalProtocolError:  # it was damaged when it was recorded
+        except LocalProtocolError:  # damaged in the recording
             code, values, known = E_NOTIMPL, (), False
             raw = self._responder.answer_call(code)
         arguments = frame.variants
@@ -191,14 +191,14 @@ class _ReplayClient:
 
 
 class RecordedController:
-    """Stands in for a controller that was recorded; every client hears the whole script.
+    """Replaces a recorded controller; each client gets the whole script.
 
     Attributes:
-        dropped: datagrams that were no sound frame, or came from a client too many.
-        unknown_calls: calls of which nothing like them was recorded, or no answer that can be given again;
-            they are answered E_NOTIMPL.
-        runs_in_real_time: its time may stand still while it gets no processor.
-        has_running_calls: no call waits for anything but its delay.
+        dropped: Number of datagrams dropped: damaged, no frame, or from a client beyond the limit.
+        unknown_calls: Number of calls answered with E_NOTIMPL, because the recording has no similar call or
+            no usable reply.
+        runs_in_real_time: Always False: its time may stop while the process gets no CPU time.
+        has_running_calls: Always False: a call waits for nothing but its delay.
     """
 
     runs_in_real_time = has_running_calls = False
@@ -206,12 +206,12 @@ class RecordedController:
     def __init__(
         self, script: ReplayScript, report: Callable[[Peer, CallReport], None], *, delays: bool = True
     ) -> None:
-        """Begin.
+        """Start without clients.
 
         Args:
-            script: what to answer.
-            report: called with the client and each call that is answered.
-            delays: answer after the time that the controller took, instead of at once.
+            script: Script to answer from.
+            report: Called with the client and each answered call.
+            delays: Whether to reply after the time that the controller took, instead of at once.
         """
         self.dropped = 0
         self.unknown_calls = 0
@@ -223,7 +223,7 @@ class RecordedController:
         self._last_client_number = 0
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Take a UDP datagram; return what to send."""
+        """Process a UDP datagram; return what to send."""
         items = parse_datagram(data) if len(data) <= LARGEST_UDP_FRAME else ()
         frame = items[0] if len(items) == 1 else None
         if not isinstance(frame, Frame) or frame.problems:
@@ -238,14 +238,15 @@ class RecordedController:
         return self._outputs(peer, part, [frame], now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Take a TCP connection; return False if there are too many, for the caller to close it."""
+        """Accept a TCP connection; return False if there are too many, and the caller closes it."""
         if len(self._clients_on(udp=False)) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             return False
         self._add_client(peer, udp=False, now=now)
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Take bytes of a connection; return what to send. Bytes that are no sound frame are skipped."""
+        """Process bytes of a TCP connection; return what to send. Damaged frames and other bytes are
+        skipped."""
         part = self._clients.get(peer)
         if part is None or part.splitter is None:
             return []
@@ -254,21 +255,21 @@ class RecordedController:
         return self._outputs(peer, part, frames, now)
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Forget a client that is gone."""
+        """Forget a client that has disconnected."""
         self._clients.pop(peer, None)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
-        """Forget every client; return what to send, which closes the connections."""
+        """Forget every client; return outputs that close the TCP connections."""
         peers = [peer for peer, part in self._clients.items() if part.splitter is not None]
         self._clients.clear()
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Let time pass; return what to send."""
+        """Return what to send at the time `now`."""
         return [each for peer, part in self._clients.items() for each in self._due_outputs(peer, part, now)]
 
     def due(self, now: int) -> int | None:
-        """Return when `advance` is to be called next at the latest; None if nothing is under way."""
+        """Return the latest time for the next `advance`, ns; None if no call is pending."""
         times = (part.due for part in self._clients.values())
         return min((time for time in times if time is not None), default=None)
 
@@ -289,11 +290,11 @@ class RecordedController:
         self._report(peer, report)
 
     def _clients_on(self, udp: bool) -> dict[Peer, _ReplayClient]:
-        """Return the clients of a transport: those of one never take the room of the other's."""
+        """Return the clients of one transport. Each transport has its own limit."""
         return {peer: part for peer, part in self._clients.items() if (part.splitter is None) is udp}
 
     def _has_room(self, now: int) -> bool:
-        """Tell whether there is room for a UDP client, perhaps after forgetting one that is silent."""
+        """Tell whether there is room for a UDP client; may forget the client silent for longest."""
         parts = self._clients_on(udp=True)
         if len(parts) < MAX_CLIENTS:
             return True

@@ -1,4 +1,4 @@
-"""A recorded session as a script: who said what, when, and what was answered."""
+"""A recorded session as a script: its calls with their times, arguments and results."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class ScriptCall(NamedTuple):
     """One call, without its retries.
 
     Attributes:
-        number: its number in the recording.
-        kind: function and command.
-        arguments: of the request.
-        offset: when it was asked first, ns after the first call of the script.
-        hresult: of the accepted reply; None where there was none.
-        values: of that reply.
-        duration: ns from the request that was answered to that reply; 0 where there was none.
-        notice_offsets: when S_EXECUTING came, ns after the first request.
+        number: Number of the call in the recording.
+        kind: Function and command.
+        arguments: Arguments of the request.
+        offset: Time of the first attempt, ns after the first call of the script.
+        hresult: Result code of the accepted reply; None without a reply.
+        values: Values in that reply.
+        duration: Time from the answered attempt to its reply, ns; 0 without a reply.
+        notice_offsets: Time of each S_EXECUTING notice, ns after the first attempt.
     """
 
     number: int
@@ -38,12 +38,12 @@ class ScriptCall(NamedTuple):
 
 
 class ReplayScript(NamedTuple):
-    """All calls of one client, in the order in which they were asked.
+    """All calls of one client, in the order of their first attempts.
 
     Attributes:
-        conversation: between whom.
-        calls: one at least.
-        reply_reserved: what the server's replies carry in reserved.
+        conversation: Conversation of the client.
+        calls: The calls; at least one.
+        reply_reserved: How the controller fills the reserved field of its replies.
     """
 
     conversation: Conversation
@@ -52,9 +52,9 @@ class ReplayScript(NamedTuple):
 
 
 def scripts_of(calls: Iterable[Call]) -> tuple[ReplayScript, ...]:
-    """Sort calls by their clients; who made most comes first.
+    """Return one script per client, the one with the most calls first.
 
-    A call whose request is damaged is left out.
+    Calls with a damaged request are left out.
     """
     by_client: dict[Conversation, list[Call]] = {}
     for call in calls:

@@ -1,4 +1,4 @@
-"""The client's side of a script, played to a controller, with the handles that this one gives."""
+"""Play a script to a controller as its client, with the handles that this controller gives."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.replay.set_point_runs import command_of, mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
-"""Numbers that differ by less, absolutely or relatively, are the same: mm, degrees and seconds that a robot
-comes back with are never equal to the last bit."""
+"""Numbers that differ by less, absolutely or relatively, count as equal. A robot never returns exactly the
+same mm, degrees or seconds twice."""
 
 
 class NotAtStartError(BcapError):
-    """The robot is not where the recording needs it, as far as is known."""
+    """The robot is not where the recording needs it, or its position is unknown."""
 
 
 class PlayedCall(NamedTuple):
-    """A call that was made again.
+    """A call of the script that was made again.
 
     Attributes:
-        script_call: as it was recorded.
-        arguments: as they were sent.
-        result: how it ended.
-        delay: ns that it was asked later than in the recording, since what came before took longer.
-        differs: ended with another result code, or without a reply, or with one where there had been none.
-        values_differ: ended with the same result code and other values, as a robot is never twice in the same
-            place.
+        script_call: The recorded call.
+        arguments: Arguments sent.
+        result: Outcome of the call.
+        delay: Delay behind the planned time, ns, because earlier calls took longer than in the recording.
+        differs: Whether the result code differs, or only one of the two calls has a reply.
+        values_differ: Whether the values differ under the same result code; a robot is never twice in the
+            same place.
     """
 
     script_call: ScriptCall
@@ -51,21 +51,21 @@ class PlayedCall(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        """Whether it succeeded when it was recorded, and now did not."""
+        """Whether the recorded call succeeded and this one did not."""
         then = self.script_call.hresult is not None and is_success(self.script_call.hresult)
         return then and not isinstance(self.result, CallAnswered)
 
     @property
     def unanswered(self) -> bool:
-        """Whether it was answered when it was recorded, and now was not."""
+        """Whether the recorded call was answered and this one was not."""
         return self.script_call.hresult is not None and isinstance(self.result, CallTimedOut)
 
 
 class ScriptPlayer:
     """Plays a script.
 
-    What the recording uses and does not open, as its beginning was missed, is opened as `ObjectOpener` does;
-    what it leaves open is for the session to let go of.
+    If the recording begins late, it may use objects that it does not open. `ObjectOpener` opens these. The
+    session releases what the recording leaves open.
     """
 
     def __init__(
@@ -76,14 +76,14 @@ class ScriptPlayer:
         longest_pause: int,
         anywhere: bool = False,
     ) -> None:
-        """Prepare.
+        """Prepare to play; nothing is sent yet.
 
         Args:
-            script: to play.
-            reach: of a session in which nothing is open yet.
-            channel: whose clock and patience are used.
-            longest_pause: longer ones between two calls are cut to that many ns.
-            anywhere: enter slave mode wherever the robot stands.
+            script: Script to play.
+            reach: Opener of a session in which nothing is open yet.
+            channel: Channel whose clock and waiting are used.
+            longest_pause: Limit for pauses between two calls, ns; longer ones are cut to it.
+            anywhere: Whether to enter slave mode wherever the robot is.
         """
         self._script = script
         self._reach = reach
@@ -93,16 +93,17 @@ class ScriptPlayer:
         self._handles: dict[tuple[ObjectClass, int], int] = {}
 
     async def play(self, on_played: Callable[[PlayedCall], bool]) -> None:
-        """Play it to its end.
+        """Play the script to its end.
 
         Args:
-            on_played: is given every call that was made; the end comes early when it returns False.
+            on_played: Called with every call made; playing ends early if it returns False.
 
         Raises:
-            ValueError: an object is needed that nobody told the name of.
-            NotAtStartError: slave mode would begin far from where the robot stands; it is not entered.
-            BcapError: what was missing could not be opened, or a call cannot be sent.
-            OSError: the link is gone.
+            ValueError: The script needs an object whose name is unknown.
+            NotAtStartError: The robot is too far from the first set point, or its position is unknown; slave
+                mode is not entered.
+            BcapError: A missing object could not be opened, or a call cannot be sent.
+            OSError: The link is lost.
         """
         channel = self._channel
         start = channel.now()
@@ -124,7 +125,7 @@ class ScriptPlayer:
                 return
 
     def _send_times(self) -> Iterator[int]:
-        """Yield when to ask each call, ns after the beginning."""
+        """Yield the planned time of each call, ns after the start."""
         at = last = 0
         for line in self._script.calls:
             at += min(line.offset - last, self._longest_pause)
@@ -132,7 +133,8 @@ class ScriptPlayer:
             yield at
 
     async def _current_arguments(self, call: ScriptCall) -> tuple[Variant, ...] | None:
-        """Put the handle of here and now in the place of the recorded one; None to let go of what is not."""
+        """Replace the recorded handle by the current one; return None for the release of an object that is
+        not open."""
         function = FUNCTIONS.get(call.kind.function_id)
         old = _first_number(call.arguments)
         if function is None or not function.takes_handle or old is None:
@@ -140,7 +142,7 @@ class ScriptPlayer:
         owner = function.owner
         new = self._handles.get((owner, old))
         if new is None and call.hresult is not None and is_failure(call.hresult):
-            return call.arguments  # perhaps refused for its handle, which nobody was ever given
+            return call.arguments  # perhaps refused because of an invalid handle
         if new is None and function.releases is not None:
             return None
         if new is None:
@@ -148,7 +150,7 @@ class ScriptPlayer:
         return (Variant(VT.I4, new), *call.arguments[1:])
 
     async def _check_start(self, place: int) -> None:
-        """Before slave mode is entered, look whether the robot stands where its first set point is."""
+        """Before a call that enters slave mode, check that the robot is at the first set point."""
         mode = mode_entered(self._script.calls[place])
         kind = None if mode is None else pose_type_of_mode(mode)
         if kind is None:
@@ -181,7 +183,7 @@ class ScriptPlayer:
         return await self._reach.perform_call(function, arguments)
 
     def _learn_handle(self, call: ScriptCall, result: RequesterOutcome) -> None:
-        """Note which handle of here and now stands for the recorded one."""
+        """Record which current handle replaces a recorded one."""
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None or function.creates is None or not isinstance(result, CallAnswered):
             return
@@ -210,7 +212,7 @@ def _values_differ(call: ScriptCall, result: RequesterOutcome) -> bool:
 
 
 def _nearly_equal(first: object, second: object) -> bool:
-    """Compare values; a `Variant` is compared as the tuple that it is."""
+    """Compare values with tolerance; a `Variant` compares as a tuple."""
     if isinstance(first, float) and isinstance(second, float):
         same = math.isclose(first, second, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
         return same or (math.isnan(first) and math.isnan(second))

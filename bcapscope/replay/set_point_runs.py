@@ -1,4 +1,4 @@
-"""The set points of a script, as the player's pre-flight looks at trajectories."""
+"""The set points of a script, as trajectories for the player's pre-flight check."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ from bcapscope.protocol.text_format import counted
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
-"""Seconds that set points count as apart at least; no controller takes them faster."""
+"""Shortest time assumed between set points, s; no controller accepts them faster."""
 
 
 class UnreadableSetPointError(BcapError):
-    """A set point cannot be read, so that nobody knows where it would send the robot."""
+    """A set point cannot be read, so its target is unknown."""
 
 
 class SetPointRun(NamedTuple):
-    """Set points that are sent without leaving slave mode in between.
+    """Set points sent without leaving slave mode in between.
 
     Attributes:
-        first_call: number of the call of the first of them.
-        trajectory: where they go, whatever the recorded controller answered: all of them are sent again.
-        sent_at: seconds at which they were sent, from the first.
+        first_call: Number of the call with the first set point.
+        trajectory: All set points, whatever the recorded controller answered, because a replay sends all of
+            them.
+        sent_at: Time of each set point, s after the first.
     """
 
     first_call: int
@@ -46,24 +47,25 @@ class SetPointRun(NamedTuple):
 
 
 def command_of(call: ScriptCall) -> str | None:
-    """Return the command of a line, in lower case."""
+    """Return the command of a call in lower case; None if it has none."""
     return call.kind.command.casefold() if call.kind.command is not None else None
 
 
 def mode_entered(call: ScriptCall) -> int | None:
-    """Return the slave mode that a line enters; None if it enters none."""
+    """Return the slave mode that a call enters; None if it enters none."""
     if command_of(call) != "slvchangemode" or len(call.arguments) < 3:
         return None
     return integer_value(call.arguments[2]) or None
 
 
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
-    """Yield the set points of a script.
+    """Yield the runs of set points in a script.
 
-    Where slave mode was not entered, they count as joints.
+    Before any mode is known, set points count as joint positions.
 
     Raises:
-        UnreadableSetPointError: one of them is no pose, or has another number of axes than the one before.
+        UnreadableSetPointError: A set point is no pose, or has another number of axes than the first of its
+            run.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:
@@ -80,7 +82,7 @@ def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
 
 
 def preflight_run(run: SetPointRun, limits: ArmLimits) -> PreflightResult:
-    """Look at a stretch as the player does at a trajectory, at the pace at which it was sent."""
+    """Run the pre-flight check on a run of set points at its recorded pace, and report pauses as well."""
     trajectory = run.trajectory
     found = run_preflight(trajectory, trajectory.period or _SHORTEST, limits)
     more = tuple(_gap_findings(np.asarray(run.sent_at)))

@@ -1,4 +1,4 @@
-"""A call: a request, its retries, what came back, and what is to be thought of it."""
+"""A call: a request, its retries, its notices and replies, and the verdict on it."""
 
 from __future__ import annotations
 
@@ -31,52 +31,52 @@ class FrameObservation(Protocol):
 
 
 class FrameRole(StrEnum):
-    """What a frame is to its call."""
+    """Role of a frame in its call."""
 
     REQUEST = "request"
-    """The first try."""
+    """The first attempt."""
     RETRY = "retry"
     NOTICE = "executing"
-    """S_EXECUTING: still at work."""
+    """S_EXECUTING: the controller is still working on the request."""
     REPLY = "reply"
-    """The one that the client accepted."""
+    """The reply that the client accepted."""
     LATE = "late reply"
-    """Came after the client had sent another try or had gone on; also one that contradicts an earlier one."""
+    """A reply that arrived after the client sent another attempt or moved on to another call. Also a reply
+    that contradicts an earlier one."""
     LOST = "lost reply"
-    """Came before the client sent another try, which it would not have done had it taken this one."""
+    """A reply captured before the client sent another attempt. The client evidently did not receive it, or it
+    would not have retried."""
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. All known clients give a retry a new
-    serial, so a copy was made by the network or by the capture."""
+    serial, so the network or the capture made the copy."""
 
 
 class CallFrame(NamedTuple):
-    """A frame of a call and what it is to it."""
+    """A frame of a call and its role."""
 
     role: FrameRole
     observation: FrameObservation
 
 
 class Call:
-    """A call as far as it was seen; complete once the tracker has given it out.
+    """A call, as far as it was captured. It is complete once the tracker has returned it.
 
     Attributes:
-        number: 1 for the call that started first in the traffic, and so on.
-        conversation: between whom.
-        kind: what was asked.
-        request: the first try, or the first that was seen.
-        reply: the one that the client accepted; None where it had none, as far as was seen.
-        last_attempt: the try that the client sent last; a reply is accepted only if it answers this one.
-        other_frames: everything else that belongs to the call, in the order in which it was seen.
-        abandoned_at: when the client went on to another call without having had a reply; 0 where it did not.
-        last_activity: when anything of the call was last seen.
-        no_reply_expected: no reply is to be expected any more, though the client was not seen to go on.
-        evicted: given out without a reply while one might still come, since more was open than is kept in
-            mind.
-        skipped_handles: how many handles the one that came back is ahead of the next in sequence, where so
-            many tries went unanswered; otherwise 0.
-        reserved_usage: how the conversation used the reserved field, as far as was known when the call
-            settled.
-        memory_bytes: bytes of its frames, and what keeping them costs, as far as its lane has counted them.
+        number: 1 for the call that started first in the traffic, then counting up.
+        conversation: Conversation of the call.
+        kind: Function and command of the request.
+        request: First attempt, or the first attempt captured.
+        reply: Reply that the client accepted; None if none was captured.
+        last_attempt: Latest attempt. The client accepts a reply only if it answers this attempt.
+        other_frames: All other frames of the call, in capture order.
+        abandoned_at: Time at which the client moved on to another call without a reply; 0 if it did not.
+        last_activity: Time of the latest frame of the call.
+        no_reply_expected: Whether no reply can follow any more, although the client was not seen to move on.
+        evicted: Whether the tracker ran out of room and returned the call while a reply was still possible.
+        skipped_handles: Number of handles skipped before the accepted one, if smaller than the number of
+            attempts; otherwise 0.
+        reserved_usage: How the conversation used the reserved field, as far as known when the call settled.
+        memory_bytes: Bytes of the call's frames plus their overhead, as counted by `ConversationPairing`.
     """
 
     __slots__ = (
@@ -121,7 +121,7 @@ class Call:
         return f"Exchange({self.number}, {self.kind.function_id}, {self.kind.command!r}: {events})"
 
     def add_frame(self, role: FrameRole, observation: FrameObservation) -> None:
-        """Take in one more of `other_frames`."""
+        """Append a frame to `other_frames`."""
         if self.other_frames:
             self.other_frames.append(CallFrame(role, observation))
         else:
@@ -129,35 +129,36 @@ class Call:
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is nothing but a first request and perhaps its reply."""
+        """Whether the call is only a first attempt and at most one reply."""
         return not self.other_frames and self.first_attempt_seen
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first try was seen; otherwise `request` is a retry and the call began before."""
+        """Whether the first attempt was captured. If not, `request` is a retry of a call that began
+        earlier."""
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 
     @property
     def attempts(self) -> tuple[FrameObservation, ...]:
-        """All tries that were seen, the first one first."""
+        """All captured attempts, oldest first."""
         return (
             (self.request, *self._frames_with_role(FrameRole.RETRY)) if self.other_frames else (self.request,)
         )
 
     @property
     def retries(self) -> int:
-        """How many of `attempts` are not the first try."""
+        """Number of `attempts` that are retries."""
         return len(self.attempts) - self.first_attempt_seen
 
     @property
     def late_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies that the client discarded, if it goes by the serial of its last request as it should."""
+        """Replies that the client discards, provided that it checks the serial of its last request."""
         return self._frames_with_role(FrameRole.LATE)
 
     @property
     def lost_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies that were seen in time and did not keep the client from asking again."""
+        """Replies that were captured in time, although the client then sent another attempt."""
         return self._frames_with_role(FrameRole.LOST)
 
     @property
@@ -172,7 +173,7 @@ class Call:
 
     @property
     def frames(self) -> tuple[CallFrame, ...]:
-        """Every frame of the call with its role, in the order in which they were seen."""
+        """Every frame of the call with its role, in capture order."""
         reply = () if self.reply is None else (CallFrame(FrameRole.REPLY, self.reply),)
         first = CallFrame(FrameRole.REQUEST if self.first_attempt_seen else FrameRole.RETRY, self.request)
         events = (first, *self.other_frames, *reply)
@@ -180,28 +181,28 @@ class Call:
 
     @property
     def serials(self) -> tuple[int, ...]:
-        """Serial of each of `attempts`."""
+        """Serial of each of `attempts`, in the same order."""
         return tuple(request.item.serial for request in self.attempts)
 
     @property
     def hresult(self) -> int | None:
-        """Result in the accepted reply, unsigned."""
+        """Result code of the accepted reply, unsigned; None without one."""
         return None if self.reply is None else self.reply.item.code
 
     @property
     def latency(self) -> int | None:
-        """Nanoseconds from the first request to the accepted reply."""
+        """Time from the first attempt to the accepted reply, ns; None without a reply."""
         return None if self.reply is None else self.reply.time - self.request.time
 
     @property
     def rtt(self) -> int | None:
-        """Nanoseconds from the request that was answered to the accepted reply."""
+        """Time from the answered attempt to the accepted reply, ns; None without a reply."""
         if self.reply is None or not self.other_frames:
             return self.latency
         return self.reply.time - self.attempt_answered_by(self.reply).time
 
     def attempt_answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the try that a reply of the call answers."""
+        """Return the attempt that a reply answers; the first attempt if no serial matches."""
         serial = reply.item.serial
         tries = (request for request in reversed(self.attempts) if request.item.serial == serial)
         return next(tries, self.request)
@@ -213,12 +214,12 @@ class Call:
 
     @property
     def reply_reserved(self) -> ReplyReserved:
-        """How the server uses the reserved field."""
+        """How the controller uses the reserved field."""
         return self.reserved_usage.reply_reserved
 
     @property
     def surely_unanswered(self) -> bool:
-        """Whether it is certain that the client will have no reply."""
+        """Whether the client certainly receives no reply."""
         return (bool(self.abandoned_at) or self.no_reply_expected) and not self.evicted
 
     @property
@@ -228,7 +229,7 @@ class Call:
 
     @property
     def verdict(self) -> CallVerdict:
-        """What the call suffered on the way."""
+        """What happened to the call."""
         return verdict_of(self)
 
     def _frames_with_role(self, role: FrameRole) -> tuple[FrameObservation, ...]:
@@ -239,14 +240,14 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class StrayReply:
-    """A reply or notice that belongs to no call that is still open.
+    """A reply or notice that belongs to no open call.
 
     Attributes:
-        observation: the frame.
-        call_number: the call that it comes too late for, where that is still known; None where the request
-            was never seen, or too long ago.
-        may_answer_evicted: it may be what a call waited for that was let go, perhaps of `call_number`, and so
-            neither late nor without a request.
+        observation: The frame.
+        call_number: Number of the settled call that had this serial; None if the request was never captured
+            or is too old.
+        may_answer_evicted: Whether it may answer a call that was evicted from memory. It is then reported
+            neither as late nor as unmatched.
     """
 
     observation: FrameObservation
@@ -255,4 +256,4 @@ class StrayReply:
 
 
 PairingResult: TypeAlias = Call | StrayReply
-"""What a tracker gives out."""
+"""What a tracker returns."""

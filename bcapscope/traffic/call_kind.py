@@ -1,4 +1,4 @@
-"""What a request asks, and which question a reply answers."""
+"""Function and command of a request, and of the request that a reply answers."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Different beginnings of requests that are remembered, each with its question; when more are met, all are
-forgotten and learnt again. A session has some dozens: a pair of handle and command each."""
+"""Limit of remembered request prefixes, each with its kind. Beyond it, all are forgotten and learnt again. A
+session has a few dozen: one per pair of handle and command."""
 
 MAX_SERIALS = 1024
-"""Of one conversation at least this many latest requests are known to `RecentRequests`, at most twice as
-many. A client waits for each reply before it asks again, so even one that sends a set point every millisecond
-and never waits meets replies a second late."""
+"""`RecentRequests` remembers at least this many latest requests of a conversation, at most twice as many. A
+client waits for each reply before its next request. Even a client that sends a set point every millisecond
+without waiting can be matched with replies a second late."""
 
 MAX_CONVERSATIONS = 256
-"""Conversations known to `RecentRequests`; the one that was silent longest is forgotten first. The official
-server takes 20 clients on either transport (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Limit of conversations in `RecentRequests`; the one silent for longest is forgotten first. The official
+server accepts 20 clients on either transport (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 LONGEST_NAME = 256
-"""Characters of a command's or an object's name that are kept; the others are cut off, with … in their place.
-No name of a controller is nearly as long."""
+"""Characters kept of the name of a command or object; … replaces the rest. No controller uses names nearly as
+long."""
 
 COMMAND_FUNCTIONS = frozenset(
     function.id
     for function in FUNCTIONS.values()
     if len(function.params) > 1 and function.params[1].name == "bstrCommand"
 )
-"""The ..._Execute functions that take the name of a command as their second argument."""
+"""The ..._Execute functions, which take a command name as their second argument."""
 
 _REQUEST = Direction.REQUEST
 _FUNCTION_ID = 9
@@ -41,12 +41,12 @@ _BSTR_DATA = 33
 
 
 class CallKind(NamedTuple):
-    """What a request asks, without its parameters; equal ones are usually the same object.
+    """Function and command of a request, without its parameters. Equal kinds are usually the same object.
 
     Attributes:
-        function_id: number of the function, known or not.
-        command: as it was sent, but not more than `LONGEST_NAME` of it, for the ..._Execute functions; None
-            for all others, and where the bytes hold no string in its place.
+        function_id: Number of the function, known or not.
+        command: Command of an ..._Execute function as sent, up to `LONGEST_NAME` characters. None for all
+            other functions, and if the second argument is no string.
     """
 
     function_id: int
@@ -59,17 +59,17 @@ _KNOWN: dict[CallKind, CallKind] = {}
 
 
 def call_kind_of(request: Frame) -> CallKind:
-    """Tell what a request asks."""
+    """Return the function and command of a request."""
     code = request.code
     if code not in COMMAND_FUNCTIONS:
         return _BY_ID.get(code) or CallKind(code, None)
     raw = request.raw
     if request.reserved == 1 or len(raw) <= _BSTR_START:
         return _read_kind(request)
-    # In nearly all requests a VT_I4 handle of 14 bytes stands first, then the command with its length in
-    # bytes: everything that decides about the command, and no parameter. Where the string is longer than one
-    # byte of length can say, or where the handle is of another type, the slice is not kept. It takes in the
-    # byte behind the string, without which the frame breaks off in it.
+    # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the command with its length in bytes.
+    # The slice holds all that determines the command, and no parameter. It is not kept if one byte cannot
+    # hold the string's length, or if the handle has another type. It includes the byte after the string: if
+    # that byte is missing, the frame ends inside the string.
     beginning = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
     return _BY_PREFIX.get(beginning) or _learn_kind(request, beginning)
 
@@ -97,9 +97,9 @@ def _read_kind(request: Frame) -> CallKind:
 
 
 class RecentRequests:
-    """Remembers what was asked lately, so that a reply can be shown with what it answers.
+    """Remembers recent requests, so that a reply can be shown with the function that it answers.
 
-    Of two requests with the same serial the later one is meant, as the official server answers it.
+    Of two requests with the same serial, the later one counts, as for the official server.
     """
 
     def __init__(self) -> None:
@@ -108,9 +108,10 @@ class RecentRequests:
         self._current = _KindsBySerial()
 
     def kind_of(self, observation: Observation) -> CallKind | None:
-        """Tell what a frame is about: what a request asks, or what a reply answers.
+        """Return the kind of a request, or of the request that a reply answers.
 
-        None for bytes that are no frame, and for a reply whose request was not seen or is long ago.
+        Returns:
+            None for bytes that are no frame, and for a reply whose request was not captured or is too old.
         """
         frame, flow = observation.item, observation.flow
         if isinstance(frame, Malformed):
@@ -127,7 +128,7 @@ class RecentRequests:
         return question
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over."""
+        """Forget a conversation that has ended."""
         self._conversations.pop(conversation, None)
         if self._current_conversation is conversation:
             self._current_conversation, self._current = None, _KindsBySerial()
@@ -141,7 +142,8 @@ class RecentRequests:
 
 
 class _KindsBySerial:
-    """The requests of one conversation by serial, in two generations, so that old ones go without search."""
+    """Kinds of one conversation's requests by serial. Two generations let old ones expire without a
+    search."""
 
     __slots__ = ("earlier", "latest")
 

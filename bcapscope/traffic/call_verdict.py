@@ -1,4 +1,4 @@
-"""What became of a call, as far as one place of capture can tell."""
+"""Outcome and verdict of a call, as far as one capture point can tell."""
 
 from __future__ import annotations
 
@@ -12,59 +12,59 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_NS = 500_000
-"""A reply and a retry that pass the place of capture within this time of each other may have been on their
-way at once: a round trip on a factory's network takes less."""
+"""Window in which a reply and a retry, captured one after the other, may have crossed on the network, ns. A
+round trip on a factory network takes less."""
 
 
 class Outcome(StrEnum):
     """How a call ended for the client."""
 
     ANSWERED = "answered"
-    """With a result that is no failure."""
+    """The result code reports success."""
     REFUSED = "refused"
-    """With a result that is a failure."""
+    """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """The client asked for something else without having had a reply, or none came in a very long time, or
-    the connection was gone."""
+    """The client moved on without a reply, no reply came for a very long time, or the connection ended."""
     CAPTURE_ENDED = "capture_ended"
-    """The traffic ended first; the client may have had its reply afterwards."""
+    """The capture ended first; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
-    """More was open than is kept in mind, so that nobody looked any further; the client may have had its
-    reply afterwards."""
+    """The call was evicted because too many calls were open; a reply may have followed."""
 
 
 class CallVerdict(StrEnum):
-    """What a call suffered on the way; for calls without trouble the same as their outcome."""
+    """What happened to a call. For a call without trouble, the verdict equals the outcome."""
 
     ANSWERED = "answered"
     REFUSED = "refused"
     UNANSWERED = "unanswered"
-    """No reply to any try was seen. Every try or every reply may be lost, or the server silent."""
+    """No reply to any attempt was captured. Every attempt or every reply may be lost, or the controller may
+    be silent."""
     CAPTURE_ENDED = "capture ended"
     NOT_FOLLOWED = "not followed"
     EXECUTED_TWICE = "executed twice"
-    """Replies to the tries of one call differ in result or arguments. A server that knows a retry for one
-    sends the stored answer again (orin_bcap C/src/bCAPServer/bcap_server.c; the two replies in DENSO Wave
-    2009 are equal as well). Or the handle that came back skips as many numbers as tries went unanswered,
-    or fewer: objects were made that the client never heard of."""
+    """Replies to the attempts of one call differ in result or arguments. A server that recognises a retry
+    sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c; the two replies in DENSO Wave 2009
+    are equal as well). Or the accepted handle skips numbers, at most as many as there are unanswered
+    attempts. The controller then created objects whose handles the client never received."""
     REPLY_LATE = "reply late"
-    """A reply to a try was seen after the client had sent the next one, or had gone on to another call, and
-    so was discarded: the client waits too short a time, or the server or the network took too long."""
+    """A reply was captured after the client had sent the next attempt or moved on to another call, and so the
+    client discarded it. The client's timeout is too short, or the controller or the network took too long."""
     REPLY_LOST = "reply lost"
-    """A reply was seen and yet the client asked again, so it was lost between here and the client (or the
-    client was too busy to take it). Or S_EXECUTING was seen for a try whose result never came."""
+    """A reply was captured, yet the client sent another attempt. The reply was lost between the capture point
+    and the client, or the client was too busy to read it. Or S_EXECUTING was captured for an attempt whose
+    result never came."""
     REQUEST_LOST = "request lost"
-    """S_EXECUTING was seen for the try that was answered and nothing for those before: the server executed
-    that one, while a server that had received an earlier one would have executed or answered that."""
+    """S_EXECUTING was captured for the answered attempt and nothing for the earlier ones. The controller
+    executed that attempt; had it received an earlier one, it would have executed or answered that one."""
     CANNOT_TELL = "cannot tell"
-    """Tried again, and nothing that was seen tells whether requests or replies were lost."""
+    """The client retried, and the capture does not show whether requests or replies were lost."""
 
 
 _VERDICT_OF_OUTCOME = {outcome: CallVerdict[outcome.name] for outcome in Outcome}
 
 
 def outcome_of(call: Call) -> Outcome:
-    """Tell how a call ended for the client."""
+    """Return how a call ended for the client."""
     reply = call.reply
     if reply is not None:
         return Outcome.REFUSED if is_failure(reply.item.code) else Outcome.ANSWERED
@@ -74,7 +74,7 @@ def outcome_of(call: Call) -> Outcome:
 
 
 def verdict_of(call: Call) -> CallVerdict:
-    """Judge a call; the strongest evidence decides."""
+    """Return the verdict on a call; the strongest evidence decides."""
     if call.is_plain:
         return _VERDICT_OF_OUTCOME[outcome_of(call)]
     if call.skipped_handles or _replies_differ(call):
@@ -89,7 +89,7 @@ def verdict_of(call: Call) -> CallVerdict:
 
 
 def _by_notices(call: Call, reply: FrameObservation) -> CallVerdict:
-    """Judge a call that was answered and had retries by the tries for which S_EXECUTING was seen."""
+    """Judge an answered call with retries by the attempts that got an S_EXECUTING notice."""
     noticed = {notice.item.serial for notice in call.notices}
     if noticed - {reply.item.serial}:
         return CallVerdict.REPLY_LOST
@@ -97,9 +97,9 @@ def _by_notices(call: Call, reply: FrameObservation) -> CallVerdict:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Compare result and arguments of all replies that are sound, and that the capture holds whole.
+    """Compare result and arguments of all replies that are undamaged and completely captured.
 
-    That the server was busy with another call says nothing about whether this one was executed.
+    Replies with E_BUSY are left out: they do not show whether the controller executed this call.
     """
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     frames = [reply.item for reply in replies if reply is not None and not reply.item.problems]
@@ -108,7 +108,7 @@ def _replies_differ(call: Call) -> bool:
 
 
 def _all_crossed(call: Call) -> bool:
-    """Tell whether each reply that was not heeded may have met the next try on its way."""
+    """Tell whether every lost reply may have crossed the next attempt on the network."""
     asked = sorted(request.time for request in call.attempts)
     lost = [(reply.time, bisect_left(asked, reply.time)) for reply in call.lost_replies]
     return all(after < len(asked) and asked[after] - time <= CROSSING_NS for time, after in lost)

@@ -1,4 +1,4 @@
-"""The open calls of one conversation, and which of them a frame belongs to."""
+"""Pairing in one conversation: its open calls, and the call that each frame belongs to."""
 
 from __future__ import annotations
 
@@ -19,42 +19,44 @@ from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
 SERVICE_START = 1
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""A client that asks something new sooner than this was not waiting for the reply to what it asked before,
-and may still take it. The shortest time-out that anyone recommends (DENSO Wave 2009, slvMove)."""
+"""A client that sends a new call sooner than this after the previous request was not waiting for the
+reply and may still accept it. This is the shortest timeout that any source recommends (DENSO Wave 2009,
+slvMove)."""
 
 COPIES_WITHIN_NS = 100_000_000
-"""What the network makes of a frame, copies and changes of order, comes within this time; factory networks
-hold a frame for milliseconds. No client starts anew on the same port as fast as that, unless it says so with
-Service_Start."""
+"""Window in which copies and reordered frames arrive; factory networks delay a frame by milliseconds. No
+client restarts on the same port this fast, unless it announces this with Service_Start."""
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""How long a client may still repeat a request that was answered here: longer than any time-out in use (3 s
-in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
+"""How long a client may still retry a request after its reply was captured. This is longer than any timeout
+in use (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""How long a reply is waited for after the client has gone on, where the server answers what was asked later.
-One that comes later is a stray that names its call."""
+"""How long to wait for a reply after the client has moved on, once the controller has answered a later call.
+A reply after that is a stray that names its call."""
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""The same where it has answered nothing since: servers answer in order, so it may be at that call still."""
+"""The same wait while the controller has answered nothing later. Controllers answer in order, so it may still
+be executing that call."""
 
 EXECUTION_NS = 180_000_000_000
-"""How long a call may stay silent with nothing after it: the server's InvokeTimeout, after which it never
-answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""How long a call may stay silent with no later call answered: the server's InvokeTimeout, after which it
+never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_REUSED = 16
-"""Unanswered requests of one serial on TCP that are remembered for their replies."""
+"""Limit of unanswered TCP requests remembered per serial, and of serials with such requests."""
 
 MAX_EXTRA_FRAMES = 65536
-"""Retries, notices and further replies of open calls that a conversation keeps, about 30 MB. The older C
-client tries without end (start-jsk/denso b-Cap.c): every 20 ms, it is there in 20 minutes. The call that goes
-beyond is let go with those before it, and what else comes of it begins another."""
+"""Limit of retries, notices and further replies of a conversation's open calls, about 30 MB. The older C
+client retries without end (start-jsk/denso b-Cap.c); at one retry every 20 ms it reaches the limit in 20
+minutes. The call that exceeds the limit is evicted with all earlier ones. Its further frames start another
+call."""
 
-_FRAME_COST = 512  # bytes that each of these costs beside its content
-_LARGE_CALL = 64 * 1024  # bytes; a settled call with more is not kept for the sake of the next one
+_FRAME_COST = 512  # bytes of overhead per frame
+_LARGE_CALL = 64 * 1024  # bytes; a larger settled call is not kept in memory as the newest call
 
 MAX_SETTLED_SERIALS = 1024
-"""Serials of settled calls: at least as many are known, at most twice."""
+"""Serials of settled calls: at least this many are remembered, at most twice as many."""
 
 _OPENERS = frozenset(
     (SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)),
@@ -62,11 +64,11 @@ _OPENERS = frozenset(
 
 
 class ConversationPairing:
-    """One conversation; calls are given out in the order in which they started.
+    """Pairs the frames of one conversation; returns its calls in the order in which they started.
 
     Attributes:
-        open_calls: the calls that have not settled, in the order of their start.
-        memory_bytes: bytes that they hold.
+        open_calls: Calls that have not settled, in starting order.
+        memory_bytes: Bytes that the open calls hold.
     """
 
     __slots__ = (
@@ -95,13 +97,13 @@ class ConversationPairing:
     def __init__(
         self, conversation: Conversation, latest_evicted: int = 0, budget: ByteBudget | None = None
     ) -> None:
-        """Begin.
+        """Start without calls.
 
         Args:
-            conversation: between whom.
-            budget: counts what the open calls of all conversations hold.
-            latest_evicted: the latest call of the traffic that may belong to this conversation and was
-                evicted; 0 if there is none.
+            conversation: Conversation to pair.
+            budget: Byte count shared by the open calls of all conversations.
+            latest_evicted: Number of the latest evicted call that may belong to this conversation; 0 if
+                there is none.
         """
         self.open_calls: deque[Call] = deque()
         self.memory_bytes = 0
@@ -110,26 +112,24 @@ class ConversationPairing:
         self._latest_evicted = latest_evicted
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        self._first_reserved = -1  # reserved of the first packet seen last; on UDP only whether it was 0
+        self._first_reserved = -1  # reserved field of the latest first attempt; on UDP 0 or 1 for zero or not
         self._by_serial: dict[int, Call] = {}
         self._newest_call: Call | None = None
-        self._frame_indexes: dict[
-            Call, FrameIndex
-        ] = {}  # of those open calls in which something was looked for
+        self._frame_indexes: dict[Call, FrameIndex] = {}  # made on the first lookup in an open call
         self._extra_frames = 0  # frames that open calls have besides request and reply
-        self._latest_overfull = 0  # the latest call at which they became too many
-        self._session_call = 0  # the call that started the service session
-        self._latest_answered = 0  # the latest call that was answered
+        self._latest_overfull = 0  # the latest call that exceeded MAX_EXTRA_FRAMES
+        self._session_call = 0  # the call of Service_Start
+        self._latest_answered = 0  # the latest answered call
         self._answered_early: deque[tuple[int, int]] = (
             deque()
-        )  # calls answered while older ones wait, and when
-        self._last_handle = 0  # the last handle of this service session that came back
+        )  # number and time of calls answered before older ones
+        self._last_handle = 0  # the last handle returned in this session
         self._reused_serials: dict[int, list[Call | int]] = {}
         self._settled_serials: dict[int, int] = {}
         self._older_settled_serials: dict[int, int] = {}
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Take in a request; tell whether it starts a new call, which then has the number `number`."""
+        """Add a request. Return whether it starts a new call, which then has the number `number`."""
         serial, reserved = frame.serial, frame.reserved
         prior = self._by_serial.get(serial)
         if prior is not None and self._add_to_prior(prior, observation, frame):
@@ -140,7 +140,7 @@ class ConversationPairing:
                 self._add_retry(origin, observation, frame)
                 return False
             self._start_call(observation, frame, number)
-            # its first try was not seen; others of its tries will name it as well
+            # the first attempt was not captured; further retries name its serial as well
             self._by_serial[reserved] = self._by_serial[serial]
             return True
         if not reserved and 0 in self._by_serial and self._add_retry_of_serial_zero(observation, frame):
@@ -151,7 +151,7 @@ class ConversationPairing:
         return True
 
     def add_reply(self, observation: FrameObservation, frame: Frame) -> StrayReply | None:
-        """Take in a reply or notice; return it where no open call wants it."""
+        """Add a reply or notice; return it as a stray if it belongs to no open call."""
         serial = frame.serial
         exchange = self._by_serial.get(serial)
         if self._reused_serials and serial in self._reused_serials:
@@ -176,7 +176,7 @@ class ConversationPairing:
         return None
 
     def pop_settled(self, now: int) -> Iterator[Call]:
-        """Give out the calls for which nothing more is to be expected at time `now`."""
+        """Yield the calls to which, at time `now`, no further frame can belong."""
         waiting = self.open_calls
         if waiting and waiting[0].number <= self._latest_overfull:
             yield from self.evict_oldest(
@@ -190,7 +190,7 @@ class ConversationPairing:
             yield self._finish_call(waiting.popleft())
 
     def evict_oldest(self, count: int) -> Iterator[Call]:
-        """Give out the `count` oldest calls, whatever may come."""
+        """Yield the `count` oldest calls, even if further frames may belong to them."""
         for _ in range(min(count, len(self.open_calls))):
             exchange = self.open_calls.popleft()
             exchange.evicted = exchange.reply is None and not self._is_past_late_window(exchange)
@@ -198,7 +198,7 @@ class ConversationPairing:
             yield self._finish_call(exchange)
 
     def close(self) -> Iterator[Call]:
-        """Give out all calls; the traffic has ended."""
+        """Yield all open calls, because the traffic has ended."""
         self._mark_unanswerable()
         while self.open_calls:
             exchange = self.open_calls.popleft()
@@ -206,15 +206,15 @@ class ConversationPairing:
             yield self._finish_call(exchange)
 
     def _mark_unanswerable(self) -> None:
-        """Tell of which open calls no reply was to be expected any more when the traffic ended.
+        """Mark the open calls that could no longer be answered when the traffic ended.
 
-        Servers answer in order. On UDP the network may change it, but does not take long to.
+        Controllers answer in order. On UDP the network may reorder replies, but only within a short time.
         """
         closing = self._conversation.connection_end
         over = closing is not None and closing.ends_replies
         end = max((exchange.last_activity for exchange in self.open_calls), default=0)
         overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
-        answered = overtaken  # when a later call was answered first, or too late to tell
+        answered = overtaken  # earliest reply to a later call, or `overtaken`
         for exchange in reversed(self.open_calls):
             exchange.no_reply_expected = over or answered < overtaken
             if exchange.reply is not None and exchange.reply.item.code != E_BUSY:
@@ -238,7 +238,8 @@ class ConversationPairing:
         self._count_memory(exchange, len(frame.raw))
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Take in a request that `prior` has already, or the first try of it that its retries overtook."""
+        """Add a copy of a frame of `prior`, or its first attempt if a retry overtook that. Return whether it
+        was added."""
         if self._is_tcp:
             return False
         starts_anew = prior.number < self._session_call or (
@@ -265,10 +266,10 @@ class ConversationPairing:
         return True
 
     def _add_retry_of_serial_zero(self, observation: FrameObservation, frame: Frame) -> bool:
-        """Take in a retry of serial 0, whose reserved looks like that of a first packet.
+        """Add a retry of serial 0, whose reserved field looks like that of a first attempt.
 
-        Old clients may pass through serial 0 (start-jsk/denso b-Cap.c); a retry is known by being the same
-        request as the one that is still unanswered.
+        Old clients may use serial 0 (start-jsk/denso b-Cap.c). The frame counts as a retry if it repeats the
+        newest call and that call is still unanswered.
         """
         exchange = self._by_serial[0]
         if (
@@ -296,9 +297,9 @@ class ConversationPairing:
         self._add_frame(call, FrameRole.RETRY, observation)
 
     def _queue_reused_serial(self, serial: int) -> None:
-        """Note that replies to the request that had this serial come first: TCP keeps the order.
+        """Queue the earlier request with this serial, since TCP keeps the order and its reply comes first.
 
-        The Python client uses its serial again after a time-out (orin_bcap Python bcapclient.py).
+        The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
         """
         prior = self._by_serial.get(serial)
         if prior is None or prior.reply is not None or prior.late_replies:
@@ -311,7 +312,7 @@ class ConversationPairing:
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
-            if serial:  # 0 may be its own serial
+            if serial:  # with serial 0, a reserved of 0 may be the frame's own serial
                 self._reserved_usage = self._reserved_usage.after_first_attempt(reserved)
                 self._first_reserved = int(reserved != 0)
             return
@@ -375,7 +376,7 @@ class ConversationPairing:
             self._add_frame(call, FrameRole.LATE, observation)
 
     def _add_reply_to_oldest(self, observation: FrameObservation, frame: Frame) -> StrayReply | None:
-        """Give a reply to the oldest of several requests with its serial."""
+        """Assign a reply to the oldest of several requests with its serial."""
         queue = self._reused_serials[frame.serial]
         oldest = queue[0]
         if frame.code != S_EXECUTING:
@@ -410,7 +411,7 @@ class ConversationPairing:
         return quiet + (LATE_WITHIN_NS if call.number < self._latest_answered else EXECUTION_NS)
 
     def _is_past_late_window(self, call: Call) -> bool:
-        """Tell whether a reply would come late now, by the newest call."""
+        """Tell whether the newest call started so late that a reply to this call would be late."""
         newest = self._newest_call
         return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
 
@@ -453,7 +454,7 @@ class ConversationPairing:
             queue[:] = [call.number if waiting is call else waiting for waiting in queue]
 
     def _count_skipped_handles(self, call: Call) -> None:
-        """Note handles that a server gave away unseen while it executed the tries of one call."""
+        """Count handles that the controller gave to unanswered attempts of one call."""
         reply = call.reply
         if call.kind.function_id == SERVICE_START:
             self._last_handle = 0

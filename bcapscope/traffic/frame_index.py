@@ -1,4 +1,4 @@
-"""The frames of a call in trouble, found by what they hold, without a search, however many there are."""
+"""Index over the frames of one call, for lookups whose cost does not grow with the number of frames."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from bcapscope.traffic.call import Call, FrameObservation, FrameRole
 
 
 class FrameIndex:
-    """Knows the tries and replies of one open call by their bytes and serials.
+    """Finds the attempts and replies of one open call by their bytes and serials.
 
     Attributes:
-        sent_at: when each try was seen, by its bytes; of equal ones the latest.
-        reserved_by_serial: what the latest try of each serial had there.
-        reply_bytes: the bytes of all replies, heeded or not; notices are none.
+        sent_at: Time of each attempt by its bytes; for identical attempts, the latest time.
+        reserved_by_serial: Reserved field of the latest attempt with each serial.
+        reply_bytes: Bytes of all replies, accepted or not, without notices.
     """
 
     __slots__ = ("reply_bytes", "reserved_by_serial", "sent_at")
 
     def __init__(self, call: Call) -> None:
-        """Begin with what is known of the call so far."""
+        """Index the frames that the call already has."""
         self.sent_at: dict[bytes, int] = {}
         self.reserved_by_serial: dict[int, int] = {}
         self.reply_bytes: set[bytes] = set()
@@ -28,7 +28,7 @@ class FrameIndex:
             self.add_frame(FrameRole.REPLY, call.reply)
 
     def add_frame(self, role: FrameRole, observation: FrameObservation) -> None:
-        """Take in one more frame of the call."""
+        """Index one more frame of the call."""
         frame = observation.item
         if role in (FrameRole.REQUEST, FrameRole.RETRY):
             self.sent_at[frame.raw] = observation.time

@@ -1,4 +1,4 @@
-"""What a client has open: which object each handle stands for, and how it came to it."""
+"""Table of the objects that a client has open in the controller, by handle."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _ROOTS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER)
 
 
 class ObjectHandle(NamedTuple):
-    """An object in the controller that we have a handle of.
+    """An object in the controller for which the client holds a handle.
 
     Attributes:
-        kind: its class.
-        handle: the number.
-        opened_with: what it was asked for by, such as name and option; for a controller the four strings of
-            Controller_Connect.
-        parent: the object that it was asked of; None for a controller.
+        kind: Class of the object.
+        handle: Number that the controller gave.
+        opened_with: String arguments of the opening call, such as name and option. For a controller, the
+            four strings of Controller_Connect.
+        parent: Object through which the client opened this one; None for a controller.
     """
 
     kind: ObjectClass
@@ -30,12 +30,12 @@ class ObjectHandle(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Its name for people, `Message 3` where it has none."""
+        """Display name: the first string of `opened_with`, or class and number, such as `Message 3`."""
         return (self.opened_with[0] if self.opened_with else "") or f"{self.kind} {self.handle}"
 
 
 class HandleTable:
-    """Follows the successful calls of one session and knows what is open."""
+    """Tracks the open objects of one session from its successful calls."""
 
     def __init__(self) -> None:
         self._open: dict[tuple[ObjectClass, int], ObjectHandle] = {}
@@ -43,7 +43,7 @@ class HandleTable:
     def record_call(
         self, function: Function, arguments: Sequence[Variant], reply: Frame
     ) -> ObjectHandle | None:
-        """Take in a call that succeeded; return what it opened."""
+        """Record a successful call; return the object that it opened, or None."""
         target = self.find(function.owner, _number(arguments[0]) if arguments else None)
         if function.creates is not None and function.creates is not ObjectClass.SERVICE:
             return self._add(function.creates, arguments, target, reply)
@@ -54,11 +54,11 @@ class HandleTable:
         return None
 
     def find(self, kind: ObjectClass, handle: int | None) -> ObjectHandle | None:
-        """Return the object that a handle stands for."""
+        """Return the object of a handle, or None if the table does not know it."""
         return None if handle is None else self._open.get((kind, handle))
 
     def open_handles(self, kind: ObjectClass | None = None) -> tuple[ObjectHandle, ...]:
-        """List what is open, of one class or of all, in the order in which it was opened."""
+        """List the open objects of one class, or of all classes, in opening order."""
         return tuple(one for one in self._open.values() if kind is None or one.kind is kind)
 
     def _add(
@@ -74,7 +74,7 @@ class HandleTable:
         return opened
 
     def _remove(self, released: ObjectHandle) -> None:
-        """Forget an object; with a controller go all that were opened through it."""
+        """Remove an object. Removing a controller also removes every object opened through it."""
         self._open.pop((released.kind, released.handle), None)
         if released.kind in _ROOTS:
             self._open = {key: one for key, one in self._open.items() if not _is_below(one, released)}

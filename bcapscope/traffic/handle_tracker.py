@@ -1,4 +1,4 @@
-"""What handles stand for, per client, and what was never given back."""
+"""Track the object of each handle, per client, and the objects that the client never released."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from bcapscope.traffic.call_kind import LONGEST_NAME, MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Conversation
 
 MAX_OBJECTS = 4096
-"""Objects of one client that are known at once; the oldest is forgotten first. The official server allows
-1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Limit of known objects per client; the oldest is forgotten first. The official server allows 1000
+(orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_SESSIONS = 1024
-"""Sessions that are remembered after their end; the oldest is forgotten first."""
+"""Limit of remembered sessions that have ended; the oldest is forgotten first."""
 
 _HANDLE_TYPES = (VT.I4, VT.I2, VT.UI4)
-_I4_HANDLE = b"\x0a\x00\x00\x00\x03\x00\x01\x00\x00\x00"  # an argument of type VT_I4 up to its value
+_I4_HANDLE = b"\x0a\x00\x00\x00\x03\x00\x01\x00\x00\x00"  # bytes of a VT_I4 argument before its value
 
 
 @dataclass(slots=True, eq=False)
 class TrackedObject:
-    """An object of the controller that a client has, or had, a handle of.
+    """An object of the controller for which a client has, or had, a handle.
 
     Attributes:
-        kind: its class.
-        handle: the number.
-        name: what the client asked for by name, such as `Arm`; "" where it gave none.
-        parent: label of the object that it was asked of; "" for controllers and where that is not known.
-        created_by_call: the call that made it.
-        known_to_client: the client was told the handle; False for what a call made that was executed more
-            than once, or whose reply came too late.
+        kind: Class of the object.
+        handle: Number that the controller gave.
+        name: Name in the opening call, such as `Arm`; "" without one.
+        parent: Label of the object through which it was opened; "" for controllers and if unknown.
+        created_by_call: Number of the call that created it.
+        known_to_client: Whether the client received the handle. False if the call was executed more than
+            once, or if its reply came too late.
     """
 
     kind: ObjectClass
@@ -49,32 +49,32 @@ class TrackedObject:
 
     @property
     def label(self) -> str:
-        """Its name for people, `Robot 1` where it has none."""
+        """Display name: the name, or class and number, such as `Robot 1`."""
         return self.name or f"{self.kind} {self.handle}"
 
 
 class SessionEnding(StrEnum):
-    """How a service session ended."""
+    """How a session ended."""
 
     STOPPED = "stopped"
-    """Service_Stop, as it should."""
+    """The client called Service_Stop, as it should."""
     RESTARTED = "restarted"
-    """By another Service_Start from the same port, as after a crash."""
+    """The client called Service_Start again from the same port, as after a crash."""
     OPEN = "open"
-    """Not at all, as far as was seen."""
+    """No end was captured."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceSession:
-    """What a client did from Service_Start to Service_Stop.
+    """A client's session from Service_Start to Service_Stop.
 
     Attributes:
-        conversation: of the client.
-        started_by_call: the call of Service_Start; None where the traffic began in the middle.
-        ended_by_call: the call that ended it; None while it is open.
-        ending: how it ended.
-        unreleased: objects that were not released, in the order in which they were made, first those whose
-            handle the client was never told.
+        conversation: Conversation of the client.
+        started_by_call: Number of the Service_Start call; None if the capture began later.
+        ended_by_call: Number of the call that ended the session; None while it is open.
+        ending: How the session ended.
+        unreleased: Objects that the client did not release, in creation order; objects unknown to the client
+            come first.
     """
 
     conversation: Conversation
@@ -85,31 +85,31 @@ class ServiceSession:
 
     @property
     def is_clean(self) -> bool:
-        """Whether it was ended in order, with everything given back."""
+        """Whether Service_Stop ended the session and every object was released."""
         return self.ending is SessionEnding.STOPPED and not self.unreleased
 
 
 class HandleTracker:
-    """Follows the settled calls of all clients and knows what each handle stands for.
+    """Tracks the object of each handle from the settled calls of all clients.
 
-    Handles belong to a conversation and are counted apart for each class, so that a controller and a robot
-    that both have handle 1 are understood as well as a server that counts them together.
+    Handles belong to a conversation, and each class has its own table. The tracker so copes with controllers
+    that number each class separately and with those that number all classes together.
     """
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
-        """Begin.
+        """Start without sessions.
 
         Args:
-            max_ended: sessions that are remembered after their end; the oldest is forgotten first.
+            max_ended: Limit of remembered sessions that have ended; the oldest is forgotten first.
         """
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
 
     def on_call(self, call: Call) -> TrackedObject | None:
-        """Take in the next call; return the object that its handle stands for, None where that is not known.
+        """Record the next call; return the object of its handle, or None if it is unknown.
 
-        Calls of a conversation come in the order in which they started.
+        The caller passes the calls of a conversation in starting order.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:
@@ -129,15 +129,15 @@ class HandleTracker:
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
-        """List the sessions that ended, in the order of their end, then those that are open.
+        """List the ended sessions in order of their end, then the open ones.
 
-        An open session has in `left` what it has not released so far.
+        In an open session, `unreleased` lists what the client has not released so far.
         """
         begun = [client for client in self._clients.values() if client.has_session]
         return (*self._ended_sessions, *(client.to_session(None, SessionEnding.OPEN) for client in begun))
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a client that is gone."""
+        """Forget a client that has disconnected; its open session joins the ended ones."""
         client = self._clients.pop(conversation, None)
         if client is not None and client.has_session:
             self._ended_sessions.append(client.to_session(None, SessionEnding.OPEN))
@@ -173,11 +173,11 @@ class HandleTracker:
 
 
 class _ClientObjects:
-    """The session that a client has open.
+    """The current session of one client.
 
     Attributes:
-        objects: its objects by class and handle, in the order in which they were made; those whose handle the
-            client was never told stand in `orphans`.
+        objects: Objects by class and handle, in creation order.
+        orphans: Objects whose handle the client never received.
     """
 
     __slots__ = ("conversation", "objects", "orphans", "started_by_call")
@@ -203,7 +203,7 @@ class _ClientObjects:
         thing = self.objects.get((kind, handle))
         if thing is None and self.orphans:
             thing = next((one for one in self.orphans if (one.kind, one.handle) == (kind, handle)), None)
-            if thing is not None:  # the client was told after all: what came late for others did not for it
+            if thing is not None:  # the client uses the handle, so it received the reply after all
                 self.orphans.remove(thing)
                 thing.known_to_client = True
                 self.objects[kind, handle] = thing
@@ -223,7 +223,7 @@ class _ClientObjects:
 
 
 def handle_of(request: Frame) -> int | None:
-    """Read the handle that stands first in a request; None where there is no number."""
+    """Return the handle in the first argument of a request; None if that is no number."""
     raw = request.raw
     if raw[15:25] == _I4_HANDLE and len(raw) > 29 and request.reserved != 1:
         return int.from_bytes(raw[25:29], "little", signed=True)
@@ -251,7 +251,7 @@ def _handle_in_reply(reply: FrameObservation | None) -> int | None:
 
 
 def _handles_made(call: Call) -> list[int]:
-    """List the handles that the tries of a call brought forth, told to the client or not."""
+    """List the handles that the attempts of a call created, whether or not the client received them."""
     replies = (*call.lost_replies, *call.late_replies, call.reply)
     given = [handle for reply in replies if (handle := _handle_in_reply(reply)) is not None]
     accepted = _handle_in_reply(call.reply)
@@ -260,6 +260,6 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Tell whether the server did what was asked, whether the client knows or not."""
+    """Tell whether the controller executed the request, even if the client does not know it."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     return any(reply is not None and is_success(reply.item.code) for reply in replies)

@@ -1,4 +1,4 @@
-"""One thing seen on the wire: what, when, and between whom."""
+"""Observations: what was captured, when, and in which conversation."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from bcapscope.protocol.codec.frame import Frame, Malformed
 
 
 class Transport(StrEnum):
-    """What carried the frame."""
+    """Transport protocol of a conversation."""
 
     UDP = "udp"
     TCP = "tcp"
     UNKNOWN = "unknown"
-    """Text that was pasted tells nothing of it."""
+    """Pasted text does not show its transport."""
 
 
 class Direction(StrEnum):
-    """Who spoke: nothing inside a frame tells it, only where the server is."""
+    """Direction of a frame. The frame itself does not show it; it follows from where the controller is."""
 
     REQUEST = "request"
     RESPONSE = "response"
 
 
 class Endpoint(NamedTuple):
-    """An IP address as text and a port; port 0 where there is none to tell."""
+    """IP address as text, and port; port 0 if it is unknown."""
 
     host: str
     port: int
@@ -39,13 +39,13 @@ class Endpoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ConnectionEnd:
-    """How a TCP connection ended first.
+    """The first end of a TCP connection.
 
     Attributes:
-        by: which end did it: that of the requests is the client.
-        reset: broken off by RST; otherwise closed in order by FIN, after which the other end may say more.
-        time: when, nanoseconds since 1970-01-01 UTC.
-        both_ended: the other end has closed it since, too, or one has broken it off.
+        by: Direction whose sender ended it: the client for requests, the controller for responses.
+        reset: Whether RST ended it; otherwise FIN closed it in order, and the other end may still send.
+        time: Time of the end, ns since 1970-01-01 UTC.
+        both_ended: Whether the other end has closed it too, or either end has reset it since.
     """
 
     by: Direction
@@ -55,23 +55,23 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether no reply can come any more: of a client that closed in order the other end may go on."""
+        """Whether no reply can follow. If only the client closed with FIN, the controller may still reply."""
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
 class Conversation:
-    """One client talking to one server over one transport; compared by identity.
+    """One client and one controller over one transport; compared by identity.
 
-    A TCP conversation is one connection: a later connection between the same endpoints is another.
+    A TCP conversation is one connection. A later connection between the same endpoints is another
+    conversation.
 
     Attributes:
-        client: the end that asks.
-        server: the end that answers.
+        client: Endpoint that sends requests.
+        server: Endpoint that replies.
         transport: UDP or TCP.
-        server_known_by: why `server` is held to be the server, in words for the user: "port 5007", or
-            what in the traffic told it.
-        connection_end: how its connection ended, as far as was seen by now; None for one that is open, and
-            over UDP.
+        server_known_by: Why `server` counts as the server, as text for the user: "port 5007", or the
+            evidence in the traffic.
+        connection_end: End of the TCP connection as far as seen; None while it is open, and for UDP.
     """
 
     __slots__ = ("client", "connection_end", "server", "server_known_by", "transport")
@@ -86,7 +86,7 @@ class Conversation:
         self.connection_end: ConnectionEnd | None = None
 
     def record_end(self, by: Direction, reset: bool, time: int) -> None:
-        """Note that an end closed the connection, or broke it off; who did it first is kept."""
+        """Record that an end closed or reset the connection. The first end stays recorded."""
         if self.connection_end is None:
             self.connection_end = ConnectionEnd(by, reset, time)
         elif reset or by is not self.connection_end.by:
@@ -97,7 +97,7 @@ class Conversation:
 
 
 class Flow:
-    """One direction of a conversation, with the texts that every line about it needs ready made."""
+    """One direction of a conversation, with its endpoints as ready-made text for output."""
 
     __slots__ = ("conversation", "direction", "dst", "dst_text", "src", "src_text")
 
@@ -113,16 +113,16 @@ class Flow:
 
 
 class Observation(NamedTuple):
-    """A frame, or bytes that are none, as seen at one place.
+    """A frame, or bytes that are no frame, captured at one point.
 
     Attributes:
-        number: 1 for the first item of the traffic; every item has one, sound or not.
-        time: when its last byte was seen, nanoseconds since 1970-01-01 UTC.
-        first_byte_time: when its first byte was seen; equal to `time` unless a stream cut the frame.
-        flow: who spoke to whom.
-        item: the frame, or the bytes that are none.
-        packet: number of the captured packet that completed it, from 1 over all packets of the source;
-            0 where there was no capture.
+        number: 1 for the first item of the traffic; damaged items are numbered as well.
+        time: Time of the last byte, ns since 1970-01-01 UTC.
+        first_byte_time: Time of the first byte; differs from `time` only if a stream split the frame.
+        flow: Conversation and direction.
+        item: The frame, or the bytes that are no frame.
+        packet: Number of the captured packet that completed it, from 1 over all packets of the source; 0
+            without a capture.
     """
 
     number: int

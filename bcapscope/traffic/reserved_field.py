@@ -1,4 +1,4 @@
-"""How the two ends of a conversation use the reserved field, told from what they send."""
+"""How client and controller use the reserved field, deduced from their frames."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """What is known about both ends so far.
+    """What is known so far about both ends.
 
     Attributes:
-        convention: of the client.
-        reply_reserved: of the server.
+        convention: Convention of the client.
+        reply_reserved: Reserved field in the controller's replies.
     """
 
     convention: ReservedConvention = ReservedConvention.UNKNOWN
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Learn from a request on TCP. Serial 1 with reserved 1 may be a version mark or the own serial."""
+        """Learn from a request on TCP. With serial 1, a reserved of 1 may be a version mark or the serial
+        itself."""
         if reserved == serial == 1:
             return self
         if reserved in (0, 1):
@@ -31,7 +32,7 @@ class ReservedFieldUsage(NamedTuple):
         )
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Learn from a first packet on UDP, whose reserved is 0 or its own serial."""
+        """Learn from a first attempt on UDP, whose reserved field is 0 or its own serial."""
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
         return (
@@ -46,10 +47,10 @@ class ReservedFieldUsage(NamedTuple):
         """Learn from a retry.
 
         Args:
-            origin: serial of the first try, as seen or as its retries name it.
-            previous: serial of the try before this one.
-            reserved: of this retry.
-            starts_with_zero: a first packet of this client was seen, with reserved 0.
+            origin: Serial of the first attempt, as captured or as its retries name it.
+            previous: Serial of the preceding attempt.
+            reserved: Reserved field of this retry.
+            starts_with_zero: Whether a first attempt of this client with reserved 0 was captured.
         """
         if origin == previous or reserved not in (origin, previous):
             return self

@@ -1,4 +1,4 @@
-"""Pairing: observations go in, calls come out."""
+"""Pairing of all conversations: turns observations into calls."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Calls that are kept open in all, about 10 MB; when there are more, the older half of the busiest
-conversation's is let go. Where four clients send a set point each 2 ms and get no answer, those are older
-than a second, after which a reply would be late, so that they count as unanswered."""
+"""Limit of open calls in all conversations, about 10 MB. Beyond it, the conversation with the most open calls
+evicts the older half of them. If four clients send a set point every 2 ms and get no reply, the evicted calls
+are older than a second. A reply would be late by then, so these calls count as unanswered."""
 
 MAX_BYTES = 32 * 1024 * 1024
-"""Bytes of all frames of open calls, with what keeping them costs; beyond that, the conversation that holds
-most evicts the older half of its calls. The limit fits one call whose request and reply have the largest
-size."""
+"""Limit of the bytes of all frames of open calls, with overhead. Beyond it, the conversation that holds most
+evicts the older half of its calls. The limit fits one call whose request and reply have the largest size."""
 
 SWEEP_NS = 50_000_000
-"""Time of the traffic between two looks for calls that have settled: too short for people to notice."""
+"""Capture time between two searches for settled calls, ns: too short for people to notice."""
 
 _REQUEST = Direction.REQUEST
 
 
 class Tracker:
-    """Pairs requests, retries, notices and replies, live or recorded, in memory that is bounded.
+    """Pairs requests, retries, notices and replies of live or recorded traffic in bounded memory.
 
-    Calls are numbered in the order in which they start. Within a conversation they are given out in that
-    order, each as soon as nothing more is to be expected for it and those before it; one conversation never
-    waits for another. What is given out depends on the observations so far alone: a capture that is cut
-    short gives the same calls as the whole one, up to those that are still open where it ends. Where more is
-    open than is kept, calls are let go: given out as not followed any further, which is no word on whether
-    they were answered.
+    The tracker numbers calls in starting order, and returns the calls of a conversation in that order. It
+    returns a call as soon as no further frame can belong to it or to an earlier one. Conversations do not
+    wait for each other.
 
-    Time is that of the observations; nothing else decides when a call settles. Observations come in the
-    order in which they were seen, and in that of their times as far as a capture keeps it.
+    The result depends only on the observations so far. A truncated capture gives the same calls as the whole
+    one, except those still open at its end. Beyond the memory limits, the tracker evicts calls: it returns
+    them as not followed any further. This does not say whether they were answered.
+
+    The only clock is the time of the observations. They come in capture order, and in time order as far as
+    the capture keeps it.
     """
 
     def __init__(self) -> None:
@@ -49,19 +49,19 @@ class Tracker:
         self._budget = ByteBudget(MAX_BYTES)
         self._calls_started = 0
         self._calls_settled = 0
-        self._latest_evicted = 0  # the latest call that may have been let go together with its conversation
+        self._latest_evicted = 0  # the latest call that may have been evicted with its conversation
         self._results: list[PairingResult] = []
         self._swept_at = 0
         self._next_sweep_at = 0
 
     @property
     def open_calls(self) -> list[Call]:
-        """The calls that have not settled, in the order of their start."""
+        """Calls that have not settled, in starting order."""
         waiting = (exchange for lane in self._pairings.values() for exchange in lane.open_calls)
         return sorted(waiting, key=lambda exchange: exchange.number)
 
     def observe(self, observation: Observation) -> Sequence[PairingResult]:
-        """Take in what was seen next; return the calls that settled, and it itself if it is a stray.
+        """Add the next observation; return the calls that settled, and the observation if it is a stray.
 
         Bytes that are no frame belong to no call.
         """
@@ -85,12 +85,12 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
-        """Return the calls that have settled by `now`, in nanoseconds, though nothing new was seen."""
+        """Return the calls that have settled by the time `now`, ns, without a new observation."""
         self._settle_expired(now)
         return self._pop_results()
 
     def close_conversation(self, conversation: Conversation) -> Sequence[PairingResult]:
-        """Return the open calls of a conversation that is over, and forget it."""
+        """Return the open calls of a conversation that has ended, and forget it."""
         lane = self._pairings.pop(conversation, None)
         if conversation is self._current_conversation:
             self._current_conversation = None
@@ -99,7 +99,7 @@ class Tracker:
         return self._pop_results()
 
     def close(self) -> Sequence[PairingResult]:
-        """Return all calls that are open, in the order of their start; the traffic has ended."""
+        """Return all open calls in starting order, because the traffic has ended."""
         rest = [exchange for lane in self._pairings.values() for exchange in lane.close()]
         self._calls_settled += len(rest)
         return sorted(rest, key=lambda exchange: exchange.number)

@@ -67,7 +67,7 @@ from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, neare
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
 DEEPEST_PARENTHESES = 40
-"""Far beyond what people write, far below Python's limit of recursion."""
+"""Limit far beyond what people write and far below Python's recursion limit."""
 
 R = TypeVar("R")
 Getters: TypeAlias = Mapping[str, Callable[[Any], object]]
@@ -77,12 +77,12 @@ Binder: TypeAlias = Callable[[Getters], Test]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A compiled expression, not yet tied to a way of reading records.
+    """A compiled expression, not yet bound to getters.
 
     Attributes:
-        expression: as it was written.
-        kind: of the records that it is for.
-        getter_names: names of the getters that `bind` needs.
+        expression: Expression as written.
+        kind: Kind of record that it tests.
+        getter_names: Names of the getters that `bind` needs.
     """
 
     expression: str
@@ -91,14 +91,14 @@ class Filter:
     _bind: Binder = field(repr=False, compare=False)
 
     def bind(self, getters: Mapping[str, Callable[[R], object]]) -> Callable[[R], bool]:
-        """Make a test of records out of it; the test never raises, unless a getter does.
+        """Return a test of records; it raises only if a getter raises.
 
         Args:
-            getters: how to read each of `getter_names` from a record; `FieldType` says what they give. More
-                of them do no harm.
+            getters: One getter for each of `getter_names`, returning what `FieldType` specifies. Additional
+                getters do no harm.
 
         Raises:
-            KeyError: a getter is missing.
+            KeyError: A getter is missing.
         """
         return self._bind(getters)
 
@@ -107,7 +107,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
     """Compile an expression for records of `kind`.
 
     Raises:
-        FilterError: it is no expression, or asks for what such records do not have.
+        FilterError: The expression is invalid, or uses a field that such records do not have.
     """
     parser = _Parser(expression, kind)
     binder = parser.parse()
@@ -115,7 +115,7 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 
 class _Parser:
-    """Recursive descent; each method eats what it is named for and returns how to bind it."""
+    """Recursive-descent parser. Each method consumes the construct in its name and returns its binder."""
 
     def __init__(self, expression: str, kind: RecordKind) -> None:
         self.expression = expression
@@ -144,7 +144,7 @@ class _Parser:
         return token
 
     def accept(self, sign: str, word: str = "") -> bool:
-        """Eat the next token if it is this sign or word."""
+        """Consume the next token if it is this sign or word; return whether it was."""
         found = self.peek().is_sign(sign) or self.peek().is_word(word)
         self.position += found
         return found
@@ -229,7 +229,8 @@ class _Parser:
         return f"there is no field {name!r}{nearest(name, self.fields)}"
 
     def parse_other_field(self, subject: ComparedField) -> tuple[str, str] | None:
-        """Eat a sign and a field of the subject's own type; return the sign and the field's source."""
+        """Consume a sign and a field of the subject's own type; return the sign and the field's getter
+        name."""
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
             return None
@@ -242,7 +243,7 @@ class _Parser:
         return sign.text, found.getter_name
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Eat a sign and what follows it; a subject that stands alone is tested for truth."""
+        """Consume a sign and its operand. A subject without a sign is tested for truth."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             return operands.equality(subject, negated=self.advance().text == "!=", literals=[self.advance()])

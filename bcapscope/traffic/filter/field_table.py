@@ -1,7 +1,7 @@
-"""The fields that a filter can ask for: one table, for the compiler and for people.
+"""Table of the filter fields, used by the compiler and by the help.
 
-Names are those of the JSON that `decode` and `calls` print. A getter hands over what `FieldType` says,
-or None where the record has no such value.
+Field names are those of the JSON that `decode` and `calls` print. A getter returns a value of the field's
+`FieldType`, or None if the record has no such value.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 
 
 class RecordKind(StrEnum):
-    """What a filter looks at."""
+    """Kind of record that a filter tests."""
 
     FRAME = "frame"
     CALL = "call"
 
 
 class FieldType(Enum):
-    """What a field's values are; the value of each member is its name for people."""
+    """Type of a field's values. The value of each member is its display name."""
 
     NUMBER = "number"
     """An int or a float."""
@@ -36,7 +36,7 @@ class FieldType(Enum):
     HRESULT = "HRESULT"
     """A 32-bit int, signed or unsigned."""
     ENDPOINT = "endpoint"
-    """An `Endpoint`, or its text."""
+    """An `Endpoint`, or its text form."""
     NUMBERS = "list of numbers"
     """A list or tuple of int."""
     TEXTS = "list of texts"
@@ -44,11 +44,11 @@ class FieldType(Enum):
     VALUES = "list of values"
     """A list or tuple of `Argument`, `Variant` or their plain values."""
     VALUE = "value"
-    """An element of `VALUES`: number, text, boolean, list or nothing, as the wire has it."""
+    """An element of `VALUES`: number, text, boolean, list or null, as on the wire."""
 
     @property
     def element(self) -> FieldType | None:
-        """The type that an index leads to; None where there is nothing to index."""
+        """Type of an element; None if the type has no elements."""
         return _ELEMENTS.get(self)
 
 
@@ -64,13 +64,13 @@ class FilterField(NamedTuple):
     """One field of the language.
 
     Attributes:
-        name: as written in an expression.
-        type: what its values are, and so what it can be compared with.
-        unit: of a bare number compared with it; "" where there is none, or where it must be written.
-        applies_to: the kinds of record that have it.
-        meaning: one clause for people.
-        values: all that a bare word compared with it can be; () where anything can.
-        reads_as: the field whose getter it reads, where that is another one.
+        name: Name in an expression.
+        type: Type of the values, which determines the permitted comparisons.
+        unit: Unit of a bare number compared with the field; "" if it has none or the unit must be written.
+        applies_to: Kinds of record that have the field.
+        meaning: Description for people, one clause.
+        values: All bare words that the field can equal; () for any word.
+        reads_as: Field whose getter it uses; "" for its own.
     """
 
     name: str
@@ -83,7 +83,7 @@ class FilterField(NamedTuple):
 
     @property
     def getter_name(self) -> str:
-        """The name under which its getter is looked up."""
+        """Name of the field's getter."""
         return self.reads_as or self.name
 
 
@@ -179,11 +179,11 @@ FIELDS: tuple[FilterField, ...] = (
         tuple(CallVerdict),
     ),
 )
-"""Every field, in the order in which people should read them."""
+"""Every field, in reading order for people."""
 
 FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field for field in FIELDS})
 
 
 def fields_of(kind: RecordKind) -> dict[str, FilterField]:
-    """List the fields that records of `kind` have, by name."""
+    """Return the fields of records of `kind`, by name."""
     return {field.name: field for field in FIELDS if kind in field.applies_to}

@@ -1,4 +1,4 @@
-"""How the filter language reads frames and calls."""
+"""Getters that read the fields of the filter language from frames and calls."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from bcapscope.traffic.observation import Direction, Observation
 
 
 class AnnotatedFrame(NamedTuple):
-    """An observation, and what is known about it.
+    """An observation with what is known about it.
 
     Attributes:
-        observation: the observation.
-        call_kind: what it asks or answers, where that was seen.
-        comments: that the capture has on it.
+        observation: The observation.
+        call_kind: Function and command of the request, or of the request that a reply answers; None if
+            unknown.
+        comments: Comments of the capture on this frame.
     """
 
     observation: Observation
@@ -87,7 +88,7 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
     "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
     "problems": lambda told: [problem.reason for problem in told.observation.item.problems],
 }
-"""A getter for each field of a frame."""
+"""One getter per field of a frame."""
 
 
 def _result_name(call: Call) -> str | None:
@@ -125,4 +126,4 @@ CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "convention": lambda call: call.convention,
     "verdict": lambda call: call.verdict,
 }
-"""A getter for each field of a call."""
+"""One getter per field of a call."""

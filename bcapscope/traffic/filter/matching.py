@@ -1,4 +1,4 @@
-"""What a filter asks of one value: functions from any value to bool, none of which ever raises."""
+"""Tests on one value of a filter: functions from any value to bool that never raise."""
 
 from __future__ import annotations
 
@@ -31,16 +31,17 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Names, commands and endpoints come back all the time and are short; what is longer is no name, and
-remembering it would let a hostile peer fill the memory."""
+"""Limit in characters of a remembered text. Names, commands and endpoints are short and recur. A longer text
+is no name, and a hostile client could fill the memory with such texts."""
 
 
 class LiteralMatch(NamedTuple):
-    """What a literal is compared for.
+    """How a value is compared with a literal.
 
     Attributes:
-        same_kind: whether a value can be compared with it at all; if not, it is neither equal nor different.
-        equal: whether a value is equal to it.
+        same_kind: Whether a value can be compared with the literal at all; if not, it is neither equal nor
+            different.
+        equal: Whether a value equals the literal.
     """
 
     same_kind: Match
@@ -48,20 +49,21 @@ class LiteralMatch(NamedTuple):
 
 
 def plain_value(value: object) -> object:
-    """Take the value out of an argument or a VARIANT."""
+    """Return the value inside an argument or a VARIANT."""
     while isinstance(value, (Argument, Variant)):
         value = value.value if isinstance(value, Variant) else value.variant.value
     return value
 
 
 def element(value: object, index: int) -> object:
-    """Give the plain element of a list, None where there is no list or no such element."""
+    """Return an element of a list as a plain value; None if there is no list or no such element."""
     items = elements(value)
     return plain_value(items[index]) if index < len(items) else None
 
 
 def elements(value: object) -> Sequence[object]:
-    """Give the elements of a list (bytes are a list of numbers), none where the value is no list."""
+    """Return the elements of a list, or an empty sequence for any other value. Bytes are a list of
+    numbers."""
     if type(value) is tuple:
         return value
     value = plain_value(value)
@@ -69,22 +71,22 @@ def elements(value: object) -> Sequence[object]:
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
-    """Tell whether it is a number; VT_BOOL is none."""
+    """Tell whether the value is a number; VT_BOOL is not."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def is_null(value: object) -> bool:
-    """Tell whether there is no value."""
+    """Tell whether the value is missing."""
     return value is None
 
 
 def is_true(value: object) -> bool:
-    """Tell whether there is a value other than 0, false, an empty text and an empty list."""
+    """Tell whether the value is neither missing, 0, false, an empty text nor an empty list."""
     return bool(value)
 
 
 def text_of(value: object) -> str | None:
-    """Give what contains and ~ look at, None where the value is no text."""
+    """Return the text that ``contains`` and ``~`` search; None if the value is no text."""
     if isinstance(value, str):
         return value
     return str(value) if isinstance(value, Endpoint) else None
@@ -110,29 +112,29 @@ NULL = LiteralMatch(_is_anything, is_null)
 
 
 def number(wanted: Number) -> LiteralMatch:
-    """Want a number."""
+    """Match a number."""
     return LiteralMatch(is_number, lambda value: value == wanted and not isinstance(value, bool))
 
 
 def boolean(wanted: bool) -> LiteralMatch:
-    """Want true or false; the numbers 1 and 0 are neither."""
+    """Match true or false; the numbers 1 and 0 are neither."""
     return LiteralMatch(lambda value: isinstance(value, bool), lambda value: value is wanted)
 
 
 def text(wanted: str) -> LiteralMatch:
-    """Want a text, without regard to case."""
+    """Match a text, ignoring case."""
     folded = wanted.casefold()
     return LiteralMatch(_is_text, lambda value: _is_text(value) and value.casefold() == folded)
 
 
 def code(wanted: int) -> LiteralMatch:
-    """Want an HRESULT, however signed."""
+    """Match an HRESULT, signed or unsigned."""
     unsigned = wanted & _U32
     return LiteralMatch(_is_code, lambda value: _is_code(value) and value & _U32 == unsigned)
 
 
 def endpoint(address: Address, port: int | None) -> LiteralMatch:
-    """Want an address, with that port or with any where `port` is None."""
+    """Match an address with this port, or with any port if `port` is None."""
 
     def equal(value: object) -> bool:
         found = parse_endpoint(value) if _is_endpoint(value) else None
@@ -142,7 +144,7 @@ def endpoint(address: Address, port: int | None) -> LiteralMatch:
 
 
 def parse_endpoint(value: str | Endpoint) -> tuple[Address, int | None] | None:
-    """Read ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; None for anything else."""
+    """Parse ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; None for anything else."""
     written = str(value)
     return _parse_endpoint(written) if len(written) <= _LONGEST_REMEMBERED else None
 
@@ -173,7 +175,7 @@ def _parse_port(written: str) -> int | None:
 
 
 def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
-    """Match a value that is equal to one of `wanted`, or if `negated` one that could be but is not."""
+    """Match a value that equals one of `wanted`. If `negated`, match a comparable value that equals none."""
     same_kind = _any_of([one.same_kind for one in wanted])
     equal = _any_of([one.equal for one in wanted])
     return (lambda value: same_kind(value) and not equal(value)) if negated else equal
@@ -193,7 +195,7 @@ def _any_of(matches: Sequence[Match]) -> Match:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Match a number by an ordering sign; not a number is neither above nor below anything."""
+    """Match a number by an ordering sign; NaN and other types never match."""
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
@@ -207,7 +209,7 @@ def code_order(sign: str, wanted: int, signed: bool) -> Match:
 
 
 def contains(wanted: str | int | float) -> Match:
-    """Match a text that has `wanted` in it, or a list that has it, or a text with it, as an element."""
+    """Match a text that contains `wanted`, or a list with an element that equals or contains it."""
     if not isinstance(wanted, str):
         return _has_number(wanted)
     folded = wanted.casefold()
@@ -217,8 +219,8 @@ def contains(wanted: str | int | float) -> Match:
 def _has_number(wanted: int | float) -> Match:
     """Match a list that has a number as an element.
 
-    A frame can hold 260,000 numbers and a relay waits meanwhile, so the interpreter looks at them, not Python
-    code: then 65,536 of them take a millisecond. All elements of a list are of one type.
+    A frame can hold 260,000 numbers, and a relay waits during the search. The search therefore runs in the
+    interpreter's C code: 65,536 numbers take a millisecond. All elements of a list have one type.
     """
     equal = number(wanted).equal
     is_byte = 0 <= wanted <= _LARGEST_BYTE and wanted == int(wanted)
@@ -235,12 +237,12 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Match a text, or a list with an element, in which a regular expression is found.
+    """Match a text, or a list with a text element, in which a regular expression is found.
 
-    RE2 takes time in proportion to the text, whatever the expression is.
+    RE2 takes time proportional to the text, for every expression.
 
     Raises:
-        ValueError: it is none that RE2 takes; the arguments are RE2's reason and the part at fault.
+        ValueError: RE2 rejects the expression; the arguments are RE2's reason and the part at fault.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression
 

@@ -1,6 +1,6 @@
-"""What stands on the right of a comparison: tokens made into what a field's type can be compared with.
+"""Right-hand sides of comparisons: turn tokens into tests that fit the type of the field.
 
-This is where an expression is checked against the types of the fields.
+This module checks an expression against the types of the fields.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
-"""Nanoseconds in each; micro is written as u, as the micro sign or as the Greek letter."""
+"""Nanoseconds per unit. Micro is written as u, as the micro sign or as the Greek letter."""
 
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
@@ -34,14 +34,14 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The left side of a comparison, as far as its right side must know it.
+    """The left side of a comparison, as far as its right side needs it.
 
     Attributes:
-        expression: the whole filter, for error messages.
-        field: the field it begins with.
-        name: the field with its indexes, as written.
-        type: the type of its values: the field's, or that of an element.
-        start: index of its first character in the expression.
+        expression: The whole filter, for error messages.
+        field: Field that the left side begins with.
+        name: Field with its indexes, as written.
+        type: Type of its values: the field's type, or that of an element.
+        start: Index of its first character in the expression.
     """
 
     expression: str
@@ -59,7 +59,7 @@ def equality(compared: ComparedField, literals: Sequence[Token], negated: bool) 
     """Compile ``==``, ``!=``, ``in`` and ``not in``.
 
     Raises:
-        FilterError: a literal is none that the subject can be compared with.
+        FilterError: The field cannot be compared with one of the literals.
     """
     return matches.equality([_literal_match(compared, literal) for literal in literals], negated)
 
@@ -68,7 +68,7 @@ def order(compared: ComparedField, sign: str, literal: Token) -> Match:
     """Compile ``<``, ``<=``, ``>`` and ``>=``.
 
     Raises:
-        FilterError: the subject has no order, or the literal is no number that it can be compared with.
+        FilterError: The field has no order, or the literal is no number comparable with it.
     """
     check_literal(compared, literal)
     if compared.type is FieldType.HRESULT:
@@ -87,7 +87,7 @@ def contains(compared: ComparedField, literal: Token) -> Match:
     """Compile ``contains``.
 
     Raises:
-        FilterError: the subject has nothing in it that could be contained, or not such a thing.
+        FilterError: The field cannot contain anything, or not a literal of this type.
     """
     check_literal(compared, literal)
     if compared.type in NUMERIC or compared.type is FieldType.HRESULT:
@@ -114,7 +114,7 @@ def search(compared: ComparedField, literal: Token) -> Match:
     """Compile ``~``.
 
     Raises:
-        FilterError: the subject is no text, or the literal no regular expression that RE2 takes.
+        FilterError: The field has no text, or RE2 rejects the literal as a regular expression.
     """
     if compared.type in NUMERIC or compared.type in (FieldType.HRESULT, FieldType.NUMBERS):
         raise FilterError(
@@ -135,10 +135,10 @@ def search(compared: ComparedField, literal: Token) -> Match:
 
 
 def check_literal(compared: ComparedField, token: Token) -> None:
-    """Make sure that `token` is a value at all.
+    """Check that `token` is a literal value.
 
     Raises:
-        FilterError: it is a sign, a word of the language, or the end.
+        FilterError: It is a sign, a reserved word, or the end.
     """
     if token.kind is TokenKind.END:
         compared.fail_at(token, f"a value to compare {compared.name} with is missing")
@@ -149,7 +149,7 @@ def check_literal(compared: ComparedField, token: Token) -> None:
 
 
 def int_of(token: Token) -> int:
-    """Read the integer part of a number; hexadecimal digits as well."""
+    """Return the integer part of a number token, decimal or hexadecimal."""
     return int(token.text, 16) if _is_hex(token) else math.trunc(Fraction(token.text))
 
 

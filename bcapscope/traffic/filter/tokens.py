@@ -1,4 +1,4 @@
-"""The words of a filter expression, and the error that points at one of them."""
+"""Tokens of a filter expression, and the error that points at one of them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import display_width
 
 LONGEST_EXPRESSION = 8192
-"""Characters; what people and rule files write is a hundredth of it."""
+"""Limit in characters; expressions that people and rule files contain are a hundredth of it."""
 
 _SHOWN_AROUND = 60
-_LONGEST_MISSPELT = 60  # characters; looking for what is near takes the square of the time
+_LONGEST_MISSPELT = 60  # characters; the search for similar words takes quadratic time
 
 
 class FilterError(ValueError):
-    """A filter expression that makes no sense; its text is the reason, the expression and a caret.
+    """An invalid filter expression. Its text shows the reason, the expression and a caret.
 
     Attributes:
-        expression: what was to be compiled.
-        position: index in it of the character at fault; its length where something is missing at the end.
-        message: the reason, one clause.
+        expression: Expression to be compiled.
+        position: Index of the character at fault; the length of the expression if its end is incomplete.
+        message: The reason, one clause.
     """
 
     def __init__(self, expression: str, position: int, message: str) -> None:
@@ -44,12 +44,13 @@ class FilterError(ValueError):
 
 
 def _printable(text: str) -> str:
-    """Keep a text to one line that does nothing to a terminal, as many characters as before."""
+    """Replace control characters, so that the text stays one line of the same length and is safe for a
+    terminal."""
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str:
-    """Give ``, did you mean 'retries'?`` for a misspelt word, "" where nothing is near."""
+    """Return ``, did you mean 'retries'?`` for a misspelt word, or "" if no candidate is similar."""
     if len(word) > _LONGEST_MISSPELT:
         return ""
     by_folded = {candidate.casefold(): candidate for candidate in candidates}
@@ -58,7 +59,7 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
 
 
 class TokenKind(Enum):
-    """What a token is."""
+    """Kind of a token."""
 
     WORD = "word"
     NUMBER = "number"
@@ -72,12 +73,12 @@ class Token(NamedTuple):
     """A piece of an expression.
 
     Attributes:
-        kind: what it is.
-        text: as written; of a quoted text what the quotes hold, escapes resolved; of a number without
-            its unit.
-        start: index of its first character in the expression.
-        stop: index behind its last one.
-        unit: letters that follow a number; a unit of time may stand apart from it.
+        kind: Kind of the token.
+        text: Text as written. For quoted text, the content with escapes resolved; for a number, the digits
+            without its unit.
+        start: Index of its first character in the expression.
+        stop: Index after its last character.
+        unit: Letters after a number; a space may precede a unit of time.
     """
 
     kind: TokenKind
@@ -87,11 +88,11 @@ class Token(NamedTuple):
     unit: str = ""
 
     def is_sign(self, *texts: str) -> bool:
-        """Tell whether it is one of these signs."""
+        """Tell whether the token is one of these signs."""
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:
-        """Tell whether it is one of these words of the language; they are written in either case."""
+        """Tell whether the token is one of these keywords, in upper or lower case."""
         return self.kind is TokenKind.WORD and self.text.casefold() in texts
 
 
@@ -118,10 +119,10 @@ _HINTS = {
 
 
 def tokenize(expression: str) -> list[Token]:
-    """Cut an expression into tokens, the last of them `TokenKind.END`.
+    """Split an expression into tokens; the last one is `TokenKind.END`.
 
     Raises:
-        FilterError: it is too long, or has a character that means nothing there.
+        FilterError: The expression is too long, or contains an unexpected character.
     """
     if len(expression) > LONGEST_EXPRESSION:
         raise FilterError(
