@@ -316,8 +316,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind that the `new` steps decide: a jump is judged by the steps on both sides.
-        """
+        """Find jumps of each kind that the `new` steps decide; neighbours on both sides count."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
