@@ -35,7 +35,7 @@ class TimelineEvent(NamedTuple):
     """Something that happened, once or several times in a row.
 
     Attributes:
-        begin: Begin of the first occurrence, ns since 1970.
+        begin: Start of the first occurrence, ns since 1970.
         end: End of the last occurrence, ns since 1970.
         occurrences: Number of occurrences.
         frame: Frame number of the first occurrence.

@@ -102,8 +102,9 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Look for the pause that explains an empty buffer. `on_slave_session` comes later and knows less
-        about it.
+        """Look for the pause that explains an empty buffer.
+
+        `on_slave_session` comes later and knows less about it.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:

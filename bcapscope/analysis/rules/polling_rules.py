@@ -1,4 +1,4 @@
-"""Rule about reading values one by one, which takes much of the client's time."""
+"""Rule about reading values one by one, which takes up much of the line time."""
 
 from __future__ import annotations
 

@@ -201,7 +201,7 @@ def _explain_argument(call: Call, client: ClientState, clients: ClientRegistry) 
 
 
 def _odd_types(call: Call) -> str:
-    """Describe the first argument whose type the function or command does not take; empty if all fit."""
+    """Describe the first mismatch in number or type of the arguments; empty if they all fit."""
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
         return f"{call.kind.function_id} is no function, there are 137"

@@ -51,7 +51,7 @@ class Occurrence:
 
     Attributes:
         rule: Rule that found it.
-        began: Begin, ns since 1970; a cause begins before its consequence is complete.
+        began: Start, ns since 1970; a cause starts no later than its consequence ends.
         completed: End, ns since 1970; delays of consequences count from here.
         conversation: Conversation of the client concerned.
         frames: Numbers of the frames that prove it.
@@ -131,7 +131,7 @@ class RuleChecker:
             then: Returns the clause for a consequence, as in `Occurrence`.
             evidence_call: Another call whose frames prove it.
             explaining_calls: Numbers of calls that explain it.
-            began: Begin, ns since 1970; 0 for the time of the first request.
+            began: Start, ns since 1970; 0 for the time of the first request.
             completed: End, ns since 1970; 0 for the last frame of the call.
             group_key: Separates findings of one rule.
             advice: Advice for this case.

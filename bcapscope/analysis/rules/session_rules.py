@@ -1,4 +1,4 @@
-"""Rules about the begin and end of a session, and about long calls."""
+"""Rules about the start and end of a session, and about long calls."""
 
 from __future__ import annotations
 
